@@ -143,15 +143,15 @@ def refuse_overlaps(
     if len(pairs):
         facets = "edges" if points.shape[1] == 2 else "faces"
         raise MeshError(
-            _told(body, pairs, f"s whose {facets} on the surface of the body cross those of others"
-                               ": the body overlaps itself", "crossed by") + ADVICE
+            _message(body, pairs, f"s whose {facets} on the surface of the body cross those of "
+                     "others: the body overlaps itself", "crossed by") + ADVICE
         )  # fmt: skip
     pairs = _covered(body, surface, comm)
     if len(pairs):
-        raise MeshError(_told(body, pairs, "s that lie in other cells", "in") + ADVICE)
+        raise MeshError(_message(body, pairs, "s that lie in other cells", "in") + ADVICE)
 
 
-def _told(body: CheckedBody, pairs: NDArray[np.int64], what: str, relation: str) -> str:
+def _message(body: CheckedBody, pairs: NDArray[np.int64], what: str, relation: str) -> str:
     """Message with the number of cells in pairs (pairs, 2), and the first pair."""
     pairs = pairs[np.lexsort(np.sort(body.number[pairs], axis=1).T[::-1])]
     a, b = pairs[0][np.argsort(body.number[pairs[0]])]

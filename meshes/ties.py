@@ -108,11 +108,11 @@ def mean_jumps(
     found = overlaps(on, against, tilted=True, comm=comm)
     made = _Ties.of(on, against, found)
     here, there = decided.of(made.nodes), decided.of(made.others)
-    beyond = abs(made.jump[:, len(made.nodes) :])
+    outer = abs(made.jump[:, len(made.nodes) :])
     taken = np.isin(made.nodes, decided.taken)
     distance = np.abs(found.gap.sum(axis=1) / found.area)
     worst = int(np.argmax(distance))
-    held = here & (beyond @ there > 0.0)
+    held = here & (outer @ there > 0.0)
     yielding = taken[:, None] | held if gives else np.zeros_like(held)
     rows = tuple(made.component(i, yielding[:, i]) for i in range(on.dimension))
     size = float(on.radii[found.i[worst]])
@@ -162,8 +162,8 @@ class _Ties:
         places[local.ravel()] = on.points.reshape(-1, 3)
         places[count + there.ravel()] = against.points.reshape(-1, 3)
         here = _scattered(corners[touched], local[touched], psi.own[touched], (count, count))
-        beyond = (count, len(others))
-        jump = [here, _scattered(corners[found.i], there[found.j], -shared, beyond)]
+        shape = (count, len(others))
+        jump = [here, _scattered(corners[found.i], there[found.j], -shared, shape)]
         tilt = sparse.csr_matrix((count, count * d * d))
         if found.tilt.any():
             turned = np.einsum("pjk,pkal->pjal", functions, found.tilt)

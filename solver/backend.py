@@ -65,7 +65,7 @@ class Statuses:
         Contact rows that hold with equality.
     tractions : (rows,)
         Prescribed multipliers of the contact rows that are not active. For an active row with a
-        compliance, the traction at which the row does not give way (see `compliance`). None where
+        compliance, the traction without a displacement of the row (see `compliance`). None where
         all are zero.
     turn
         Frames of the rows in all of these arrays; None on all ranks where no frame is turned.

@@ -129,7 +129,8 @@ class Condensed:
         return result
 
     def residual(self, force: np.ndarray) -> float:
-        """Of the conditions of contact and friction, as forces over the largest one.
+        """Residual of the conditions of contact and friction, as forces relative to the largest
+        one.
 
         λ_n - max(0, λ_n + r w_n) and λ_t minus the projection of λ_t + r w_t on the disc of μ λ_n
         or s, with r the inverse of the largest compliance of the point.

@@ -179,7 +179,7 @@ def _curved(body: Any) -> bool:
 
 
 def _touches(points: np.ndarray, facets: np.ndarray) -> np.ndarray:
-    """Which points are nodes, of degree 1 or 2, of straight facets (n, corners, d)."""
+    """Whether each point is a node, of degree 1 or 2, of straight facets (n, corners, d)."""
     middles = 0.5 * (facets[:, :, None] + facets[:, None])  # of a corner and itself, too
     nodes = np.concatenate([middles.reshape(-1, facets.shape[2]), facets.mean(axis=1)])
     distance, _ = cKDTree(nodes).query(points[:, : facets.shape[2]])
@@ -194,7 +194,7 @@ def _vector_space(domain: mesh.Mesh, degree: int) -> fem.FunctionSpace:
 
 
 def _on(body: Any, name: str, points: np.ndarray) -> np.ndarray:
-    """Which of the points (n, 3) lie on a named boundary; box faces need no definition."""
+    """Whether each of points (n, 3) lies on a named boundary; box faces need no definition."""
     if name in body.boundaries:
         return np.asarray(body.boundaries[name](points), dtype=bool)
     if hasattr(body.mesh, "sides"):

@@ -80,7 +80,7 @@ def test_each_feature_has_a_test_a_scene_a_page_and_messages(row: list[str]) -> 
 
 
 def test_a_run_takes_the_steps_of_the_tour_in_its_order(tmp_path: Path) -> None:
-    """Of the scene that the page follows, in eight subdomains, by what is called first."""
+    """Functions called for the scene of the page, in eight subdomains, by their first call."""
     text = (ROOT / "docs/theory/tour.md").read_text(encoding="utf-8")
     steps = re.findall(r"^\| (\d+) \| (.*?) \|", text, re.M)
     assert [int(number) for number, _ in steps] == list(range(1, len(steps) + 1))

@@ -34,8 +34,20 @@ LONGEST, MOST_PARAMETERS = 80, 8
 LONG: dict[str, str] = {}
 """Functions that are longer, with the reason."""
 
-UNCLEAR = ("What ", "Those ", "Whose ", "Who ")
+UNCLEAR = ("What ", "Those ", "Whose ", "Who ", "Of ", "As ", "Where ", "Which ")
 """Beginnings of docstrings without a noun that says what the object is."""
+
+RIDDLES = (
+    "what there is", "asked for", "gives way", "give way", "is none of", "so many along",
+    "laid anew", "ours beside", "beside theirs", "says of it", "is believed",
+)  # fmt: skip
+"""Phrases of docstrings and pages that a reader had to guess at; each has a plain word instead."""
+
+PRIVATE_NAMES = {
+    "asked", "told", "said", "heard", "hear", "unfelt", "dealt", "lacks", "crossings", "bedding",
+    "thinning", "whole_file",
+}  # fmt: skip
+"""Names that say nothing to a reader: requests, messages, load balance, … instead."""
 
 LONGEST_FILE = 500
 """Lines of a file of the packages."""
@@ -239,3 +251,39 @@ def test_docstrings_begin_with_the_name_of_a_thing() -> None:
         if text.startswith(UNCLEAR)
     ]
     assert not unclear
+
+
+def test_prose_has_no_riddles() -> None:
+    pages = [*(ROOT / "docs").rglob("*.md"), ROOT / "README.md", ROOT / "solver" / "README.md"]
+    prose = [(page, 1, page.read_text(encoding="utf-8")) for page in sorted(pages)]
+    for package in PACKAGES:
+        for path in sorted((ROOT / package).rglob("*.py")):
+            prose += [(path, line, text) for line, text in docstrings(path)]
+    found = [
+        f"{path.relative_to(ROOT)}:{line} {phrase}"
+        for path, line, text in prose
+        for phrase in RIDDLES
+        if phrase in " ".join(text.split())
+    ]
+    assert not found
+
+
+def test_names_are_those_of_the_field() -> None:
+    found = [
+        f"{path.relative_to(ROOT)}:{node.lineno} {name}"  # type: ignore[attr-defined]
+        for package in PACKAGES
+        for path in sorted((ROOT / package).rglob("*.py"))
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8")))
+        for name in (defined(node),)
+        if name.strip("_") in PRIVATE_NAMES
+    ]
+    assert not found
+
+
+def defined(node: ast.AST) -> str:
+    """Name that a piece of code gives to something."""
+    if isinstance(node, ast.FunctionDef | ast.ClassDef):
+        return node.name
+    if isinstance(node, ast.Name) and isinstance(node.ctx, ast.Store):
+        return node.id
+    return node.arg if isinstance(node, ast.arg) else ""

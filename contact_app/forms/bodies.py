@@ -332,14 +332,14 @@ def _leaving(bodies: Bodies, group: NDArray[np.int64], escape: Array, d: int, ro
     """Phrase with the bodies that leave, and their directions, for an error."""
     motions = escape.reshape(len(group), -1)
     size = np.abs(motions).max(axis=1)
-    said = []
+    messages = []
     for b, motion, s in zip(group, motions, size, strict=True):
         if s > 1e-6 * size.max():
             middle = ", ".join(f"{v:.3g}" for v in bodies.centres[b][:d])
             which = "the body" if bodies.count == 1 else f"the body about ({middle})"
-            said.append(f"{which} from leaving along {directions_in_words(motion[:, None])}")
+            messages.append(f"{which} from leaving along {directions_in_words(motion[:, None])}")
     friction = ", not even friction at its limit" if rough else ""
     return (
-        f"the problem has no equilibrium: nothing stops {' and '.join(said)} under its loads"
+        f"the problem has no equilibrium: nothing stops {' and '.join(messages)} under its loads"
         f"{friction}; add a Dirichlet condition, a spring or a contact"
     )

@@ -41,10 +41,10 @@ def together(comm: MPI.Intracomm) -> Iterator[None]:
         fault = error
     kinds = ConfigurationError, ArithmeticError, TypeError, ValueError
     number = next((k for k, kind in enumerate(kinds) if isinstance(fault, kind)), None)
-    told = comm.allgather(None if fault is None else (number, f"{fault}"))
+    faults = comm.allgather(None if fault is None else (number, f"{fault}"))
     if fault is not None:
         raise fault
-    for number, text in filter(None, told):
+    for number, text in filter(None, faults):
         raise RuntimeError(text) if number is None else kinds[number](text)
 
 

@@ -65,10 +65,10 @@ def _of_all_ranks(subdomains: Subdomains, own: list[Congruent]) -> list[Congruen
     """Classes in an order that is the same on all ranks, with equal matrices (collective)."""
     comm, found, left, number = subdomains.comm, [], own, 0
     for rank in range(comm.size):
-        told = comm.bcast(
+        received = comm.bcast(
             [(c.stiffness, c.points) for c in left] if rank == comm.rank else None, root=rank
         )
-        for K, points in told:
+        for K, points in received:
             same = next((c for c in left if _equal(K, c.stiffness)), None)
             if same is not None:
                 found.append(replace(same, stiffness=K, points=points, number=number))

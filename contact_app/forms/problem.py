@@ -162,7 +162,7 @@ class ContactProblem:
             The solver found no answer; the message says why.
         """
         self._answer = None
-        timings, said = Timings(), []
+        timings, messages = Timings(), []
         method = self.options.method
         model: FormModel | None = None
         solution: Solution | None = None
@@ -175,14 +175,14 @@ class ContactProblem:
             except CouldNotRunError as error:
                 why = str(error)
             if why:
-                said.append(f"multigrid left no certified answer ({why}): solved by Total FETI")
-        if solution is None or said:
+                messages.append(f"multigrid left no certified answer ({why}): solved by Total FETI")
+        if solution is None or messages:
             model, solution, why = self._by_total_feti(timings, monitor)
-            said += [why] * bool(why)
+            messages += [why] * bool(why)
         assert model is not None
-        said += [*model.notes, *filter(None, [slow_blas_warning()])]
+        messages += [*model.notes, *filter(None, [slow_blas_warning()])]
         solution = replace(
-            solution, certificate=replace(solution.certificate, warnings=tuple(said))
+            solution, certificate=replace(solution.certificate, warnings=tuple(messages))
         )
         self._answer = self._evaluated(model, solution, timings)
         if not solution.converged and model.parts.comm.rank == 0:

@@ -140,7 +140,7 @@ class Subdomains:
 
 @dataclass(frozen=True, eq=False)
 class Moved:
-    """Which rank has the subdomain of each part, and where the nodes of a part are in it.
+    """Rank of the subdomain of each part, and positions of a part's nodes in it.
 
     Attributes
     ----------

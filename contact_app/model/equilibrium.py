@@ -184,8 +184,8 @@ def _holding(
         motions = rigid_motions(held.points[mine], d, *body_frame(scene.bodies[b]))
         held_rows.append(motions[held.held[mine]])
         _refuse_held_twice(scene, b, held_motions(comm, held_rows[-1]))
-        asked = list(scene.bodies[b].hold) if comm.rank == 0 else []  # once over all ranks
-        requested.append(np.eye(MOTIONS[d])[asked])
+        listed = list(scene.bodies[b].hold) if comm.rank == 0 else []  # once over all ranks
+        requested.append(np.eye(MOTIONS[d])[listed])
     return held_rows, requested
 
 

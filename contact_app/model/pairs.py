@@ -64,9 +64,9 @@ def of_what_is_solved(scene: Scene, total: int, found: MeanGaps) -> MeanGaps:
     of_image, node = np.divmod(found.node[here], total)
     value, points = found.value[here].copy(), found.entry_points[here]
     for k, mirror in enumerate(scene.mirrors):
-        beyond = (of_image >> k) % 2 == 1
-        value[beyond & (component == mirror.axis)] *= -1.0
-        points = np.where(beyond[:, None], mirror.image(points), points)
+        mirrored = (of_image >> k) % 2 == 1
+        value[mirrored & (component == mirror.axis)] *= -1.0
+        points = np.where(mirrored[:, None], mirror.image(points), points)
     key = np.stack([row, node, component], axis=1)
     key, first, place = np.unique(key, axis=0, return_index=True, return_inverse=True)
     value = np.bincount(place.reshape(-1), value, minlength=len(key)).astype(np.float64)

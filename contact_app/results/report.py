@@ -63,7 +63,7 @@ def run_log(path: Path | None, first: bool = True) -> Iterator[logging.Logger]:
         path.parent.mkdir(parents=True, exist_ok=True)
         handler = _LogFile(path)
     handler.setFormatter(logging.Formatter("%(asctime)s %(levelname)-7s %(message)s"))
-    handler.addFilter(_is_told)
+    handler.addFilter(_is_reported)
     root = logging.getLogger()
     handlers, level = root.handlers, log.level
     root.handlers = [handler]
@@ -114,7 +114,7 @@ def _log_warning(
     log.warning("%s: %s (%s:%d)", category.__name__, message, filename, lineno)
 
 
-def _is_told(record: logging.LogRecord) -> bool:
+def _is_reported(record: logging.LogRecord) -> bool:
     """Accept messages of this package, and warnings of others."""
     return record.name == log.name or record.levelno >= logging.WARNING
 

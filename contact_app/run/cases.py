@@ -34,7 +34,7 @@ from contact_app.run.files import (
     write_run,
 )
 from contact_app.run.progress import Progress, together
-from contact_app.run.repeated_sentences import said_once
+from contact_app.run.repeated_sentences import without_repetitions
 from contact_app.run.result_directory import clear
 from contact_app.run.solve import solve_scene
 from contact_app.scene.scene import Scene
@@ -114,7 +114,7 @@ class Overview:
         for sentence, names in self._warnings.items():
             of = "all cases" if len(names) == len(self._scene.cases) > 1 else ", ".join(names)
             messages.append(f"{of}: {sentence}")
-        return said_once(messages, [body.name for body in self._scene.bodies])
+        return without_repetitions(messages, [body.name for body in self._scene.bodies])
 
     @property
     def summary(self) -> dict[str, Any]:

@@ -17,7 +17,7 @@ from contact_app.results.result_size import all_bytes, file_names
 from contact_app.run.communication import on_first
 from contact_app.run.model_report import modelled_lines
 from contact_app.run.progress import Progress
-from contact_app.run.repeated_sentences import said_once
+from contact_app.run.repeated_sentences import without_repetitions
 from contact_app.run.result_directory import remove_parts
 from contact_app.scene.scene import Scene
 
@@ -53,7 +53,7 @@ def write_run(
     """
     comm = solved.model.comm
     bodies = [body.name for body in solved.model.scene.bodies]
-    for note in said_once(solved.model.notes, bodies):
+    for note in without_repetitions(solved.model.notes, bodies):
         log.info("%s", note)
     files = [directory / name for name in ("summary.json", "history.csv", "run.log")]
     if file_names(solved.model.scene):

@@ -21,7 +21,7 @@ from contact_app.model.method import (
 )
 from contact_app.model.outline import Outline, left_out_notes
 from contact_app.run.cost import distinct_nodes, gluing_rows, groups_of
-from contact_app.run.repeated_sentences import said_once
+from contact_app.run.repeated_sentences import without_repetitions
 from contact_app.run.rigid_lines import rigid_lines
 from contact_app.scene.conditions import (
     BodyContact,
@@ -246,7 +246,7 @@ def _decomposed(scene: Scene, known: Outline) -> list[str]:
 def _left_out(scene: Scene, known: Outline) -> list[str]:
     notes = [*left_out_notes(scene, known), *_repeated(scene)]
     notes += [] if scene.loadings else _unloaded(scene, known)
-    notes = said_once(notes, [body.name for body in scene.bodies])
+    notes = without_repetitions(notes, [body.name for body in scene.bodies])
     lines = ["left out:", *(f"  {sentence}" for sentence in notes)]
     smooth = [contact.source for contact in scene.touching if contact.friction is None]
     if smooth:

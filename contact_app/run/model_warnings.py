@@ -39,7 +39,7 @@ from contact_app.results.free_motions import free_motions
 from contact_app.results.friction import closing_points
 from contact_app.results.sliding import largest_sliding, sliding_on_each_other
 from contact_app.results.undetermined import undetermined
-from contact_app.run.repeated_sentences import said_once
+from contact_app.run.repeated_sentences import without_repetitions
 from contact_app.scene.bodies import MOTION_NAMES
 from contact_app.scene.conditions import Pressure, Traction
 from solver.contact.certificate import EQUILIBRIUM_FLOOR
@@ -108,7 +108,7 @@ class Answer:
 def model_warnings(answer: Answer) -> list[str]:
     """Warnings for the certificate, one sentence each (collective)."""
     warnings = [sentence for check in CHECKS for sentence in check(answer)]
-    return said_once(warnings, [body.name for body in answer.model.scene.bodies])
+    return without_repetitions(warnings, [body.name for body in answer.model.scene.bodies])
 
 
 def _large_deformations(answer: Answer) -> Iterator[str]:

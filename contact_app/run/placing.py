@@ -123,7 +123,7 @@ def _misplaced(solved: SolvedScene, places: list[Placement]) -> float:
         points, size = contact.points[mine], float(moved[item.body])
         if not len(points) or size == 0.0:
             continue
-        distance, normal = _told(scene, places, item, points)
+        distance, normal = _distance_and_normal(scene, places, item, points)
         gap, turned = after.contacts[number].gap_and_normal(points)
         near = pressed[mine] | (gap <= size)
         error = np.abs(gap - distance) / size + np.linalg.norm(turned - normal, axis=1)
@@ -131,7 +131,7 @@ def _misplaced(solved: SolvedScene, places: list[Placement]) -> float:
     return float(model.comm.allreduce(worst, op=MPI.MAX))
 
 
-def _told(
+def _distance_and_normal(
     scene: Scene, places: list[Placement], item: Contact, points: Array
 ) -> tuple[Array, Array]:
     """Linearised gap of points to a rigid body after its displacement, and the rows' normal."""

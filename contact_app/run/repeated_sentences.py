@@ -16,7 +16,7 @@ PLACE = r"\b(?:contacts|conditions|bodies)\[\d+\](?:\.\w+)*"
 """Pattern of names of parts of the configuration in messages."""
 
 
-def said_once(sentences: Sequence[str], names: Iterable[str]) -> list[str]:
+def without_repetitions(sentences: Sequence[str], names: Iterable[str]) -> list[str]:
     """The sentences, with equal ones joined into one at the place of the first.
 
     Two sentences count as equal if they differ only in names of bodies and places in the

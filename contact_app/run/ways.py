@@ -147,7 +147,7 @@ def first_certified(
         if own is None:  # no fewer subdomains: the answer of the method before counts
             continue
         if number and way.instead:
-            text = failed.told(way.instead, own)
+            text = failed.message(way.instead, own)
             if comm.rank == 0:
                 log.info("%s", text)
             warnings += [text] * way.warns
@@ -176,7 +176,7 @@ class _Failure:
     why: str = ""
     subdomains: int | None = None
 
-    def told(self, text: str, scene: Scene) -> str:
+    def message(self, text: str, scene: Scene) -> str:
         """The message on the method that is tried instead, with its scene."""
         where = (
             "in its subdomains" if self.subdomains is None else f"in {self.subdomains} subdomains"

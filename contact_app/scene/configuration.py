@@ -25,7 +25,7 @@ from contact_app.errors import ConfigurationError
 from contact_app.scene import yaml_reader
 from contact_app.scene.key_messages import message, where
 from contact_app.scene.overrides import override
-from contact_app.scene.schema.base import Model, Number, told
+from contact_app.scene.schema.base import Model, Number, not_allowed
 from contact_app.scene.schema.bodies import Body, RigidBody, body_form
 from contact_app.scene.schema.conditions import Condition, Contact, Step
 from contact_app.scene.schema.options import Certificate, Output, Solver, Split
@@ -117,7 +117,7 @@ class Configuration(Model):
         if isinstance(value, dict):
             return Split.model_validate(value)
         if value != "auto" and not isinstance(value, Split):
-            raise told(value, "auto or {subdomains: N | [nx, ny, nz]}")
+            raise not_allowed(value, "auto or {subdomains: N | [nx, ny, nz]}")
         return value
 
     @property
@@ -141,7 +141,7 @@ def _space(value: Any) -> tuple[int, str | None]:
     if len(words) == 2 and words[0] == "2":
         words = words[1:]
     if len(words) != 1 or words[0] not in SPACES:
-        raise told(value, "3, 2, plane_strain, plane_stress")
+        raise not_allowed(value, "3, 2, plane_strain, plane_stress")
     return SPACES[words[0]]
 
 

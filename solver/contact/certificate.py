@@ -313,13 +313,13 @@ def friction_numbers(
 
     forces, slips = points.forces(multiplier), points.slips(residual)
     size, limit, slip = points.sizes(forces), points.slip_limits(multiplier), points.sizes(slips)
-    beyond = at_rows(np.maximum(size - limit, 0.0)) / bodies.of_rows(load)
+    excess = at_rows(np.maximum(size - limit, 0.0)) / bodies.of_rows(load)
     askew = points.sizes(limit[points.point] * slips - slip[points.point] * forces)
     rests = ~points.sliding(multiplier)[rows]
     moved = at_rows(np.where(rests, slip, 0.0)) / bodies.of_rows(lengths)
     astray = problem.comm.allreduce(bodies.sum_rows(at_rows(askew), here)) / (load * lengths)
     return {
-        "friction_cone": _worst_rows(problem, beyond, here),
+        "friction_cone": _worst_rows(problem, excess, here),
         "slip_alignment": np.maximum(astray, _worst_rows(problem, moved, here)),
     }
 

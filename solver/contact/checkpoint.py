@@ -234,20 +234,20 @@ class Attention:
 
     Parameters
     ----------
-    asked
+    interrupted
         Whether this rank was asked to stop.
     """
 
     STOP, SAVE = 1, 2
 
     def __init__(
-        self, comm: MPI.Intracomm, asked: Callable[[], bool], checkpoint: Checkpoint
+        self, comm: MPI.Intracomm, interrupted: Callable[[], bool], checkpoint: Checkpoint
     ) -> None:
-        self._comm, self._asked, self._checkpoint = comm, asked, checkpoint
+        self._comm, self._interrupted, self._checkpoint = comm, interrupted, checkpoint
 
     def __call__(self, event: Step) -> bool:
         """Whether to stop."""
-        mine = self.STOP if self._asked() else 0
+        mine = self.STOP if self._interrupted() else 0
         if self._comm.rank == 0 and self._checkpoint.overdue:
             mine |= self.SAVE
         agreed = self._comm.allreduce(mine, op=MPI.BOR)

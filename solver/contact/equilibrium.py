@@ -301,8 +301,8 @@ def undetermined_motions(
     free, found = (
         allowed @ _null_space(comm.allreduce(some.T @ some)) for some in (rows, rows[presses])
     )
-    told = np.hstack([free, loose]).T @ found
-    return np.asarray(found @ _null_space(told.T @ told)) if told.any() else found
+    components = np.hstack([free, loose]).T @ found
+    return np.asarray(found @ _null_space(components.T @ components)) if components.any() else found
 
 
 def spanned(motions: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -18,7 +18,7 @@ from tests import meshfiles
 
 NAMES = [(cell, name) for cell, names in meshfiles.SECOND.items() for name in names]
 VOLUME = np.pi / 8 * (2**2 - 1**2)
-"""Of the bent block."""
+"""Volume of the bent block."""
 
 
 def bent(cell: str, name: str, directory: Path, n: int = 2, **options: object) -> CellMesh:

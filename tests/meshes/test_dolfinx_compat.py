@@ -10,7 +10,7 @@ CORNERS = np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]])
 
 
 def _volume(edge: float) -> float:
-    """Of a tetrahedron, by dolfinx."""
+    """Volume of a tetrahedron by dolfinx."""
     mesh = dolfinx_compat.create_mesh(np.array([[0, 1, 2, 3]]), edge * CORNERS, "tetrahedron")
     space = dolfinx_compat.scalar_space(mesh, 1)
     load = fem.assemble_vector(dolfinx_compat.compile_form(ufl.TestFunction(space) * ufl.dx))

@@ -299,7 +299,7 @@ def test_facets_of_very_different_size_find_each_other() -> None:
 
 @pytest.mark.parametrize("make", [patch, cap, arc])
 def test_facets_find_each_other_across_a_wide_gap(make) -> None:
-    """As all pairs of facets do: none that overlap is left out on the way along the normals."""
+    """The search along normals finds all overlapping pairs that a search over all pairs finds."""
     if make is patch:
         on = patch("triangle", 9, False, height=2.7)
         against = patch("quadrilateral", 16, True, 1000, -0.2, 1.3)

@@ -451,7 +451,8 @@ def test_triangles_cross_as_their_distances_say() -> None:
 
 @pytest.mark.parametrize("cell", CELLS)
 def test_winding_numbers_are_numbers_of_cells(cell: str) -> None:
-    """Of a band that covers places twice, against the cells that contain the points."""
+    """Winding numbers of a band that covers places twice, compared with the cells that contain the
+    points."""
     mesh = meshfiles.spiral(cell, 1.6, 0.4, 0.2)
     d = meshfiles.dimension(cell)
     points, cells = mesh.points[:, :d], mesh.cells[0].data

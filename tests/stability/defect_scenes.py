@@ -114,7 +114,8 @@ class Draw:
         }
 
     def cut(self, most: int = 8) -> Subdomains:
-        """As the program likes, whole, or by the graph; split, where all bodies are boxes."""
+        """A random decomposition: `auto`, undecomposed or by the graph, and regular if all bodies
+        are boxes."""
         boxes = [body["mesh"]["box"]["cells"] for body in self.bodies]
         kind = self.choice(("auto", "split", "graph", "whole"))
         if kind == "split":

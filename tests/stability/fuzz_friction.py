@@ -128,7 +128,7 @@ def judged(condensed: Condensed, solved: Any) -> tuple[str, str, np.ndarray]:
 def _compared(
     condensed: Condensed, summary: dict[str, Any], ours: np.ndarray, nodes: Any
 ) -> tuple[str, str, np.ndarray]:
-    """As `judged`, of contact forces in the rows of the reference and displacements at nodes."""
+    """Like `judged`, for contact forces in the rows of the reference and displacements at nodes."""
     certificate = summary["certificate"]
     known = _settled(condensed, np.zeros(len(condensed.q)))
     if known is None:

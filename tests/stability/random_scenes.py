@@ -109,7 +109,7 @@ class _Draw:
         made["contacts"].append({"on": sides[first], "against": sides[1 - first]})
 
     def material(self, stiff: float) -> dict[str, float]:
-        """Of that modulus; one in ten nearly incompressible."""
+        """A material with the given modulus; one in ten is nearly incompressible."""
         poisson = 0.4999 if self.chance(0.1) else float(self.random.uniform(0.0, 0.49))
         return {"young": float(stiff), "poisson": poisson}
 

@@ -71,7 +71,7 @@ class Panel:
 
     values: NDArray[np.float64]
     limits: tuple[float, float]
-    beyond: bool
+    exceeds: bool
     colours: str
     label: str
     through: bool
@@ -184,7 +184,7 @@ def draw_space(
         shades = ScalarMappable(Normalize(*panel.limits), panel.colours)
         bar = figure.colorbar(
             shades, ax=axes, location="bottom", label=panel.label, shrink=0.75, aspect=30,
-            pad=0.02, extend="max" if panel.beyond else "neither",
+            pad=0.02, extend="max" if panel.exceeds else "neither",
         )  # fmt: skip
         bar.formatter.set_powerlimits((-3, 4))
     figure.suptitle(caption, fontsize=12)
@@ -217,12 +217,12 @@ def panel_of(
     most = float(np.nanquantile(means, 1.0 - EXTREME)) if stress or not at_nodes else high
     if high - low > 1.3 * (most - low) > 0.0:
         high = most
-    beyond = bool(np.isfinite(largest) and largest > high * (1.0 + 1e-12))
-    if beyond:
+    exceeds = bool(np.isfinite(largest) and largest > high * (1.0 + 1e-12))
+    if exceeds:
         label = f"{label} (largest {largest:.4g})"
     colours = "viridis" if stress or not at_nodes else "magma_r"
     through = inside and (name == "gap" or name.endswith("contact_pressure"))
-    return Panel(values, (low, high), beyond, colours, label, through)
+    return Panel(values, (low, high), exceeds, colours, label, through)
 
 
 def mostly_hidden(

@@ -46,7 +46,7 @@ class Model(BaseModel):
         return [f.alias or name for name, f in cls.model_fields.items()]
 
 
-def told(value: Any, allowed: str) -> PydanticCustomError:
+def not_allowed(value: Any, allowed: str) -> PydanticCustomError:
     """The error for a value, with a phrase that says what is allowed."""
     return PydanticCustomError(
         "told", "is {value}; allowed: {allowed}", {"value": shown(value), "allowed": allowed}
@@ -58,7 +58,7 @@ def checked(value: Any, check: Callable[[Any], Any], allowed: str) -> Any:
     try:
         return check(value)
     except ValidationError:
-        raise told(value, allowed) from None
+        raise not_allowed(value, allowed) from None
 
 
 def shown(value: Any) -> str:

@@ -14,7 +14,7 @@ from pydantic import (
     model_validator,
 )
 
-from contact_app.scene.schema.base import Counts, Model, Numbers, Positive, checked, told
+from contact_app.scene.schema.base import Counts, Model, Numbers, Positive, checked, not_allowed
 
 FIELDS = (
     "displacement", "stress", "von_mises", "nodal_stress", "nodal_von_mises", "contact_pressure",
@@ -105,7 +105,7 @@ class Solver(Model):
         if not isinstance(value, str):
             return _TOLERANCE.validate_python(value)
         if value != "auto":
-            raise told(value, "auto, or a number from 1e-14 to 1")
+            raise not_allowed(value, "auto, or a number from 1e-14 to 1")
         return value
 
 

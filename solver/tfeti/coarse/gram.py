@@ -225,11 +225,11 @@ class KernelRows:
         here = (columns >= self._first) & (columns < self._last)
         if here.all():
             return self._own(columns.astype(np.int64) - self._first)
-        known, told = self._distant
+        known, received = self._distant
         own = self._own(columns[here].astype(np.int64) - self._first)
         at = np.searchsorted(known, columns[~here])
         result = np.empty((3, len(columns)), np.int64)
-        for part, ours, theirs in zip(result, own, told, strict=True):
+        for part, ours, theirs in zip(result, own, received, strict=True):
             part[here], part[~here] = ours, theirs[at]
         return result[0], result[1], result[2]
 

@@ -59,17 +59,17 @@ def mirror_image(
     places = _places(comm, problem.contact.points, problem.contact.sources)
     tensile = leaving[rows]
     compressive = active[rows] & ~tensile
-    asked = np.concatenate(comm.allgather(places[tensile]))
+    requested = np.concatenate(comm.allgather(places[tensile]))
     result = np.zeros(problem.size, bool)
-    if not len(asked) or not comm.allreduce(int(compressive.sum())):
+    if not len(requested) or not comm.allreduce(int(compressive.sum())):
         return result
-    depth = _tree(places[compressive]).query(asked)[0]
+    depth = _tree(places[compressive]).query(requested)[0]
     comm.Allreduce(MPI.IN_PLACE, depth, op=MPI.MIN)
-    spacing, innermost = _within(asked, depth)
+    spacing, innermost = _within(requested, depth)
     reach = 2.0 * depth - SLACK[problem.dimension] * spacing
     some = np.flatnonzero(innermost & (reach > depth) & (depth < 0.5 * APART))
     if len(some):
-        distance, which = _tree(asked[some]).query(
+        distance, which = _tree(requested[some]).query(
             places[compressive], distance_upper_bound=float(reach[some].max())
         )
         found = distance < np.append(reach[some], 0.0)[which]

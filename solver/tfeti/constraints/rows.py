@@ -175,7 +175,7 @@ class SharedEntries:
 
     def mark(self, touched: NDArray[np.bool_]) -> None:
         """Mark the components (arrived, dimension) of arrived copies that have entries."""
-        copy, nth = self._asked_copies()
+        copy, nth = self._requested_copies()
         touched[copy, self._components[nth]] = True
 
     def spread_over(
@@ -185,22 +185,22 @@ class SharedEntries:
         comm = self._query.comm
         most = comm.allreduce(int(self._count.max(initial=0)), op=MPI.MAX)
         found = np.full((len(self._count), most), -1, np.int64)
-        copy, asked = self._asked_copies()
-        found[asked, self._nth(asked)] = columns[copy, self._components[asked]]
+        copy, requested = self._requested_copies()
+        found[requested, self._nth(requested)] = columns[copy, self._components[requested]]
         found = self._query.from_owners(found)
         entry, place = np.nonzero(found >= 0)
         row = self._entries.row[entry]
         value = (self._entries.value / self.copies)[entry] / self.lengths[row]
         return row, found[entry, place], value
 
-    def _asked_copies(self) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    def _requested_copies(self) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
         """Arrived copies of the requested nodes, and the request of each copy."""
-        asked = np.repeat(np.arange(len(self._count)), self._count)
-        return self._order[self._start[asked] + self._nth(asked)], asked
+        requested = np.repeat(np.arange(len(self._count)), self._count)
+        return self._order[self._start[requested] + self._nth(requested)], requested
 
-    def _nth(self, asked: NDArray[np.int64]) -> NDArray[np.int64]:
+    def _nth(self, requested: NDArray[np.int64]) -> NDArray[np.int64]:
         """Number of each copy among the copies of its request."""
-        return np.arange(len(asked)) - (np.cumsum(self._count) - self._count)[asked]
+        return np.arange(len(requested)) - (np.cumsum(self._count) - self._count)[requested]
 
 
 def write_rows(

@@ -1,4 +1,4 @@
-"""When an estimate is believed: what energies of two meshes say of it."""
+"""Acceptance of an estimate by the energies of two meshes."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from contact_app.accuracy.agreement import (
 
 
 def level(error: float, effectivity: float, degree: int = 2, shift: float = -3.0) -> Measured:
-    """A mesh whose energy is ½ e² above the true one and whose estimate is that part of e."""
+    """A mesh whose energy is ½ e² above the true one, with an estimate of a given effectivity."""
     return Measured(degree, shift + 0.5 * error**2, (effectivity * error) ** 2)
 
 
@@ -50,7 +50,7 @@ def test_an_estimate_that_is_a_part_of_the_error_is_raised_to_it(effectivity: fl
 
 
 def test_an_estimate_that_misses_most_of_the_error_is_not_believed() -> None:
-    """As of a locked mesh: errors of 1 and 0.3, of which the estimates see a fifth."""
+    """A locked mesh: errors of 1 and 0.3, of which the estimates are a fifth."""
     found = verdict(level(1.0, 0.2), level(0.3, 0.2))
     assert not found.agreed
     assert "do not agree" in found.doubt
@@ -74,7 +74,7 @@ def test_meshes_that_hardly_differ_confirm_nothing() -> None:
 
 
 def test_the_nearest_mesh_that_differs_enough_is_compared() -> None:
-    """The first one's estimate was far too small, which says nothing of the last."""
+    """The estimate of the first mesh was far too small, which tells nothing about the last one."""
     found = verdict(level(3.0, 0.1), level(0.4, 1.0), level(0.21, 1.0), level(0.2, 1.0))
     assert found.agreed
     assert found.raised == pytest.approx(1.0)
@@ -89,7 +89,7 @@ def test_cells_of_another_degree_confirm_but_do_not_raise(effectivity: float, ag
 
 
 def test_a_rise_of_the_energy_counts_for_more_than_a_fall() -> None:
-    """Beside round obstacles energies may rise towards the true one: less is crossed."""
+    """With round obstacles energies may rise towards the true one, since penetration decreases."""
     down = verdict(Measured(2, 0.06, 0.1), Measured(2, 0.0, 0.02))
     up = verdict(Measured(2, -0.06, 0.1), Measured(2, 0.0, 0.02))
     assert down.raised == pytest.approx(1.5)
@@ -97,7 +97,7 @@ def test_a_rise_of_the_energy_counts_for_more_than_a_fall() -> None:
 
 
 def test_a_doubt_does_not_matter_far_below_the_target() -> None:
-    """Errors of 1 and 0.3, of which the estimates see a fifth: 0.06, for certain below 0.5."""
+    """Errors of 1 and 0.3, of which the estimates are a fifth: 0.06 is certainly below 0.5."""
     found = verdict(level(1.0, 0.2), level(0.3, 0.2))
     assert not found.agreed
     assert found.confirms(0.06, 0.5)
@@ -120,7 +120,7 @@ def test_a_coarser_mesh_confirms_the_first() -> None:
     assert found.raised == pytest.approx(1 / 0.64)
 
 
-def test_what_needs_no_other_mesh() -> None:
+def test_meshes_that_need_no_confirmation() -> None:
     assert alone(1e-9, 0.1, 1), "exact to round-off"
     assert alone(0.9 * CLEAR * 0.1, 0.1, CELLS)
     assert not alone(0.9 * CLEAR * 0.1, 0.1, CELLS - 1), "a few cells"

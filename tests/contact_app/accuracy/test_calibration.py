@@ -21,7 +21,8 @@ CUBE = -0.51237
 effectivity`); those of 6³, 12³ and 24³ of degree 2 tell -0.512364, by which 3 % would be 2.98 %."""
 
 CANTILEVER = -0.568692
-"""J(u) of the packaged cantilever: that of a run to 0.3 %, less what its estimate says is left."""
+"""J(u) of the packaged cantilever: the energy of a run to 0.3 % minus its estimated squared
+error."""
 
 
 def packaged(name: str, cells: list[int], accuracy: float) -> Scene:
@@ -34,17 +35,14 @@ def cube(accuracy: float) -> Scene:
 
 
 def measured(found: Refined, exact: float) -> float:
-    """The relative error that the energy of an answer tells."""
+    """The relative error from the energy of an answer."""
     energy = found.solved.summary["solution"]["energy"]
     return float(np.sqrt(2.0 * (energy - exact) / found.solved.accuracy.square))
 
 
 @pytest.mark.parametrize("multiple", [0.9, 1.0, 1.3, 1.4, 2.0])
 def test_a_steady_multiple_is_found(multiple: float) -> None:
-    """Estimates are lowered to the error, but for the uncertainty; never raised, nor halved.
-
-    A quotient that asks for more is of meshes that do not see the same.
-    """
+    """Estimates are lowered to the error up to the uncertainty, never raised, and never halved."""
     energy, made = -3.0, Calibration()
     shares = []
     for error in (0.5, 0.2, 0.1, 0.05):
@@ -55,7 +53,7 @@ def test_a_steady_multiple_is_found(multiple: float) -> None:
     assert shares[1:] == pytest.approx([expected] * 3)
 
 
-def test_what_cannot_be_compared_is_not() -> None:
+def test_levels_that_cannot_be_compared_are_not() -> None:
     """Cells of another kind, meshes with nearly the same error, energies that rise."""
     made = Calibration()
     assert made.share("equal", 1.0, 4.0) == 1.0
@@ -87,7 +85,8 @@ def test_only_meshes_whose_energies_are_above_the_true_one() -> None:
 
 
 def test_a_run_ends_where_the_error_does() -> None:
-    """The cube to 3 %: estimates of graded cells are 1.3 to 1.4 times the error, energies tell."""
+    """The cube to 3 %: estimates on graded cells are 1.3 to 1.4 times the error, and energies
+    correct them."""
     found = solve_to_accuracy(cube(0.03), solve_scene)
     assert not found.missed
     last, accuracy = found.levels[-1], found.solved.accuracy

@@ -117,15 +117,15 @@ def test_a_start_of_a_few_cells_is_no_basis_for_a_claim(text: str, target: float
     assert measured(found, fine_energy(text)) <= 1.05 * target
 
 
-def test_what_is_not_confirmed_is_not_met() -> None:
-    """A run that may not refine says that its estimate is not believed, and why."""
+def test_unconfirmed_targets_are_not_met() -> None:
+    """A run that may not refine reports that its estimate is not accepted, and the reason."""
     found = solve_to_accuracy(built(STRIP, 0.15), solve_scene, limits=Limits(levels=1))
     assert found.levels[-1].error <= 0.15
     assert "no other mesh confirms its estimate" in found.missed
 
 
 def test_a_fine_start_is_confirmed_by_a_coarse_mesh() -> None:
-    """The start is kept; a quarter of its cells confirm it."""
+    """The answer is that of the first mesh; a mesh with a quarter of its cells confirms it."""
     text = STRIP.replace("cells: [3, 6]", "cells: [48, 12], cell: quadrilateral")
     found = solve_to_accuracy(built(text, 0.1), solve_scene)
     assert not found.missed
@@ -180,7 +180,7 @@ contacts:
 
 
 def test_a_mesh_from_a_file_of_enough_cells_is_believed_alone() -> None:
-    """Refined, the polygons of a round body leave the bore they fit into."""
+    """After refinement the polygons of a round body do not fit into the bore any more."""
     configs = Path(__file__).parents[3] / "configs"
     scene = build_scene(load(configs / "press_fit.yaml", ["accuracy=0.001"]))
     found = solve_to_accuracy(scene, solve_scene)

@@ -1,4 +1,4 @@
-"""The estimate of the discretisation error: its size, and what it must not depend on."""
+"""The estimate of the discretisation error: its size, and its independence of the decomposition."""
 
 from __future__ import annotations
 
@@ -52,7 +52,7 @@ def test_zero_where_the_mesh_is_exact(cell: str) -> None:
 @pytest.mark.parametrize("degree", [1, 2])
 @pytest.mark.parametrize("cell", CELLS)
 def test_zero_where_a_body_one_cell_thick_is_exact(cell: str, degree: int) -> None:
-    """The same patch: across it cells tell nothing, and stresses may not be taken for half."""
+    """The same patch on one cell: stresses across it must not be halved."""
     made, d = column(cell, 3), scenes.dimension(cell)
     made["bodies"][0]["mesh"]["box"]["cells"] = [1] + [3] * (d - 1)
     made["bodies"][0]["degree"] = degree
@@ -123,7 +123,7 @@ def test_independent_of_the_decomposition_with_degree_2(cell: str) -> None:
 
 @pytest.mark.parametrize("cell", ["hexahedron", "triangle"])
 def test_algebraic_error_bounds_the_distance_from_the_exact_answer(cell: str) -> None:
-    """With a loose tolerance the total error grows by what the bound says, at most."""
+    """With a loose tolerance the total error grows at most by the bound."""
     made = scenes.ALL["wall"](cell, 6)
     fine, loose = (solve(made, 4, tolerance=t) for t in (1e-11, 3e-2))
     energy = [s.summary["solution"]["energy"] for s in (fine, loose)]

@@ -22,7 +22,7 @@ def uneven(cells: tuple[int, ...], seed: int = 0) -> list[np.ndarray]:
 
 
 def compliance(d: int, poisson: float = 0.3, young: float = 7.0) -> np.ndarray:
-    """Of plane stress, and of space."""
+    """Compliance matrix in plane stress, and in space."""
     size = d * (d + 1) // 2
     C = np.diag([1.0 / young] * d + [2.0 * (1.0 + poisson) / young] * (size - d))
     C[:d, :d] -= poisson / young * (1.0 - np.eye(d))
@@ -166,7 +166,7 @@ def test_held_faces_work_on_their_displacement(cells: tuple[int, ...]) -> None:
     assert energies[1] - energies[0] == pytest.approx(moved @ total, rel=1e-5)
 
 
-def test_what_would_pull_is_left() -> None:
+def test_facets_with_tension_are_released() -> None:
     """A beam clamped at its foot and pushed at its top bends away from the wall below."""
     cells = (2, 8)
     axes = [np.linspace(0.0, 1.0, 3), np.linspace(0.0, 4.0, 9)]

@@ -84,7 +84,7 @@ def test_own_weight_against_the_exact_solution(cell: str) -> None:
 
 
 def test_a_slender_beam_that_comes_to_lie_on_the_floor() -> None:
-    """Which facets press is found anew: those that û touches would pull on the beam."""
+    """The pressed facets are found anew: those that û touches would be in tension."""
     body = scenes.block("quadrilateral", 6, upper=(100.0, 1.0, 1.0))
     body["mesh"]["box"]["cells"] = [300, 6]
     made = scenes.config(
@@ -148,7 +148,8 @@ def random_scene(seed: int, cells: int) -> scenes.Config:
     "seed", [*range(8), *(pytest.param(n, marks=pytest.mark.slow) for n in range(8, 100))]
 )
 def test_never_below_the_error(seed: int) -> None:
-    """J(u_h) - J(u) from below by a mesh that contains this one; also of answers half solved."""
+    """J(u_h) - J(u) is bounded from below by a mesh that contains this one; also for partial
+    answers."""
     fine = solve(random_scene(seed, 4 if seed % 4 < 2 else 3))
     for tolerance in (1e-9, 3e-2):
         solved, found = bounded(random_scene(seed, 1), tolerance=tolerance)
@@ -173,7 +174,7 @@ def test_the_same_however_it_is_cut(tmp_path: Path) -> None:
 
 
 def test_zero_where_nothing_is_strained() -> None:
-    """A body that is only moved has no error, relative to nothing."""
+    """A body that is only moved has no strain energy to which an error could be relative."""
     made = scenes.wall("quadrilateral", 3)
     made["conditions"] = [{"on": "block.y-", "displacement": [-0.5, 0.25]}]
     assert bounded(made)[1].bound == 0.0

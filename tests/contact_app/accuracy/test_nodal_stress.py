@@ -120,7 +120,7 @@ def test_no_node_of_a_distorted_mesh_runs_away(cell: str, largest: float, tmp_pa
     assert np.abs(error).max() < 6.0 * largest
 
 
-def test_the_whole_of_a_half_has_the_stress_of_the_whole() -> None:
+def test_a_symmetric_half_has_the_nodal_stress_of_the_whole() -> None:
     """Shears change their sign across the planes; near these the fit knows cells of one side only.
 
     A beam held at both ends bends.

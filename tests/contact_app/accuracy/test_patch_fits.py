@@ -39,7 +39,8 @@ def field(x: Array, degree: int) -> Array:
 
 
 def at_nodes(recovery: StressRecovery, degree: int) -> list[tuple[Array, Array]]:
-    """Where the nodes of each subdomain are, and what the fit to samples of the field has there."""
+    """Points of the nodes of each subdomain, and values there of the fit to samples of the
+    field."""
     model, d = recovery.model, recovery.dimension
     offsets: list[list[Array]] = [[] for _ in recovery.cells]
     for s, (cls, _) in zip(model.partition.subdomains, model.place, strict=True):
@@ -85,7 +86,7 @@ def test_a_body_one_cell_thick_is_fitted_along_it(cell: str) -> None:
 
 
 @pytest.mark.parametrize("cell", ["hexahedron", "quadrilateral"])
-def test_a_fin_continues_what_the_block_behind_it_knows(cell: str, tmp_path: Path) -> None:
+def test_fits_are_extrapolated_along_a_fin(cell: str, tmp_path: Path) -> None:
     """One cell thick and three long: vertex by vertex, each from the one before."""
     n, d = 6, scenes.dimension(cell)
     mesh = meshfiles.block(cell, n, distort=0.0)

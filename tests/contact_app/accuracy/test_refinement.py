@@ -1,4 +1,4 @@
-"""Accuracy as the input, and solves that end where the mesh deserves no more."""
+"""Accuracy as the input, and solves that end at a tolerance suited to the mesh."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ def shipped(name: str, *overrides: str) -> Scene:
     [("cube", 2 / 3), ("sphere", 2 / 3), ("bushing", 2 / 3), ("flat_punch", 2 / 3), ("stack", 0.8)],
 )
 def test_auto_saves_a_third_of_the_products_and_no_accuracy(name: str, share: float) -> None:
-    """A fifth where each of several bodies asks for a tenth of its own error."""
+    """The saving is a fifth if each of several bodies needs a tenth of its own error."""
     converged = solve_scene(shipped(name)).summary
     auto = solve_scene(shipped(name, "solver.tolerance=auto")).summary
     assert auto["solver"]["converged"]

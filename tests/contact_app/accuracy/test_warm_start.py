@@ -49,7 +49,8 @@ def products(solved: SolvedScene) -> int:
     ("cell", "subdomains"), covering(["hexahedron", "tetrahedron"], [1, (2, 2, 2), 7])
 )
 def test_a_level_begins_with_the_answer_of_the_last(cell: str, subdomains: Any) -> None:
-    """Whole bodies and cut ones: the same answer for fewer products, whatever the last's parts."""
+    """Undecomposed and decomposed bodies: the same answer with fewer products, for any
+    decomposition of the last level."""
     wanted = [f"bodies.0.mesh.box.cell={cell}", "solver.tolerance=1e-3"]
     start = LastLevel.of(solve_scene(cube(6, *wanted, subdomains=3)))
     fine = cube(10, *wanted, subdomains=subdomains)

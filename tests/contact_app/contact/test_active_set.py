@@ -44,7 +44,7 @@ def solved_to(problem: DualProblem, aim: float) -> tuple[ActiveSetProblem, State
     return on_set, on_set.state()
 
 
-def test_a_state_tells_what_an_operator_application_would(problem: DualProblem) -> None:
+def test_a_state_has_the_values_of_an_operator_application(problem: DualProblem) -> None:
     on_set, state = solved_to(problem, 0.1)
     multiplier = state.multiplier
     free = interface_displacements(problem, multiplier, np.zeros(len(problem.e)))
@@ -61,7 +61,7 @@ def test_a_state_tells_what_an_operator_application_would(problem: DualProblem) 
 
 
 def test_prescribed_multipliers_act_as_loads(problem: DualProblem) -> None:
-    """Rows that leave the set with the multipliers they had there change nothing."""
+    """Rows that leave the set and keep their multipliers as loads change nothing."""
     closed = problem.inequality
     on_set = ActiveSetProblem(problem, Statuses(closed))
     on_set.solve(MPRGP(), 1e-12, None)
@@ -89,14 +89,14 @@ def test_statuses_differ_by_rows_and_by_prescribed_multipliers() -> None:
 
 
 def test_an_active_set_goes_on_from_the_last_multiplier(problem: DualProblem) -> None:
-    """Solved from there the same set is at its end, and its first product is all it takes."""
+    """From the last multiplier the same set is solved with a single product."""
     on_set, state = solved_to(problem, 1e-8)
     again = ActiveSetProblem(problem, Statuses(every_second(problem)), state.multiplier)
     assert again.counts.hessian == 1
     np.testing.assert_allclose(again.state().displacements, state.displacements, atol=1e-12)
 
 
-def test_what_smalbe_goes_on_from_stands_for_the_same_displacements(problem: DualProblem) -> None:
+def test_smalbe_continues_with_the_same_displacements(problem: DualProblem) -> None:
     state = solved_to(problem, 1e-3)[1]
     x, force = state.homogenised(problem)
     multiplier = problem.offset + x
@@ -107,7 +107,7 @@ def test_what_smalbe_goes_on_from_stands_for_the_same_displacements(problem: Dua
 
 
 def test_the_sharper_gap_is_a_bound_still(problem: DualProblem) -> None:
-    """Between what the multiplier leaves to the optimum and the gap that moves no interface."""
+    """It lies between the error of the multiplier and the gap without a motion of the interface."""
     assert follows(problem)
     options = scenes.build(scenes.ALL["wall"]("hexahedron", 8), [2, 2, 2]).solver
     energy = solve(problem, options, None).measures.energy
@@ -140,7 +140,7 @@ def test_an_active_set_ends_within_a_step_for_each_unknown(cell: str) -> None:
 
 
 @pytest.mark.parametrize("cell", ["quadrilateral", "hexahedron"])
-def test_an_active_set_that_rounding_holds_up_ends_all_the_same(cell: str) -> None:
+def test_an_active_set_stalled_by_rounding_errors_ends(cell: str) -> None:
     """The two rows of a node are the angle apart, which F and its preconditioner square each.
 
     The smallest eigenvalue of their product is its fourth power, over the largest: 1e-4 leaves no
@@ -154,7 +154,7 @@ def test_an_active_set_that_rounding_holds_up_ends_all_the_same(cell: str) -> No
     assert on_set.solve(inner, 1e-8, None) is Reason.ROUND_OFF
     assert problem.size < on_set.counts.cg <= 2 * problem.size
     assert on_set.at_round_off
-    # whoever asked for it goes on elsewhere, without another step on it
+    # the caller continues with another method, without another step on this set
     spent = on_set.counts.hessian
     test = StoppingTest(lambda state: 1.0, lambda state: False)
     found = solve_on_set(on_set, ActiveSetUpdate.simple(TotalFeti(problem)), test, inner)
@@ -164,9 +164,9 @@ def test_an_active_set_that_rounding_holds_up_ends_all_the_same(cell: str) -> No
 
 @pytest.mark.ratchet
 def test_an_active_set_knows_what_rounding_leaves_outside_the_range_of_the_projector() -> None:
-    """A beam 1:300 in thirty parts: 5e-4 of the right-hand side, which no step removes.
+    """A beam 1:300 in thirty subdomains leaves 5e-4 of the right-hand side, which no step removes.
 
-    Steps go on until rounding holds them up otherwise, two for each unknown.
+    Without this knowledge steps continue up to the limit of two for each unknown.
     """
     scene = scenes.build(slender(300.0, [300, 1]), [30, 1])
     problem = build_model(scene, MPI.COMM_SELF).problem

@@ -1,6 +1,6 @@
 """Each body is certified by its own sizes: weak beside strong, stiff on soft, moved far.
 
-Every scene here was once certified with a wrong answer, or not certified with a right one.
+An earlier version certified a wrong answer of every scene here, or did not certify a right one.
 """
 
 from __future__ import annotations
@@ -51,7 +51,7 @@ def beside(weak: float, strong: bool = True) -> scenes.Config:
 @pytest.mark.parametrize("tolerance", [1e-6, "auto"])
 @pytest.mark.parametrize("weak", [1e-2, 1e-6])
 def test_a_weak_body_beside_a_strong_one(weak: float, tolerance: float | str) -> None:
-    """Homogeneity: its pressure is that of the body alone, times the load."""
+    """Homogeneity: the pressure is that of the body alone, multiplied by the load."""
     alone = solve(beside(1.0, strong=False), tolerance=1e-10).summary
     both = solve(beside(weak), [4, 2, 2], tolerance=tolerance).summary
     assert both["certificate"]["passed"]
@@ -73,7 +73,9 @@ def test_an_error_of_the_weak_body_is_seen_and_named() -> None:
     assert not seen.passed
     assert seen.deciding(1e-8) == 1
     assert seen.duality_gap > 1e-6
-    assert measures.gap < 1e-10 * abs(measures.energy), "nobody would see it beside the strong one"
+    assert measures.gap < 1e-10 * abs(measures.energy), (
+        "relative to the strong body the error would be hidden"
+    )
     assert seen.required_reduction(1e-8) > 10.0
 
 
@@ -127,7 +129,8 @@ def test_groups_are_bodies_that_pairs_connect() -> None:
 
 @pytest.mark.parametrize("tolerance", [1e-6, "auto"])
 def test_a_load_on_the_face_that_touches(tolerance: float | str) -> None:
-    """The obstacle takes it, nothing moves: certified, and no error can be told of nothing."""
+    """The obstacle carries the load and nothing moves: the answer is certified, without an error
+    estimate."""
     made = {
         "dimension": 2,
         "bodies": [box("b", [0, 0], [3, 1], [6, 3], young=1000.0)],
@@ -157,7 +160,7 @@ def moved(squeeze: float, distance: float = 10.0) -> scenes.Config:
 
 @pytest.mark.parametrize("subdomains", [1, [2, 2, 2]])
 def test_a_body_moved_far_and_squeezed_a_little(subdomains: Any) -> None:
-    """Its strains have digits, and so do energy and accuracy, however it is cut."""
+    """Strains, energy and accuracy have correct digits for any decomposition."""
     near = solve(moved(1e-8, distance=0.0), 1, tolerance=1e-10).summary
     far = solve(moved(1e-8), subdomains).summary
     assert far["certificate"]["passed"]
@@ -168,7 +171,7 @@ def test_a_body_moved_far_and_squeezed_a_little(subdomains: Any) -> None:
     assert 0.0 < far["accuracy"]["round_off"] < 1e-3
 
 
-def test_digits_that_are_not_there_are_not_certified() -> None:
+def test_results_without_correct_digits_are_not_certified() -> None:
     summary = solve(moved(3e-13)).summary
     certificate = summary["certificate"]
     assert not certificate["passed"]
@@ -178,7 +181,7 @@ def test_digits_that_are_not_there_are_not_certified() -> None:
 
 
 def test_contact_forces_that_rounding_makes_are_told() -> None:
-    """Squeezed by a few last digits of its motion: its forces may be rounding errors."""
+    """A body squeezed by the last digits of its motion: its forces may be rounding errors."""
     summary = solve(moved(1e-14)).summary
     told = summary["certificate"]["warnings"]
     assert any("its contact forces" in w and "rounding errors" in w for w in told)
@@ -195,7 +198,7 @@ def test_a_body_that_is_merely_moved_is_certified() -> None:
         assert solved.accuracy.total == 0.0
 
 
-def test_what_is_no_number_passes_nothing() -> None:
+def test_nan_does_not_pass_the_certificate() -> None:
     certificate = solve(beside(1.0, strong=False)).solution.certificate
     assert certificate.required_reduction(1e-6) <= 1.0
     broken = type(certificate)(0.0, 0.0, 0.0, 0.0, math.nan, 0.0, passed=False)

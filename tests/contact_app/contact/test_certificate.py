@@ -1,7 +1,7 @@
-"""The certificate tells the truth: its numbers are recomputed from the answer by other means.
+"""The numbers of the certificate are right: they are recomputed from the answer by other means.
 
-What can be recomputed from outside is the displacement at the undecomposed nodes: penetration,
-the balance of forces and the distance to the exact answer, which the duality gap must bound.
+The displacement at the undecomposed nodes gives the penetration, the balance of forces and the
+distance to the exact answer, which the duality gap must bound.
 """
 
 from __future__ import annotations
@@ -50,8 +50,8 @@ def test_every_number_is_below_the_tolerance_when_it_passes(name: str, tolerance
 def test_duality_gap_bounds_the_error(name: str, tolerance: float) -> None:
     """½‖u - u*‖²_K and |J - J*| against the exact answer of the undecomposed problem.
 
-    The bound holds for the repaired displacement. The one that is written may have jumps and
-    penetrate, which moves its strain energy by a like amount: a factor of four covers both.
+    The bound holds for the admissible displacement. The written one may have jumps and penetrate,
+    which changes its strain energy by a similar amount: a factor of four covers both.
     """
     known = reference_of(name, CELL, 4)
     solution = certified(name, tolerance)
@@ -117,7 +117,8 @@ def test_a_solve_cut_short_does_not_pass(name: str) -> None:
 
 
 def test_a_stiff_body_on_a_soft_one_is_certified_to_round_off() -> None:
-    """Moved by 1e6 times its own strain, its forces are the last digits of large numbers."""
+    """The body moves by 1e6 times its own strain, so that its forces are the last digits of large
+    numbers."""
     soft = scenes.block("quadrilateral", 2, name="soft", young=1.0)
     stiff = scenes.block("quadrilateral", 3, name="stiff", lower=(0, 0, 1), upper=(1, 1, 2),
                          young=1e6, poisson=0.499)  # fmt: skip
@@ -169,7 +170,7 @@ def test_nearly_incompressible_is_warned_of() -> None:
 
 
 def judged(solution: Any, multiplier: np.ndarray, displacements: list[np.ndarray]) -> dict:
-    """The certificate of an answer that has been tampered with."""
+    """The certificate of a modified answer."""
     from solver.tfeti.certify import certify
 
     return certify(solution.model.problem, multiplier, displacements, 1e-9)[0].as_dict()
@@ -250,7 +251,7 @@ def test_sees_wrong_contact_forces(change: str) -> None:
 
 @pytest.mark.parametrize("name", ["wall", "hollow_sphere", "floating_in_corner"])
 def test_gap_is_sharper_where_the_inside_follows(name: str) -> None:
-    """And still a bound."""
+    """The sharper gap is still a bound."""
     from solver.tfeti.certify import certify
 
     known = reference_of(name, CELL, 4)
@@ -268,7 +269,8 @@ def test_gap_is_sharper_where_the_inside_follows(name: str) -> None:
 
 
 def test_rows_that_press_and_stand_open_cost_the_second_order() -> None:
-    """A body moved off its wall by t: λ t would be first order in t, closing the gap is t²."""
+    """A body moved off its wall by t: λ t would be of first order in t, the closed gap is of order
+    t²."""
     from solver.tfeti.certify import certify
 
     solution = certified("wall", 1e-12)

@@ -75,7 +75,7 @@ def state_of(directory: Path) -> dict[str, Any]:
     return found
 
 
-def test_a_solve_stopped_on_a_face_goes_on_from_there(
+def test_a_solve_stopped_on_an_active_set_continues_from_it(
     problem: DualProblem, scene: Any, tmp_path: Path
 ) -> None:
     straight = solve(problem, scene.solver, None)
@@ -83,7 +83,7 @@ def test_a_solve_stopped_on_a_face_goes_on_from_there(
     stopped = go(problem, scene, tmp_path, stopped_after_steps(8), resume=False)
     assert not stopped.converged
     gap = stopped.certificate.duality_gap
-    assert gap < 0.1  # what it had reached on the face, not where SMALBE handed over
+    assert gap < 0.1  # the state on the active set, not that at the end of SMALBE
     spent = state_of(tmp_path)["counts"]["hessian"]
     assert spent == stopped.counts.hessian
     resumed = go(problem, scene, tmp_path, None, resume=True)
@@ -103,7 +103,7 @@ def test_a_resumed_solve_ends_with_the_same_answer(
     resumed = go(problem, scene, tmp_path, None, resume=True, active_sets=SMALBE_ALONE)
     assert resumed.converged
     assert resumed.counts.outer == pytest.approx(straight.counts.outer, abs=2)
-    # going on costs the start's product, and the steps of the outer iteration that was cut
+    # continuing costs the initial product, and the steps of the interrupted outer iteration
     assert resumed.counts.hessian <= straight.counts.hessian + 5
     assert resumed.measures.energy == pytest.approx(straight.measures.energy, rel=1e-7)
     largest = np.abs(straight.displacements[0]).max()
@@ -175,10 +175,10 @@ KINDS = {
 
 @pytest.mark.parametrize("kind", KINDS)
 @pytest.mark.parametrize("ended", ["stopped", "killed"])
-def test_whatever_the_algorithm_does_it_goes_on_from_there(
+def test_a_run_continues_from_a_checkpoint_at_any_stage(
     kind: str, ended: str, tmp_path: Path
 ) -> None:
-    """By far fewer products than from the beginning, to the same answer."""
+    """The answer is the same, with far fewer products than from the beginning."""
     changes, steps, on_sets = KINDS[kind]
     # no active sets, and a first outer iteration of more than a few steps
     how = {} if on_sets else {"active_sets": SMALBE_ALONE}

@@ -1,4 +1,5 @@
-"""The method follows the scene: what is solved, and what is left out."""
+"""The method follows the scene: conjugate gradients, active sets or SMALBE, with or without
+gluing."""
 
 from __future__ import annotations
 
@@ -50,7 +51,7 @@ def test_a_scene_that_touches_nothing_ends_with_conjugate_gradients() -> None:
 
 
 def test_equal_loads_are_solved_for_once() -> None:
-    """A traction on the top loads alike the members below it; what they do is what each does."""
+    """A traction on the top loads all members below it equally; their solutions are equal."""
     scene = build_scene(
         load(
             CONFIGS / "cube.yaml",
@@ -95,10 +96,8 @@ def test_one_held_subdomain_has_neither_gluing_nor_coarse_problem() -> None:
     ],
 )
 @pytest.mark.ratchet
-def test_faces_end_what_augmented_lagrangians_are_slow_with(
-    name: str, overrides: list[str]
-) -> None:
-    """Bodies that bend, and one kept by contact alone: SMALBE takes 911, 367 and 332 products."""
+def test_active_sets_solve_scenes_on_which_smalbe_is_slow(name: str, overrides: list[str]) -> None:
+    """Bodies that bend, and one held by contact alone: SMALBE takes 911, 367 and 332 products."""
     found = summary(name, *overrides)
     assert found["certificate"]["passed"]
     assert found["solver"]["hessian_multiplications"] < 150
@@ -210,7 +209,7 @@ def test_an_active_set_is_let_go_before_the_next_is_made() -> None:
 
 
 def test_active_sets_that_come_back_are_decided_later() -> None:
-    """The second set is made to ask for the first again, as one left too early may."""
+    """The second set is made to lead back to the first one, as a set left too early may."""
     residuals: list[list[float]] = []
     first: list[NDArray[np.bool_]] = []
 
@@ -221,7 +220,9 @@ def test_active_sets_that_come_back_are_decided_later() -> None:
 
         def state(self) -> State:
             state = super().state()
-            if len(residuals) == 2:  # all rows of the first set penetrate, the others pull
+            if (
+                len(residuals) == 2
+            ):  # all rows of the first set penetrate, the others are in tension
                 contact, back = self.problem.inequality, first[0]
                 jumps = np.where(back, 1.0, -1.0) * np.abs(state.jumps).max()
                 pull = np.where(back, 1.0, -1.0) * np.abs(state.multiplier).max()

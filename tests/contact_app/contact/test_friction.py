@@ -170,7 +170,7 @@ def test_mprgp_for_convex_sets_inside_smalbe(cell: str, law: dict[str, float]) -
     ids=str,
 )
 def test_operator_applications(cell: str, law: dict[str, float], most: int) -> None:
-    """Of a pair, which takes 16 without friction in the plane and 23 in space."""
+    """The pair takes 16 applications without friction in the plane and 23 in space."""
     solved = solve(pair(cell, law), 4)
     assert solved.summary["solver"]["hessian_multiplications"] <= most
 
@@ -178,7 +178,7 @@ def test_operator_applications(cell: str, law: dict[str, float], most: int) -> N
 @pytest.mark.ratchet
 @pytest.mark.parametrize(("law", "most"), [(LAWS[0], 50), ({"tresca": 1.0}, 50)], ids=str)
 def test_operator_applications_at_an_obstacle(law: dict[str, float], most: int) -> None:
-    """Of a block on a rough wall, whose points slide in directions that turn."""
+    """A block on a rough wall, whose points slide in changing directions."""
     solved = solve(rough(scenes.wall("hexahedron", 6), law), [2, 2, 2])
     assert solved.summary["solver"]["hessian_multiplications"] <= most
 
@@ -238,7 +238,7 @@ def on_a_slope(cell: str, law: dict[str, float], angle: float, along: float = 0.
 def test_a_block_on_a_slope_rests_up_to_the_friction_angle(
     cell: str, along: float, law: dict[str, float], limit: float
 ) -> None:
-    """tan α = μ, or W sin α = s A; friction alone holds the block."""
+    """The limit is tan α = μ, or W sin α = s A; friction alone holds the block."""
     weight = 20.0 * 0.4
     rests = solve(on_a_slope(cell, law, 0.99 * limit, along), 2)
     assert rests.summary["certificate"]["passed"]

@@ -1,4 +1,4 @@
-"""Levels of contact rows: nested, for slender bodies alone, and worth their faces."""
+"""Levels of contact rows: nested, only for slender bodies, and worth their active sets."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ def problem(made: Config, parts: list[int]) -> DualProblem:
 
 
 def test_levels_of_a_slender_body_are_nested_and_even() -> None:
-    """Each has the rows of the one before, and about twice as many, no stretch without."""
+    """Each level contains the rows of the one before and about as many more, evenly distributed."""
     dual = problem(slender(100.0, [200, 2]), [10, 1])
     levels = ConstraintHierarchy(dual, coarsened=True)
     x = dual.contact.points[:, 0]
@@ -99,7 +99,7 @@ def test_thick_bodies_have_none(made: Config) -> None:
 
 @pytest.mark.ratchet
 def test_columns_of_a_slender_body_are_hardly_more_than_rows_that_touch() -> None:
-    """And their forces answer the optimality conditions of the whole problem."""
+    """Their forces satisfy the optimality conditions of the whole problem."""
     dual = problem(slender(100.0, [200, 2]), [1, 1])
     forces, products = on_columns(dual)
     touching = int((forces > 0.0).sum())
@@ -122,7 +122,8 @@ def test_thick_bodies_take_no_columns() -> None:
 @pytest.mark.parametrize("parts", [[10, 1], [1, 1]])
 @pytest.mark.ratchet
 def test_a_slender_body_costs_at_most_four_times_its_thick_twin(parts: list[int]) -> None:
-    """Without levels it takes 5 times as many in parts and 8 times as many whole."""
+    """Without levels it takes 5 times as many applications with subdomains and 8 times as many
+    without."""
     products = []
     for made in (slender(100.0, [200, 2]), slender(5.0, [45, 9])):
         summary = solve_scene(scenes.build(made, parts)).summary

@@ -85,7 +85,7 @@ def test_multigrid_where_a_factor_would_be_taken(name: str, cell: str) -> None:
 
 @pytest.mark.ratchet
 def test_a_set_that_takes_few_steps_a_digit_keeps_its_cycle() -> None:
-    """A factor in its place would cost more than the steps that are left."""
+    """A factor in its place would cost more than the remaining steps."""
     made = {**scenes.wall("hexahedron", 8), "solver": {"method": "primal"}}
     problem = build_model(scenes.build(made), MPI.COMM_SELF).problem
     task = Task(problem, StoppingRule(1e-9), MPRGP(rtol=1e-10, max_iterations=2000))
@@ -135,7 +135,7 @@ def test_a_strip_that_lifts_off_takes_few_products(degree: int) -> None:
 
 @pytest.mark.ratchet
 def test_multigrid_alone_finds_the_line_where_a_shelf_rests() -> None:
-    """From all rows on, most sets would do nothing but let go of rows that never touch."""
+    """If the solve began with all rows, most sets would only release rows that never touch."""
     shelf = CONFIGS / "cylinder.yaml"
     coarse = ["bodies.0.mesh.box.cells=[30, 5, 1]", "solver.method=primal"]
     problem = build_model(build_scene(load(shelf, coarse)), MPI.COMM_SELF).problem
@@ -196,7 +196,7 @@ def test_ranks_agree(name: str, cell: str, ranks: int) -> None:
 
 @pytest.mark.ratchet
 def test_rows_that_hold_a_motion_in_the_mean_do_not_fill_the_coarse_spaces() -> None:
-    """The upper stub of the flange asks to `hold` sliding and turning, in the mean of its nodes."""
+    """The upper stub of the flange has `hold` for sliding and turning, in the mean of its nodes."""
     path = CONFIGS / "bolted_flange.yaml"
     values = ["bodies.0.degree=1", "bodies.1.degree=1", "solver.method=primal"]
     scene = build_scene(load(path, values))

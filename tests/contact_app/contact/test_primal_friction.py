@@ -76,7 +76,8 @@ MULTIGRID_ALWAYS = FactorOptions(small=0.0, thin_seconds=0.0, slow_seconds=0.0)
 
 @pytest.mark.parametrize("law", LAWS, ids=str)
 def test_multigrid_knows_rows_that_give_way(law: dict[str, float]) -> None:
-    """Where a factor would be taken; the V-cycle alone would not converge on stiff springs."""
+    """The test uses multigrid although `auto` would use a factor; the V-cycle alone would not
+    converge on stiff springs."""
     made = {**rough(scenes.ALL["pushed"]("hexahedron", 5), law), "solver": {"method": "primal"}}
     problem = build_model(scenes.build(made), MPI.COMM_SELF).problem
     task = Task(problem, StoppingRule(1e-9), MPRGP(rtol=1e-10, max_iterations=2000))

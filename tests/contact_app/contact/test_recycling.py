@@ -1,4 +1,4 @@
-"""Directions of one set on the next: they are admissible, exact, and save work."""
+"""Search directions of one set on the next: they are admissible, exact, and save work."""
 
 from __future__ import annotations
 
@@ -37,19 +37,19 @@ def closed(problem: DualProblem, count: int) -> NDArray[np.bool_]:
     return touching
 
 
-def solved(face: ActiveSetProblem) -> tuple[NDArray[np.float64], int]:
-    """The face's multiplier and the products it took."""
-    face.solve(MPRGP(max_iterations=500), TOLERANCE, None)
-    state = face.state()
-    return state.multiplier, face.counts.hessian
+def solved(active_set: ActiveSetProblem) -> tuple[NDArray[np.float64], int]:
+    """Multiplier of an active set, and the number of products of its solve."""
+    active_set.solve(MPRGP(max_iterations=500), TOLERANCE, None)
+    state = active_set.state()
+    return state.multiplier, active_set.counts.hessian
 
 
 @pytest.mark.parametrize("count", [10, 14])
 @pytest.mark.ratchet
-def test_a_face_that_knows_directions_finds_the_same_multiplier_sooner(
+def test_recycled_directions_find_the_same_multiplier_sooner(
     problem: DualProblem, count: int
 ) -> None:
-    """Of two faces before it; two rows have opened since, or two have closed."""
+    """Directions are of two earlier sets; two rows have opened since, or two have closed."""
     directions = Directions(problem.B, problem.conditional)
     near = None
     for before in (16, 12):
@@ -64,8 +64,9 @@ def test_a_face_that_knows_directions_finds_the_same_multiplier_sooner(
     assert products < all_products / 2
 
 
-def test_what_directions_change_stays_in_the_face_and_is_the_best(problem: DualProblem) -> None:
-    """It keeps open rows empty and equilibrium, and leaves a residual orthogonal to the rest."""
+def test_recycled_directions_keep_the_set_and_minimise_the_residual(problem: DualProblem) -> None:
+    """Open rows stay without force, equilibrium holds, and the residual is orthogonal to the
+    directions."""
     directions = Directions(problem.B, problem.conditional)
     near, _ = solved(ActiveSetProblem(problem, Statuses(closed(problem, 16)), None, directions))
     touching = closed(problem, 13)
@@ -112,7 +113,7 @@ def test_near_incompressibility_takes_half_the_products(problem: DualProblem) ->
     assert products(RecyclingOptions()) < 0.6 * products(RecyclingOptions(memory=0))
 
 
-def test_directions_that_are_not_light_are_kept_once_a_face_is_hard(
+def test_expensive_directions_are_stored_once_a_set_takes_many_steps(
     problem: DualProblem,
 ) -> None:
     """The first set stores those after its first steps, the next all of its own."""

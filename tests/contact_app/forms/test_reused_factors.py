@@ -1,4 +1,5 @@
-"""Solves of one problem under changing loads: what is equal is kept, what is not is made anew."""
+"""Repeated solves of one problem under changing loads: equal data are reused, others computed
+again."""
 
 from __future__ import annotations
 

@@ -183,7 +183,7 @@ def test_slender_beam(cell: str) -> None:
 
 @pytest.mark.parametrize("cell", CELLS)
 def test_a_repeated_obstacle_adds_no_rows(cell: str) -> None:
-    """Of parallel rows, at nodes or in the mean, only the tightest is kept; none is squeezed."""
+    """Only the tightest of parallel rows is used, at nodes or in the mean; no node is squeezed."""
     made = quadratic(scenes.wall(cell, 2))
     known = solve(made, 3).summary
     looser = {"on": "block.x+", "obstacle": scenes.plane(cell, (1.01, 0, 0), (-2, 0, 0))}

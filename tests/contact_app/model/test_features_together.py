@@ -1,4 +1,5 @@
-"""Ties, heat, interference and a rigid body in one scene: one answer however it is asked for.
+"""Ties, heat, interference and a rigid body in one scene: one answer by every method and
+decomposition.
 
 Two tied blocks whose meshes do not match stand on a foot; the upper one is warmer to the right and
 meets a wall with interference, and a force presses a rigid plate on its top.

@@ -1,4 +1,4 @@
-"""Heat: what expands freely has no stress, and what may not has the theory's."""
+"""Heat: a body that expands freely has no stress, and a constrained one has that of the theory."""
 
 from __future__ import annotations
 

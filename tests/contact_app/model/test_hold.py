@@ -56,7 +56,7 @@ def test_the_hold_takes_what_drives_the_motion(cell: str, subdomains: int) -> No
 
 
 @pytest.mark.parametrize("subdomains", [1, 8])
-def test_what_is_held_does_not_move_in_the_mean(subdomains: int) -> None:
+def test_a_held_motion_is_zero_in_the_mean(subdomains: int) -> None:
     """The mean motion over the surface of the whole body vanishes; other motions do not."""
     made = block_on_a_floor("quadrilateral", ["x"], 0.5)
     solved = solve_scene(scenes.build(made, subdomains))
@@ -198,7 +198,8 @@ def shoe_between_races(directory: Path, tolerance: float) -> Config:
 
 
 def test_a_large_spin_does_not_loosen_the_tolerance(tmp_path: Path) -> None:
-    """Penetration and jumps are below it relative to the displacement without the spin."""
+    """Penetration and jumps are below the tolerance relative to the displacement without the
+    spin."""
     tolerance = 1e-2
     solved = solve_scene(scenes.build(shoe_between_races(tmp_path, tolerance), 4))
     points, u = solved.nodes.points, solved.nodes.displacement
@@ -216,8 +217,9 @@ def test_a_large_spin_does_not_loosen_the_tolerance(tmp_path: Path) -> None:
     assert wrong.max() <= tolerance * deformed
 
 
-def test_what_lengths_are_relative_to_knows_no_free_motion() -> None:
-    """A slide of a hundred times the displacement leaves it and the penetration as they are."""
+def test_the_reference_length_excludes_free_motions() -> None:
+    """A slide of a hundred times the displacement changes neither the reference length nor the
+    penetration."""
     solved = solve_scene(scenes.build(block_on_a_floor("quadrilateral", [], 0.0), 4))
     problem, solution = solved.model.problem, solved.solution
     pressed = [u.copy() for u in solution.displacements]

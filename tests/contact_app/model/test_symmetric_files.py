@@ -195,7 +195,7 @@ def moved(mesh: meshio.Mesh) -> None:
     mesh.points[corner, 1] += 1e-6
 
 
-def test_what_mirrors_in_files(tmp_path: Path) -> None:
+def test_mirror_symmetry_of_files(tmp_path: Path) -> None:
     """Asymmetric nodes, cells, materials, parts of the surface: none is halved."""
     triangles = meshfiles.mirrored("triangle", 4, "y")
     off = copy.deepcopy(triangles)
@@ -308,7 +308,8 @@ def test_refined_to_an_accuracy(tmp_path: Path) -> None:
 
 
 def test_expressions_between_nodes(tmp_path: Path) -> None:
-    """Where meshes will be refined a boundary has to mirror on all meshes, not on this one."""
+    """If meshes will be refined, a boundary has to be symmetric on all meshes, not only on this
+    one."""
     made = block("triangle", mirrored("triangle", tmp_path, "x"))
     made["bodies"][0]["material"] = HARD
     made["bodies"][0]["boundaries"]["top"] = {"where": "y > 1 - 1e-9 and x > 0.1 and x < 0.8"}

@@ -191,7 +191,7 @@ BALL = {"sphere": {"center": [0.5, 0.4, 1.97], "radius": 1.0}}
         ({"conditions__1__on": "block.left"}, "y", "conditions[1] has no mirror image"),
     ],
 )  # fmt: skip
-def test_what_mirrors(changed: dict[str, Any], planes: str, why: str) -> None:
+def test_mirror_symmetry_of_scenes(changed: dict[str, Any], planes: str, why: str) -> None:
     made = change(pressed("hexahedron", 2), **changed)
     made["bodies"][0]["boundaries"] = {
         "left": {"where": "z < 1e-9 and x < 0.6"},

@@ -120,7 +120,8 @@ def test_a_pressed_node_without_a_law_of_its_own_has_its_neighbours(block: Path)
 
 
 def test_arrows_are_turned_with_the_surface() -> None:
-    """Of a quarter of a bore: around it to the first coordinate, along it to the second."""
+    """In a quarter of a bore, the direction around it becomes the first coordinate, that along it
+    the second."""
     angle = np.linspace(0.0, 0.5 * np.pi, 200)
     rim = np.stack([np.cos(angle), np.sin(angle), 0.0 * angle], axis=1)
     points = np.concatenate([rim, rim + [0.0, 0.0, 1.0]])

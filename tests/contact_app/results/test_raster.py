@@ -1,4 +1,4 @@
-"""The depth buffer: what hides what, pixel by pixel, and what is seen through a veil."""
+"""The depth buffer: hidden surfaces pixel by pixel, and surfaces behind translucent ones."""
 
 import numpy as np
 import pytest
@@ -70,8 +70,8 @@ def test_veils_are_counted_in_front_of_what_is_opaque_alone() -> None:
 
 
 @pytest.mark.parametrize(("depth", "share"), [(5.0, 0.0), (-5.0, 1.0), (0.0, 1.0)])
-def test_what_is_hidden(depth: float, share: float) -> None:
-    """A square behind, before and on another one."""
+def test_hidden_surfaces(depth: float, share: float) -> None:
+    """A square behind, in front of and on another one."""
     corners = np.concatenate([square(np.zeros(4)), square(np.full(4, depth))])
     chosen = np.array([True, True, False, False])
     assert visible_share(corners, chosen, SIZE, SIZE) == share

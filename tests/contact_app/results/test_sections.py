@@ -129,7 +129,7 @@ def pressed_halves() -> scenes.Config:
     }  # fmt: skip
 
 
-def test_a_half_tells_those_of_the_whole() -> None:
+def test_a_symmetric_half_has_the_section_forces_of_the_whole() -> None:
     """Also where the plane is that of the symmetry, oblique, or in a body that is left out."""
     made = pressed_halves()
     whole, part = (contact_app.solve({**made, "symmetry": s}) for s in ("none", "allow"))

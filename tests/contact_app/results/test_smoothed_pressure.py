@@ -1,4 +1,4 @@
-"""Pressures without what facets make of them, and contact of round bodies with straight edges."""
+"""Pressures without the effect of facets, and contact of round bodies with straight edges."""
 
 from __future__ import annotations
 

@@ -54,7 +54,7 @@ def test_the_play_between_two_walls_is_told(right: float) -> None:
     assert float(words[5]) == pytest.approx(0.1 + right - 1.0 - wide, rel=5e-3)
 
 
-def test_what_determines_the_place_ends_the_warning() -> None:
+def test_no_warning_where_the_position_is_determined() -> None:
     assert not plays(between_walls(hold=["x"]))
     pushed = between_walls()
     pushed["conditions"].append({"on": "block.x-", "traction": [1.0, 0]})

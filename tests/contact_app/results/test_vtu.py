@@ -135,7 +135,8 @@ def test_ranks_write_the_same(tmp_path: Path) -> None:
 
 
 def test_meshio_reads_it_where_python_lets_it(tmp_path: Path) -> None:
-    """Where base64 ends at padding, as before Python 3.13.5; VTK's readers do not ask for that."""
+    """Only Python before 3.13.5, whose base64 ends at padding, can; VTK's readers do not need
+    this."""
     points, cells = separate_cells("triangle", 1, np.random.default_rng(1))
     path = tmp_path / "solution.vtu"
     with VTUWriter(path, [("triangle", 1)], 3, {}, {}) as file:

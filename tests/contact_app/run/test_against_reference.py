@@ -141,7 +141,7 @@ def test_active_contacts_are_counted() -> None:
 
 
 def test_a_repeated_obstacle_adds_no_rows() -> None:
-    """Of parallel rows at one node only the tightest is kept, in whatever order they come."""
+    """Only the tightest of parallel rows at one node is used, in any order of the rows."""
     known = reference_of("wall", "hexahedron", 4)
     made = scenes.wall("hexahedron", 4)
     looser = {"on": "block.x+", "obstacle": scenes.plane("hexahedron", (1.01, 0, 0), (-2, 0, 0))}

@@ -1,4 +1,4 @@
-"""Which answers of earlier load cases a case begins with."""
+"""The answers of earlier load cases with which a case begins."""
 
 from __future__ import annotations
 

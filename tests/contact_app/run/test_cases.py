@@ -1,4 +1,4 @@
-"""Load cases: held against single runs, what they share, what a run writes, what is refused."""
+"""Load cases: comparison with single runs, shared data, files of a run, refused scenes."""
 
 from __future__ import annotations
 
@@ -227,7 +227,7 @@ def test_contact_rows_serve_all_cases() -> None:
 
 
 def test_rows_left_out_join_where_a_case_crosses_them() -> None:
-    """Of a model without contact rows, the answer asks for those that it crosses."""
+    """The answer of a model without contact rows requests the rows that it violates."""
     made = far_wall()
     scene = scenes.build(made, 4)
     estimated = outlines_of_cases(scene, MPI.COMM_WORLD)

@@ -1,4 +1,4 @@
-"""`check`: what it says, what it refuses, and estimates near what runs need."""
+"""`check`: its report, its refusals, and its estimates compared with runs."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Bodies whose subdomains leave the dual problem no digits are solved whole."""
+"""Scenes whose dual problem has no correct digits in subdomains are solved undecomposed."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ SLABS = [(3, [2, 2, 2], 200.0), (2, [4, 4], 300.0)]
 
 
 @pytest.mark.parametrize(("dimension", "cells", "length"), SLABS)
-def test_what_rounding_keeps_from_an_answer_in_parts_is_solved_whole(
+def test_scenes_that_fail_in_subdomains_are_solved_undecomposed(
     dimension: int, cells: list[int], length: float
 ) -> None:
     scene = scenes.build(slab(dimension, cells, length), 4)
@@ -75,7 +75,7 @@ def cantilever(tolerance: float) -> scenes.Config:
 
 
 def test_an_exception_of_the_solver_is_one_more_way_that_failed() -> None:
-    """Asked for twelve digits the dual problem loses its curvature; the body is clamped."""
+    """At a tolerance of twelve digits the dual problem loses its curvature; the body is clamped."""
     summary = solve_scene(scenes.build(cantilever(1e-12))).summary
     assert summary["certificate"]["passed"]
     assert summary["decomposition"]["subdomains"] == 1

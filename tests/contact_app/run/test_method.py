@@ -1,4 +1,4 @@
-"""Which method `solver.method: auto` stands for."""
+"""The method that `solver.method: auto` chooses."""
 
 from __future__ import annotations
 
@@ -63,7 +63,7 @@ def test_contact_that_peels_off_is_left_to_the_undecomposed_problem() -> None:
 
 
 @pytest.mark.ratchet
-def test_so_that_it_takes_few_operator_applications() -> None:
+def test_a_strip_that_peels_off_takes_few_operator_applications() -> None:
     counts = solve(strip()).summary["solver"]
     assert counts["hessian_multiplications"] < 600
 
@@ -182,7 +182,7 @@ def test_multigrid_gives_way_to_total_feti_after_more_iterations_than_any_part_t
 
 
 def test_one_thin_body_of_a_mesh_file_begins_with_total_feti() -> None:
-    """As far as it is measured; a larger one takes multigrid from the start."""
+    """This holds up to the measured size; a larger body begins with multigrid."""
     thin = pillow_block(1, thickness=8.0)
     assert thin.dimension * thin.bodies[0].nodes <= LARGEST_THIN_ALONE
     assert thin.dimension * thin.bodies[0].nodes > PATIENCE_UNKNOWNS

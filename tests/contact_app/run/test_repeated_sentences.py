@@ -1,6 +1,6 @@
 """Sentences that differ in names alone are said once."""
 
-from contact_app.run.repeated_sentences import said_once
+from contact_app.run.repeated_sentences import without_repetitions
 
 
 def test_places_and_bodies_are_names_and_numbers_are_not() -> None:
@@ -12,7 +12,7 @@ def test_places_and_bodies_are_names_and_numbers_are_not() -> None:
         "soft.skin is cut",
         "hard: locks",
     ]
-    assert said_once(sentences, ["soft", "hard"]) == [
+    assert without_repetitions(sentences, ["soft", "hard"]) == [
         "contacts[0]: up to 0.1 off (and 1 more alike: contacts[1])",
         "contacts[2]: up to 0.7 off",
         "soft: locks (and 1 more alike: hard)",
@@ -23,10 +23,10 @@ def test_places_and_bodies_are_names_and_numbers_are_not() -> None:
 def test_a_name_within_a_word_is_none() -> None:
     sentences = ["a: rather rough", "b: rather rough", "a: rbther rough"]
     told = ["a: rather rough (and 1 more alike: b)", "a: rbther rough"]
-    assert said_once(sentences, ["a", "b"]) == told
+    assert without_repetitions(sentences, ["a", "b"]) == told
 
 
 def test_the_same_sentence_twice_and_long_lists() -> None:
-    assert said_once(["slow"] * 3, []) == ["slow (said 3 times)"]
-    (told,) = said_once([f"b{i} hangs" for i in range(20)], [f"b{i}" for i in range(20)])
+    assert without_repetitions(["slow"] * 3, []) == ["slow (said 3 times)"]
+    (told,) = without_repetitions([f"b{i} hangs" for i in range(20)], [f"b{i}" for i in range(20)])
     assert told == "b0 hangs (and 19 more alike: b1, b2, b3, b4, b5, … b19)"

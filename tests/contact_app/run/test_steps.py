@@ -1,4 +1,4 @@
-"""Load histories: held against theory and single runs, what a run writes, what is refused."""
+"""Load histories: comparison with theory and single runs, files of a run, refused scenes."""
 
 from __future__ import annotations
 
@@ -187,7 +187,7 @@ def test_ten_increments_cost_less_than_seven_solves() -> None:
 
 
 def times(directory: Path) -> list[float]:
-    """Of the frames of ``solution.xdmf``, whose files are all there."""
+    """Times of the frames of ``solution.xdmf``, whose files all exist."""
     text = (directory / "solution.xdmf").read_text()
     for name in set(re.findall(r">([^<>]*\.h5):/", text)):
         assert (directory / name).is_file(), name
@@ -303,7 +303,7 @@ def pressed_and_pushed(cell: str, along: float, push: float, press: float = 10.0
         ("hexahedron", np.arctan(0.75), 5.0, "+x and 0.75 +y"),
     ],
 )
-def test_what_slides_away_is_said_with_its_step_and_factor(
+def test_sliding_away_is_reported_with_step_and_factor(
     cell: str, along: float, push: float, leaves: str
 ) -> None:
     """The block slides from μ P / Q on, in the direction of the push, also where that is little."""

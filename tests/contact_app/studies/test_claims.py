@@ -15,7 +15,8 @@ from contact_app.studies.grid_fields import GridField, square_distance
 
 
 def test_the_distance_of_fields_on_different_grids() -> None:
-    """Of u = (x², 0) on a coarse grid of degree 2 and the linear interpolant on another."""
+    """The fields are u = (x², 0) on a coarse grid of degree 2 and its linear interpolant on another
+    grid."""
     material = Material(1.0, 0.3)
     coarse, fine = (np.linspace(0.0, 1.0, n) for n in (3, 4))
     nodes = np.stack(np.meshgrid(*2 * [np.linspace(0.0, 1.0, 5)], indexing="ij"), axis=-1)

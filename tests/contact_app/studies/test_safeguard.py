@@ -18,7 +18,7 @@ def test_over_many_expansions_the_safeguard_descends_always_and_projected_cg_doe
 
 
 def test_a_further_product_decides_only_where_it_must():
-    """Of the minima on both ways the lower one is taken, with the gradient that belongs to it."""
+    """The step ends at the lower of the minima on both segments, with the gradient there."""
     taken = set()
     for seed in range(1000):
         qp, x0 = random_start(seed)

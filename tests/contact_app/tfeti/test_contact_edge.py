@@ -80,7 +80,7 @@ def test_on_ranks() -> None:
 
 @pytest.mark.ratchet
 def test_contact_ends_in_fewer_active_sets() -> None:
-    """Of the fine wall 33 operator applications become 28, of the same answer."""
+    """The fine wall takes 28 instead of 33 operator applications, with the same answer."""
     scene = scenes.build(wall(320))
     problem = build_model(scene, MPI.COMM_SELF).problem
     few = solve(problem, scene.solver)

@@ -64,7 +64,7 @@ def test_rows_are_orthonormal_and_join_neighbours_alone(m: int, data: st.DataObj
 
 @pytest.mark.parametrize(("adjacent", "entries"), [(CYCLE, 8), (CUBE, 40)])
 def test_rows_of_a_regular_split_are_sparse(adjacent: NDArray[np.bool_], entries: int) -> None:
-    """As much as Helmert's, 9 at an edge and 35 at a corner."""
+    """They have as many entries as Helmert's rows, 9 at an edge and 35 at a corner."""
     rows, _ = joining(adjacent)
     assert np.count_nonzero(rows) == entries
 
@@ -98,7 +98,7 @@ def problem_of(
 
 
 def errors_of(problem: DualProblem) -> float:
-    """Largest relative error of P² = P, G P = 0 and xᵀ P y = yᵀ Pᵀ x on two faces (collective)."""
+    """Largest relative error of P² = P, G P = 0 and xᵀ P y = yᵀ Pᵀ x on two sets (collective)."""
     comm, rng = problem.comm, np.random.default_rng(problem.comm.rank)
     assert problem.coarse is not None
     worst = 0.0
@@ -125,11 +125,11 @@ def errors_of(problem: DualProblem) -> float:
 
 
 @pytest.mark.parametrize("case", CASES)
-def test_faces_have_an_oblique_projector_onto_the_kernel(case: str) -> None:
+def test_active_sets_have_an_oblique_projector_onto_the_kernel(case: str) -> None:
     assert errors_of(problem_of(case)) < 1e-10
 
 
-def test_the_coarse_problem_of_a_face_joins_neighbours_alone() -> None:
+def test_the_coarse_problem_of_an_active_set_couples_neighbours_only() -> None:
     """27 subdomains of six motions, 54 faces; edges count only where there is contact."""
     problem = problem_of("regular")
     assert problem.coarse is not None

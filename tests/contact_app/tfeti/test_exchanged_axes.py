@@ -31,7 +31,8 @@ def floating(made: scenes.Config) -> list[SubdomainClass]:
 @pytest.mark.parametrize("cell", CELLS)
 @pytest.mark.parametrize("degree", [1, 2])
 def test_each_shape_has_one_factor(cell: str, degree: int) -> None:
-    """Of the sizes 1 and 2 along each axis only those in increasing order have their own."""
+    """With sizes 1 and 2 along each axis, only boxes with sizes in increasing order have their
+    own."""
     d = scenes.dimension(cell)
     classes = floating(uneven(cell, degree))
     assert len(classes) == 2**d

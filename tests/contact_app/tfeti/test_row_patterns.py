@@ -181,7 +181,8 @@ def dense(blocks: Blocks, total: int) -> NDArray[np.float64]:
 
 
 def patterns_in(split: int) -> tuple[list[RowPattern], DualProblem]:
-    """Of a cube in so many sub-boxes along each edge, of two cells an edge each."""
+    """Number of patterns of a cube cut into sub-boxes along each edge, each with two cells an
+    edge."""
     scene = scenes.build(scenes.wall("hexahedron", 2 * split), [split, split, split])
     problem = build_model(scene, MPI.COMM_SELF, options=ALWAYS).problem
     return list(coarse_of(problem).patterns), problem

@@ -1,4 +1,4 @@
-"""Where strategies fail, and what the safeguarded one does there (paper, section 3.2)."""
+"""Problems on which strategies fail, and the safeguarded strategy on them (paper, section 3.2)."""
 
 from __future__ import annotations
 

@@ -47,7 +47,7 @@ def test_the_example_is_short_and_right() -> None:
 
 
 def cell_stiffness() -> NDArray[np.float64]:
-    """Of a unit square of springs along its edges and diagonals, (8, 8)."""
+    """Stiffness of a unit square of springs along its edges and diagonals, (8, 8)."""
     corners = np.array([[0, 0], [1, 0], [0, 1], [1, 1]], float)
     K = np.zeros((8, 8))
     for a in range(4):
