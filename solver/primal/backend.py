@@ -190,6 +190,8 @@ class Multigrid:
             np.array([(active != self._truncated).sum(), active.sum()])
         )
         if self._cycle is None or changed > CHANGED * rows:
+            if self._cycle is not None:
+                self._cycle.destroy()
             self._cycle = truncated_cycle(self.hierarchy_of_levels, projector)
             self._truncated = active
         return self._cycle

@@ -36,6 +36,8 @@ class Cycle:
     ----------
     operators, prolongations
         As in `Hierarchy`.
+    own
+        Matrices that serve this cycle alone.
     """
 
     def __init__(
@@ -43,7 +45,9 @@ class Cycle:
         operators: Sequence[PETSc.Mat],
         prolongations: Sequence[PETSc.Mat],
         options: MultigridOptions,
+        own: Sequence[PETSc.Mat] = (),
     ) -> None:
+        self._own = own
         self.comm = operators[0].comm
         self._residual, self._correction = operators[0].createVecs()
         self._pc = pc = PETSc.PC().create(self.comm)
@@ -74,6 +78,11 @@ class Cycle:
         """Put the correction into out."""
         on_arrays(self._pc.apply, self._residual, residual, self._correction, out)
 
+    def destroy(self) -> None:
+        """Free its memory now; petsc4py would free it later (collective)."""
+        for made in (self._pc, *self._own, self._residual, self._correction):
+            made.destroy()
+
 
 def truncated_cycle(hierarchy: Hierarchy, projector: Projector) -> Cycle:
     """The cycle of an active set (collective)."""
@@ -82,21 +91,33 @@ def truncated_cycle(hierarchy: Hierarchy, projector: Projector) -> Cycle:
         return Cycle(operators, prolongations, hierarchy.options)
     K, P = operators[0], prolongations[0]
     E = projector.truncating(P)
+    KE = K.matMult(E)
+    change = _change(P, E, KE)
+    KE.destroy()
     truncated = P.copy()
     truncated.axpy(-1.0, E, OTHER)
-    KE = K.matMult(E)
-    change = KE.transposeMatMult(truncated)
-    change.axpy(1.0, P.transposeMatMult(KE), OTHER)
+    E.destroy()
     prolongations[0] = truncated
-    for matrix in (E, KE):
-        matrix.destroy()
+    own = [truncated]
     for k in range(1, len(operators)):
         coarse = operators[k].copy()
         coarse.axpy(-1.0, change, OTHER)
         operators[k] = coarse
+        own.append(coarse)
+        finer = change
         if k < len(prolongations):
-            change = galerkin(change, prolongations[k])
-    return Cycle(operators, prolongations, hierarchy.options)
+            change = galerkin(finer, prolongations[k])
+        finer.destroy()
+    return Cycle(operators, prolongations, hierarchy.options, own)
+
+
+def _change(P: PETSc.Mat, E: PETSc.Mat, KE: PETSc.Mat) -> PETSc.Mat:
+    """Pᵀ K E + Eᵀ K P - Eᵀ K E, by one product with P and a transpose (collective)."""
+    change = P.transposeMatMult(KE)
+    for sign, part in ((1.0, change.transpose(PETSc.Mat())), (-1.0, E.transposeMatMult(KE))):
+        change.axpy(sign, part, OTHER)
+        part.destroy()
+    return change
 
 
 def _coarse_options(operator: PETSc.Mat, options: MultigridOptions) -> dict[str, object]:

@@ -99,7 +99,8 @@ def build_hierarchy(system: MergedSystem, options: MultigridOptions | None = Non
     levels = pc.getMGLevels()
     prolongations = [pc.getMGInterpolation(k) for k in range(levels - 1, 0, -1)]
     solvers = [pc.getMGSmoother(k) for k in range(levels - 1, -1, -1)]
-    operators = [top, *(ksp.getOperators()[0] for ksp in solvers[1:])]
+    operators = [top, *(ksp.getOperators()[0].copy() for ksp in solvers[1:])]
+    pc.destroy()  # GAMG's own matrices keep the products K P that they were made of
     if vertices is not None:
         prolongations, operators = [vertices.P, *prolongations], [K, *operators]
     return Hierarchy(tuple(prolongations), tuple(operators), options)
