@@ -86,29 +86,35 @@ class Cycle:
 
 def truncated_cycle(hierarchy: Hierarchy, projector: Projector) -> Cycle:
     """The cycle of an active set (collective)."""
+    levels = truncated_levels(hierarchy, projector)
+    own = () if levels is hierarchy else (levels.prolongations[0], *levels.operators[1:])
+    return Cycle(levels.operators, levels.prolongations, levels.options, own)
+
+
+def truncated_levels(hierarchy: Hierarchy, projector: Projector) -> Hierarchy:
+    """Levels whose prolongation to the finest one leaves active rows alone (collective).
+
+    Each intermediate matrix is freed where it has served: two products with K are as large as K.
+    """
     operators, prolongations = list(hierarchy.operators), list(hierarchy.prolongations)
     if projector.empty or not prolongations:
-        return Cycle(operators, prolongations, hierarchy.options)
+        return hierarchy
     K, P = operators[0], prolongations[0]
     E = projector.truncating(P)
     KE = K.matMult(E)
     change = _change(P, E, KE)
     KE.destroy()
-    truncated = P.copy()
-    truncated.axpy(-1.0, E, OTHER)
+    prolongations[0] = P.copy()
+    prolongations[0].axpy(-1.0, E, OTHER)
     E.destroy()
-    prolongations[0] = truncated
-    own = [truncated]
     for k in range(1, len(operators)):
-        coarse = operators[k].copy()
-        coarse.axpy(-1.0, change, OTHER)
-        operators[k] = coarse
-        own.append(coarse)
+        operators[k] = operators[k].copy()
+        operators[k].axpy(-1.0, change, OTHER)
         finer = change
         if k < len(prolongations):
             change = galerkin(finer, prolongations[k])
         finer.destroy()
-    return Cycle(operators, prolongations, hierarchy.options, own)
+    return Hierarchy(tuple(prolongations), tuple(operators), hierarchy.options)
 
 
 def _change(P: PETSc.Mat, E: PETSc.Mat, KE: PETSc.Mat) -> PETSc.Mat:

@@ -16,6 +16,7 @@ from solver.contact.options import SolverOptions
 from solver.contact.stopping import StoppingRule
 from solver.driver import solve as solve_problem
 from solver.primal.by_active_sets import solve_by_multigrid
+from solver.primal.cycle import truncated_levels
 from solver.primal.factor import FactorOptions
 from solver.primal.hierarchy import build_hierarchy
 from solver.primal.merged import merge
@@ -209,6 +210,25 @@ def test_rows_that_hold_a_motion_in_the_mean_do_not_fill_the_coarse_spaces() -> 
     )
     prolongation = hierarchy.prolongations[0]
     assert truncated.getInfo()["nz_used"] < 0.8 * prolongation.getInfo()["nz_used"]
+
+
+def test_coarse_operators_of_an_active_set_are_galerkin_products() -> None:
+    """They are made from those without contact and products with few rows."""
+    scene = build_scene(load(CONFIGS / "pin_in_lug.yaml", ["solver.method=primal"]))
+    system = merge(build_model(scene, MPI.COMM_SELF, needed="estimated").problem)
+    hierarchy = build_hierarchy(system)
+    active = np.arange(len(system.rows)) % 3 > 0
+    levels = truncated_levels(hierarchy, Projector(system, active))
+    assert len(levels.operators) > 2
+    for k in range(len(levels.prolongations)):  # held vertices have a stiffness of their own
+        (coarse, product), (free, product_free) = (
+            (local_rows(h.operators[k + 1]), P.T @ local_rows(h.operators[k]) @ P)
+            for h in (levels, hierarchy)
+            for P in [local_rows(h.prolongations[k])]
+        )
+        change, expected = coarse - free, product - product_free
+        assert abs(expected).max() > 1e-3 * abs(free).max()
+        assert abs(change - expected).max() < 1e-12 * abs(free).max()
 
 
 def of_degree_2(name: str, cell: str, n: int) -> scenes.Config:
