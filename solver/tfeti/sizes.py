@@ -9,7 +9,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from solver.contact.bodies import largest
+from solver.contact.bodies import FAINT, largest
 from solver.contact.row_kinds import RowKind
 from solver.contact.sizes import Equilibrium
 from solver.tfeti.dual import DualProblem
@@ -105,7 +105,9 @@ def largest_deformations(
 ) -> NDArray[np.float64]:
     """Largest |u| of each body without its free motions, (bodies,) (collective).
 
-    These are motions that nothing resists, and those that no row with a force resists.
+    These are motions that nothing resists, and those that no row with a force resists. Of a body
+    that they move far, rounding errors are a share of its displacement: it has a small share of it
+    at least.
     """
     free = problem.system.free
     if free is None:
@@ -120,7 +122,8 @@ def largest_deformations(
             if motions[b].any():
                 own[:, member] -= free.field(number, member, motions[b])
         left.append(own)
-    return largest_displacements(problem, left)
+    whole = largest_displacements(problem, displacements)
+    return np.maximum(largest_displacements(problem, left), FAINT * whole)
 
 
 def unresisted(
