@@ -166,7 +166,7 @@ def run_cases(
     if resume:
         raise ConfigurationError(
             f"{scene.at('cases')}: a run of load cases leaves no checkpoint to resume from; start "
-            "it anew, or with the cases that are left"
+            "it anew, or with the remaining cases"
         )
     with attended(directory, comm, False, every) as (progress, attention):
         scene = part_that_is_solved(scene)

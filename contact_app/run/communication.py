@@ -36,7 +36,7 @@ HALO = "VecScatterBegin"
 
 
 class Communication:
-    """Counts between its making and `per_multiplication`; free on a single rank."""
+    """Counts between its creation and `per_multiplication`; costs nothing on a single rank."""
 
     def __init__(self, comm: MPI.Intracomm) -> None:
         self.comm = comm
@@ -53,7 +53,7 @@ class Communication:
     def per_multiplication(self, counts: Counts) -> dict[str, float] | None:
         """Messages, bytes and sums for each Hessian multiplication, over all ranks (collective).
 
-        None on a single rank, which says nothing to anyone.
+        None on a single rank.
         """
         if self.comm.size == 1:
             return None

@@ -62,7 +62,7 @@ class NoAnswerError(Exception):
 
 
 class NoWayLeftError(CouldNotRunError):
-    """No method left an answer; the text says what to do."""
+    """No method found an answer; the text says what to do."""
 
 
 def failure_text(error: Exception) -> str:

@@ -56,7 +56,7 @@ class IncrementModels:
         return self._rough and earlier
 
     def go_on(self, last: Scene, read: Callable[[list[tuple[int, int]]], Displacements]) -> None:
-        """Go on from displacements of an earlier run.
+        """Continue from displacements of an earlier run.
 
         Parameters
         ----------
