@@ -1,8 +1,8 @@
 """The automatic decomposition: splits of a box, and their predicted cost.
 
-Among the splits into sub-boxes about as long in every direction, and the box as one, the one whose
-run would take least time by the model of `solver.tfeti.subdomain.costs`. `python -m
-contact_app.studies.settings` sets others beside it.
+The candidates are splits into sub-boxes of about equal length in every direction, and the undivided
+box. The model of `solver.tfeti.subdomain.costs` chooses the one with the least predicted time.
+`python -m contact_app.studies.settings` compares it with others.
 """
 
 from __future__ import annotations
@@ -27,8 +27,8 @@ WORTH_SPLITTING = 0.8
 SLENDER = 20.0
 """Boxes that are longer than this multiple of their width are not split up to `SLENDER_NODES`.
 
-The factor of a narrow body is cheap, and bending of a chain of subdomains makes the dual problem
-ill-conditioned.
+The factor of a narrow body is inexpensive, and bending of a chain of subdomains makes the dual
+problem ill-conditioned.
 """
 
 SLENDER_NODES = 50_000

@@ -56,7 +56,7 @@ def friction_rows(
 
 
 def always_rough(scene: Scene, contact: ContactRows) -> NDArray[np.bool_]:
-    """Contact rows whose friction acts where they are open, too, (rows,)."""
+    """Mask of contact rows whose friction acts also while they are open, (rows,)."""
     given = [c.friction is not None and c.friction.tresca is not None for c in scene.touching]
     return np.array([*given, False])[contact.sources]
 

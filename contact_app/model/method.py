@@ -1,20 +1,20 @@
 """The choice of `solver.method: auto`, and the requirements of a method on the model.
 
-The rule stands on CPU seconds of whole runs at 1e-8 on one rank
+The rule is based on CPU seconds of whole runs at 1e-8 on one rank
 (`contact_app.studies.method_choice` on the parts of `meshes/samples/make_trials.py`; the table is
 in docs/benchmarks/speed.md). One body from a mesh file:
 
 - Thick bodies of 10,000 unknowns or more take 0.2 to 1.05 of the seconds of Total FETI by
   multigrid, in both degrees. Its iterations hardly grow with the mesh. Between 5,000 and 10,000
   unknowns it is 0.7 to 1.25.
-- Thin bodies are where smoothed aggregation fails. Their sets are solved by a factor each, or by
-  hundreds of iterations; that takes 0.9 to 5.5 times the seconds of Total FETI (22,000 to 100,000
-  unknowns, both degrees). Total FETI takes 55 to 282 operator applications there, and more than 800
-  where contact peels off row by row. So it begins, with a limit on its iterations (`patience`),
-  and multigrid goes on.
+- On thin bodies smoothed aggregation fails. Each set needs a factor or hundreds of iterations; that
+takes 0.9 to 5.5 times the seconds of Total FETI (22,000 to 100,000 unknowns, both degrees). Total
+FETI takes 55 to 282 operator applications there, and more than 800 if contact peels off row by row.
+So the solve begins with Total FETI, with a limit on its iterations (`patience`), and continues with
+multigrid.
 
 Several bodies from mesh files: multigrid takes 0.69 to 1.16 of the seconds of Total FETI at degree
-1 (27,000 to 176,000 unknowns), least where the sets are hard to find. At degree 2 it takes 1.2 to
+1 (27,000 to 176,000 unknowns), least where many sets are needed. At degree 2 it takes 1.2 to
 1.5 times as many (flange, hub, ball in grooves, 23,000 to 72,000); they stay with Total FETI. Boxes
 take a fifth to a half by Total FETI, whose subdomains share their factors.
 
@@ -22,7 +22,8 @@ With friction (`method_choice --friction 0.3`) multigrid takes 0.34 to 1.19 of t
 Total FETI on one thick body of 10,000 unknowns or more, where Total FETI takes up to 1,413
 applications and left one part uncertified. On two bodies with many rows in contact it takes 1.9
 times as many (hub on a shaft, bolted flange), on thin bodies, whose sets have a factor each, 1.6 to
-7.7 times. Increments of a history share the factors of Total FETI, too. So these stay there.
+7.7 times. Increments of a history share the factors of Total FETI, too. So these scenes stay with
+Total FETI.
 """
 
 from __future__ import annotations
@@ -40,23 +41,23 @@ from solver.primal.thin import THIN
 from solver.tfeti.options import TotalFetiOptions
 
 LEAST_ALONE, LEAST_OF_SEVERAL = 10_000, 40_000
-"""Unknowns of bodies from mesh files, one or several, from which on multigrid is taken."""
+"""Unknowns of bodies from mesh files, one or several, from which on multigrid is used."""
 
 COMPRESSIBLE = 0.45
 """Poisson's ratio up to which smoothed aggregation works well."""
 
 LARGEST_THIN = {2: 500_000, 3: 60_000}
-"""Unknowns up to which factors of thin scenes are cheap, by dimension."""
+"""Unknowns up to which factors of thin scenes are inexpensive, by dimension."""
 
 LARGEST_THIN_ALONE = 100_000
 """The same for one body from a mesh file in space; the largest measured size."""
 
 PATIENCE, PATIENCE_UNKNOWNS = 300, 25_000
 """Iterations of Total FETI on a thin scene after which the undecomposed problem is solved, and
-unknowns in space up to which so many cost about as much as the sets of the other method. Of more
-unknowns factors cost more iterations: 250 on 22,000 unknowns, 600 on 86,000, 890 on 48,000 of a
-disc. Thin trial parts take 55 to 282; where contact peels off row by row, hundreds more change
-little."""
+unknowns in space up to which these iterations cost about as much as the sets of the other method.
+With more unknowns a factor costs as much as more iterations: 250 on 22,000 unknowns, 600 on 86,000,
+890 on 48,000 of a disc. Thin trial parts take 55 to 282; if contact peels off row by row, hundreds
+more change little."""
 
 PATIENCE_IN_PLANE = 200
 """The same in the plane, where factors are cheap: an iteration takes up to two operator
@@ -77,10 +78,10 @@ multigrid 57."""
 def chosen(scene: Scene) -> Scene:
     """The scene with `method: primal` if `auto` chooses multigrid.
 
-    So it is where all bodies come from mesh files, in space, with as many unknowns as pay for its
-    levels; and nothing asks for another method. Several bodies of degree 2 stay with Total FETI.
-    One thin body begins with it (`may_peel`). With friction all but one thick body stay with it,
-    and histories.
+    It does so if all bodies come from mesh files, in space, with enough unknowns for its levels to
+    save time, and if the scene names no other method or decomposition. Several bodies of degree 2
+    stay with Total FETI. One thin body begins with it (`may_peel`). With friction all but one thick
+    body stay with it, and histories.
     """
     bodies = scene.bodies
     if scene.solver.method != "auto" or scene.decomposition.subdomains is not None:
@@ -102,7 +103,7 @@ def chosen(scene: Scene) -> Scene:
 def may_peel(scene: Scene) -> bool:
     """Whether contact may peel off row by row, as on thin bodies.
 
-    With friction hardly anything slides off so; Total FETI has no limit there.
+    With friction contact hardly peels off; Total FETI has no limit there.
     """
     free = scene.solver.method == "auto" and scene.decomposition.subdomains is None
     if not free or scene.has_friction:

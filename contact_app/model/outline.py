@@ -92,7 +92,7 @@ class Outline:
     merged
         Rows that are redundant beside a candidate row of the same node.
     reach
-        How far the nodes of each contact may come nearer, (contacts,).
+        Largest approach of the nodes of each contact, (contacts,).
     elements
         Finite-element forms by the identity of their reference.
     linear

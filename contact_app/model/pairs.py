@@ -6,7 +6,7 @@ beside the bodies, and the answer does not depend on which rank holds which part
 
 Where the scene was cut at planes of symmetry, both sides are those of the whole: facets beside a
 plane may meet facets beyond it. Nodes of the image about some of the planes have numbers of their
-own there; what rows say of them is said of the nodes they are images of.
+own there; entries of rows at these nodes are moved to the nodes of which they are images.
 """
 
 from __future__ import annotations
@@ -53,7 +53,7 @@ def gather_surface(
 
 
 def of_what_is_solved(scene: Scene, total: int, found: MeanGaps) -> MeanGaps:
-    """Rows of the whole as rows of what is solved, which has so many nodes in total.
+    """Rows of the whole as rows of the solved part, given its number of nodes.
 
     A row about a node on a plane is that of the whole, and half its pressure's force is here.
     """

@@ -8,10 +8,11 @@ reference point, a contact row reads
 
     -n · u(x) + n · t + (r × n)/L · L θ ≤ g,
 
-where g is the gap that is left if t and θ are zero: the gap where the body is placed, and what the
-row makes of the way it was placed by. Held components go to the right-hand side.
+where g is the gap if t and θ are zero: the gap at the present place of the body, plus the row's
+change of gap by the motion to that place. Held components go to the right-hand side.
 
-A body that is held in all components is an obstacle where it is held, and no part of the problem.
+A body that is held in all components is an obstacle at its prescribed place, and no part of the
+problem.
 """
 
 from __future__ import annotations
@@ -43,7 +44,7 @@ from solver.tfeti.system import NodePlaces
 Array = NDArray[np.float64]
 
 NODES = 2
-"""Nodes that stand for a rigid body: of its displacement, of its rotation."""
+"""Number of nodes that represent a rigid body: one for its displacement, one for its rotation."""
 
 FAINT = 1e-12
 """Coefficients that are rounding errors, over the largest that a row could have."""
@@ -262,7 +263,7 @@ def with_motions(rows: ContactRows, unknowns: RigidUnknowns) -> ContactRows:
 
 
 def with_slips(rows: ContactRows, unknowns: RigidUnknowns, number: int) -> ContactRows:
-    """Tangential rows at an obstacle of a rigid body, with what moves the body along them.
+    """Tangential rows at an obstacle of a rigid body, with entries for the motion of the body.
 
     The free components are entries, the held ones gaps: slips are relative to the body, and count
     from where it is drawn.
@@ -288,7 +289,7 @@ def slips_of_held(rows: ContactRows, unknowns: RigidUnknowns, before: Scene) -> 
     Parameters
     ----------
     before
-        The same scene as it was loaded before; the rows are where bodies are placed now.
+        The same scene under the loads before; the rows are at the present places of bodies.
     """
     scene, added = unknowns.scene, np.zeros(len(rows.nodes))
     for source, contact in enumerate(scene.contacts):

@@ -6,10 +6,10 @@ of the displacements with the multiplier functions of mortar contact, as of tied
 (`meshes.ties`), along the tangents of the mean normal of the node: two flat surfaces that slide
 against each other do so by one slip, and rigid motions of both bodies are no slip.
 
-A tangent that displacement conditions hold has no row: there nothing slides. At nodes, tangents are
-turned so that what is left of them is orthogonal. Between bodies that are held along it on both
-sides, as at a plane of symmetry, a tangent has no row either: the mean about the node would be that
-of one half, which slides, where the mean of the whole does not.
+A tangent that displacement conditions hold has no row, since nothing slides along it. At nodes,
+tangents are turned so that their free parts are orthogonal. Between bodies that are held along it
+on both sides, as at a plane of symmetry, a tangent has no row either: the mean about the node would
+be that of one half, which slides, where the mean of the whole does not.
 
 The slip limit that Tresca's law is given per area acts on the area of the node, ∫ φ_k over the
 boundary, or on that of the mean.
@@ -38,13 +38,13 @@ PARALLEL = 1e-8
 """Difference of the normals of a contact row and of one that was merged into it."""
 
 HELD = 1e-8
-"""Length of what held components leave of a unit tangent below which nothing slides along it."""
+"""Length of the free part of a unit tangent below which nothing slides along it."""
 
 LEANING = 0.2
-"""Limit of that length between bodies, whose normals are means over facets.
+"""Limit of this length between bodies, whose normals are means over facets.
 
-At the end of one half of a round side they lean by half the angle of a facet, 0.2 for facets of
-23°.
+At the end of one half of a round side they are inclined by half the angle of a facet, 0.2 for
+facets of 23°.
 """
 
 

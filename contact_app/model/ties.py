@@ -26,7 +26,7 @@ from solver.tfeti.constraints.exchange import NodeExchange
 from solver.tfeti.constraints.merge import cut_held
 
 FAR = 0.1
-"""Distance of tied surfaces, over the size of a facet, from which on the user is told."""
+"""Distance of tied surfaces, relative to the size of a facet, from which on a warning is given."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -36,7 +36,7 @@ class TiedRows:
     Attributes
     ----------
     rows
-        Those this rank owns, without what is held; `sources` counts `Scene.ties`.
+        Rows that this rank owns, without held components; `sources` counts `Scene.ties`.
     notes
         Sentences on sides that are apart.
     """
@@ -76,7 +76,7 @@ def tied_rows(
         if found.gap > FAR * found.size:
             notes.append(
                 f"{tie.source}: the tied surfaces are up to {found.gap:.3g} apart, where facets "
-                f"are {found.size:.3g} large: they are joined as they are, as by bars between them"
+                f"are {found.size:.3g} large: they are joined across the gap, as by bars"
             )
         parts += [owned_rows(exchange, rows, number) for rows in found.rows]
         taken = [decided.taken, *(rows.nodes for rows in found.rows)]

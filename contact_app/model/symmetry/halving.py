@@ -42,7 +42,7 @@ SAMPLES = {2: 32, 3: 8}
 """Points along the edge of a facet at which expressions are compared where meshes are refined."""
 
 AT_CUT = "symmetry across"
-"""Source of the conditions that hold what is solved at a cut, before the name of the axis."""
+"""Source of the conditions that hold the solved part at a cut, before the name of the axis."""
 
 
 @dataclass(frozen=True)
