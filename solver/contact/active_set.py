@@ -230,7 +230,7 @@ class _Run(Generic[S]):
         hierarchy, ahead = backend.hierarchy(coarsened=False), options.looks_ahead
         update = ActiveSetUpdate(backend, hierarchy, law, options, options.release_at_edge, ahead)
         seen, counts, reduction = set[int](), self.spent, options.first_reduction
-        statuses = start.statuses or law.initial(start.active, start.multiplier)
+        statuses = start.statuses or law.initial(start.active, start.multiplier, ahead)
         released, again = np.zeros_like(start.active), np.zeros_like(start.active)
         found: Outcome[S] = Outcome(None, None, statuses, counts)
         for number in range(options.most_sets):
@@ -284,9 +284,17 @@ class _Run(Generic[S]):
             multiplier, statuses = found.state.multiplier, following
             if not law.settles and start.multiplier is None and options.is_wild(changed):
                 return replace(found, counts=counts), _Failure.WILD
-        ahead = bool(comm.allreduce(int((released & ~backend.contact_rows).any())))
-        failed_ahead = ahead and found.reason is None
+        early = bool(comm.allreduce(int((released & ~backend.contact_rows).any())))
+        failed_ahead = found.reason is None and (
+            early or (ahead and _begins_ahead(comm, start, law))
+        )
         return replace(found, counts=counts), _Failure.AHEAD if failed_ahead else _Failure.OTHER
+
+
+def _begins_ahead(comm: MPI.Intracomm, start: Start, law: ContactLaw) -> bool:
+    """Whether the law lets points slide in the first set that it could let stick (collective)."""
+    one, other = (law.initial(start.active, start.multiplier, ahead) for ahead in (True, False))
+    return _changes(comm, one, other) > 0
 
 
 def solve_on_set(

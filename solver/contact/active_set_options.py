@@ -69,7 +69,8 @@ class ActiveSetOptions:
         `contact_app.studies.friction_cost` the share is below 0.25 from the sixth set on.
     looks_ahead
         Whether a law may release points before the state of a set shows that they slide
-        (`solver.contact.slip_front`). Where the sets fail, the loop runs once more without.
+        (`solver.contact.slip_front`), and points with a gap slide in the first set. Where the sets
+        fail, the loop runs once more without.
     returning
         Share of the points so released that may stick again before the rule is switched off.
     """

@@ -78,6 +78,8 @@ class Friction(Frictionless):
         Communicator of all ranks. give : (k,)
         Compliance of each tangential row where its node is closed in another contact; None on all
         ranks where no node is in several.
+    apart : (points,)
+        Points that have a gap before any load; None for none.
     front
         Finds the points to release ahead of the set that would show that they slide; None for no
         such points.
@@ -88,17 +90,23 @@ class Friction(Frictionless):
     points: FrictionPoints
     comm: MPI.Intracomm
     give: Array | None = None
+    apart: Mask | None = None
     front: SlipFront | None = None
     options: FrictionOptions = FrictionOptions()
 
-    def initial(self, active: Mask, multiplier: Array | None) -> Statuses:
-        """Points in contact stick.
+    def initial(self, active: Mask, multiplier: Array | None, ahead: bool) -> Statuses:
+        """Points in contact stick, and open points with a given limit; if `ahead`, not across gaps.
 
-        Given multipliers of a similar problem, only points below their limit stick.
+        Open points that stick carry what contact would carry: on the first sets of a pin in a lug
+        all contact opened. Given multipliers of a similar problem, only points below their limit
+        stick.
         """
         points = self.points
-        touching = active[points.normals[points.first]] | (points.limits > 0.0)
+        closed = active[points.normals[points.first]]
+        touching = closed | (points.limits > 0.0)
         sticks, forces = touching, np.zeros(len(points.rows))
+        if ahead and self.apart is not None:
+            sticks = touching & (closed | ~self.apart)
         if multiplier is not None:
             forces = points.forces(multiplier)
             size, limit = points.sizes(forces), points.slip_limits(multiplier)

@@ -66,8 +66,14 @@ class ContactLaw(Protocol):
     def closes(self, distance: Array, tolerance: float) -> Mask:
         """Open rows whose penetration the law does not admit, to a tolerance."""
 
-    def initial(self, active: Mask, multiplier: Array | None) -> Statuses:
-        """Statuses for a set of active normal rows, near a multiplier if given (collective)."""
+    def initial(self, active: Mask, multiplier: Array | None, ahead: bool) -> Statuses:
+        """Statuses for a set of active normal rows, near a multiplier if given (collective).
+
+        Parameters
+        ----------
+        ahead
+            Whether points that probably slide may do so from the first set on.
+        """
 
     def consistent(self, statuses: Statuses) -> Statuses:
         """The statuses after normal rows were taken out of the active set (collective)."""
@@ -105,7 +111,7 @@ class Frictionless:
         """Rows that are penetrated."""
         return distance > tolerance
 
-    def initial(self, active: Mask, multiplier: Array | None) -> Statuses:
+    def initial(self, active: Mask, multiplier: Array | None, ahead: bool) -> Statuses:
         """The active rows; the others carry no force."""
         return Statuses(active)
 

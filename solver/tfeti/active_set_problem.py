@@ -23,6 +23,7 @@ from solver.qp.iterate import Iterate, Watch
 from solver.qp.mprgp import MPRGP
 from solver.qp.preconditioner import Preconditioner
 from solver.qp.result import Counts, Monitor, Reason
+from solver.tfeti.changed_frames import BalancedPreconditioner, ChangedDirections, RowFrame
 from solver.tfeti.coupled import CoupledRows
 from solver.tfeti.derived import beginning_at, turned, with_active
 from solver.tfeti.directions import Directions
@@ -142,9 +143,7 @@ class ActiveSetProblem:
     ) -> None:
         self.statuses = statuses
         turn, self._compliance = statuses.turn, statuses.compliance
-        if turn is not None or self._compliance is not None:
-            # recycled directions and coupled rows belong to the original frames and lengths
-            directions = coupled = None
+        changed = turn is not None or self._compliance is not None
         if turn is not None:
             problem = turned(problem, turn)
             multiplier = None if multiplier is None else turn.turned(multiplier)
@@ -155,19 +154,24 @@ class ActiveSetProblem:
             # in the answer these components are zero, and C times them may be large
             multiplier = np.where(self._compliance > 0.0, 0.0, multiplier)
         self.problem, active = problem, self.active
-        directions = directions or Directions(problem.B, problem.conditional)
-        recycled = Recycled(directions, active)
         rows = None if self._compliance is None else _scalings(problem, self._compliance)
         self._scale = None if rows is None else rows[0]
+        frame = RowFrame(turn, self._scale)
+        directions = directions or Directions(problem.B, problem.conditional)
+        directions.begin(frame.original if changed else None)
+        if changed and directions.suffice:
+            directions.settle()
         self.reduced = with_active(problem, active, multiplier, self._tractions, self._scale)
+        recycled = None if changed else Recycled(directions, active)
+        if recycled is not None and not recycled.empty:
+            self.reduced = beginning_at(self.reduced, *recycled.best(self.reduced.rhs))
         coarse = self.reduced.coarse
         assert coarse is not None
-        if not recycled.empty:
-            self.reduced = beginning_at(self.reduced, *recycled.best(self.reduced.rhs))
         if not problem.held_without_contact:
             self._check_coarse_problem()
         # no penalty: steps out of the range of P would have no curvature, and none occur
-        kept = None if coupled is None else coupled.on(active | ~problem.conditional)
+        # coupled rows belong to the original frames and lengths
+        kept = None if changed or coupled is None else coupled.on(active | ~problem.conditional)
         base = DualPreconditioner(self.reduced, math.inf, kept)
         own: Preconditioner = base
         rhs, scaled = self.reduced.rhs, None
@@ -178,6 +182,9 @@ class ActiveSetProblem:
             coarse.project_transpose(give, give)
             rhs = rhs - give
         operator = RecordedOperator(self.reduced, directions, scaled)
+        if recycled is None and directions.count:
+            near = ChangedDirections(directions, problem, statuses, frame, scaled, coarse)
+            own = BalancedPreconditioner(own, near)
         preconditioner = DeflatedPreconditioner(own, recycled, operator)
         self._iterate = it = Iterate(BoxQP(operator, rhs), preconditioner=preconditioner)
         it.largest = directions.largest  # rounding errors come from F, not from its projection

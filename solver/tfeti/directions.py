@@ -20,6 +20,7 @@ decomposition method for structural analysis problems*, 1990).
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -106,6 +107,24 @@ class Directions:
         self._motions = np.empty((self.capacity, B.columns))
         self._gram = np.zeros((self.capacity, self.capacity))
         self.largest = 0.0
+        self._first = 0  # of the present set
+        self._original: Callable[[NDArray[np.float64]], NDArray[np.float64]] | None = None
+
+    def begin(
+        self, original: Callable[[NDArray[np.float64]], NDArray[np.float64]] | None = None
+    ) -> None:
+        """Begin a set.
+
+        Parameters
+        ----------
+        original
+            Turns multipliers of the set into those of the original frames and lengths of rows; None
+            where they are the same.
+        """
+        if self._original is not None:
+            for vector in self._vectors[self._first : self._next]:
+                vector[:] = self._original(vector)
+        self._original, self._first = original, self._next
 
     @property
     def vectors(self) -> NDArray[np.float64]:
@@ -121,6 +140,11 @@ class Directions:
     def motions(self) -> NDArray[np.float64]:
         """K⁺ Bᵀ p, (count, interface)."""
         return self._motions[: self.count]
+
+    @property
+    def gram(self) -> NDArray[np.float64]:
+        """VᵀFV, (count, count)."""
+        return self._gram[: self.count, : self.count]
 
     def wanted(self, steps: int) -> bool:
         """Whether to store the direction of this step on a set, counted from one."""
@@ -166,7 +190,7 @@ class Directions:
         return self._next >= self.options.fewest
 
     def settle(self) -> None:
-        """Make all stored directions available to later sets.
+        """Make all directions that were stored before this set available to it and to later ones.
 
         If memory is full, drop the older half.
         """
@@ -182,7 +206,7 @@ class Directions:
         ratios = forces[lengths > 0.0] / lengths[lengths > 0.0]
         self.largest = max(self.largest, float(np.sqrt(ratios.max(initial=0.0))))
         if self.count == self.capacity:
-            self.count = self._next = self.capacity // 2
+            self.count = self._next = self._first = self.capacity // 2
             for array in (self._vectors, self._applied, self._motions):
                 array[: self.count] = array[-self.count :].copy()
             self._gram[: self.count, : self.count] = self._gram[-self.count :, -self.count :].copy()

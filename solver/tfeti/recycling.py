@@ -87,10 +87,16 @@ class Recycled:
 
 
 class DeflatedPreconditioner:
-    """A preconditioner whose result is F-orthogonal to the directions of this and earlier sets."""
+    """A preconditioner whose result is F-orthogonal to the directions of this and earlier sets.
+
+    Parameters
+    ----------
+    recycled
+        The directions of earlier sets; None where none is admissible on this set.
+    """
 
     def __init__(
-        self, base: Preconditioner, recycled: Recycled, operator: RecordedOperator
+        self, base: Preconditioner, recycled: Recycled | None, operator: RecordedOperator
     ) -> None:
         self._base, self._recycled, self._operator = base, recycled, operator
 
@@ -99,6 +105,6 @@ class DeflatedPreconditioner:
     ) -> None:
         """Put z into out."""
         self._base.apply(r, free_mask, out)
-        if not self._recycled.empty:
+        if self._recycled is not None and not self._recycled.empty:
             self._recycled.orthogonalise(out)
         self._operator.orthogonalise(out)

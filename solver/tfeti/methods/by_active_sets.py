@@ -31,7 +31,8 @@ from solver.tfeti.dual import DualProblem
 from solver.tfeti.duality_gap import duality_gap
 from solver.tfeti.methods.answers import answer_of_state
 from solver.tfeti.methods.task import Task
-from solver.tfeti.winkler import gaps_are_zero, winkler_contact
+from solver.tfeti.winkler import FLAT, gaps_are_zero, winkler_contact
+from solver.vectors import largest_magnitude
 
 METHOD = "active-set"
 
@@ -176,7 +177,11 @@ def contact_law(problem: DualProblem) -> ContactLaw:
     if problem.comm.allreduce(len(points.shared)):
         give = GIVE / problem.row_stiffness(problem.tangential)
     front = SlipFront(points, problem.comm, problem.held_without_contact)
-    return Friction(points=points, comm=problem.comm, give=give, front=front)
+    gaps = np.zeros(problem.size)
+    gaps[problem.inequality] = problem.contact.gaps
+    size = largest_magnitude(problem.comm, problem.contact.points)
+    apart = gaps[points.normals[points.first]] > FLAT * size
+    return Friction(points=points, comm=problem.comm, give=give, apart=apart, front=front)
 
 
 class _CertificateTest:

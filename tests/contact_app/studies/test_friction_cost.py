@@ -7,7 +7,6 @@ import pytest
 from contact_app.studies import friction_cost
 from contact_app.studies.friction_cost import (
     SCENES,
-    FrictionScene,
     counted,
     law_of,
     method_of_auto,
@@ -46,12 +45,24 @@ def test_friction_costs_at_most_three_times_the_frictionless_solve(name: str, mo
 
 
 @pytest.mark.ratchet
-def test_small_slip_limits_take_few_applications() -> None:
-    """Points whose directions lagged behind stuck and slid again: 319 applications in 29 sets."""
-    found = counted(scene_of(FrictionScene("bracket", {"tresca": 300.0}), "active-set"))
+@pytest.mark.parametrize(
+    ("name", "most"),
+    [
+        ("sheet_tresca", 177),
+        ("bracket_tresca_300", 110),
+        ("pin_in_lug_tresca", 87),
+        ("ball_in_grooves_tresca", 60),
+    ],
+)
+def test_directions_serve_again_and_open_points_slide_at_first(name: str, most: int) -> None:
+    """Without both they took 198, 163, 112 and 123 operator applications.
+
+    With directions that lag behind the bracket took 319.
+    """
+    found = counted(scene_of(SCENES[name], "active-set"))
     assert found.passed
     assert found.applications is not None
-    assert found.applications <= 200
+    assert found.applications <= most
 
 
 def test_rows_begin_with_the_method_of_auto() -> None:
