@@ -148,7 +148,7 @@ def build_system(
     if comm.allreduce(len(loads.e)):
         with measure():
             coarse = CoarseProblem(
-                ordered.B, kernels, in_contact | tangential, ordered.weight, ordered.alike, options
+                ordered.B, kernels, in_contact | tangential, ordered.weight, options
             )
     wide = np.zeros(len(ordered.kinds), bool)
     wide[in_contact] = contact.wide

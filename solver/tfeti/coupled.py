@@ -73,7 +73,7 @@ def _with_rows(
     filled = np.repeat(first - rows.indptr[:-1], last - first) + np.arange(len(rows.data))
     assert np.array_equal(local.indices[filled], rows.indices), "rows of B are not sorted"
     local.data[filled] = rows.data
-    return ConstraintMatrix(B.comm, local, B.columns, B.nodal, B.components)
+    return ConstraintMatrix(B.comm, local, B.columns)
 
 
 def coupled_rows(problem: DualProblem) -> CoupledRows | None:

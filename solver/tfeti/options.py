@@ -15,12 +15,6 @@ class TotalFetiOptions:
         Number of subdomains in space from which on gluing rows at cross points join neighbours
         alone: this halves the coarse factor. With fewer subdomains a coarse solve takes no time
         beside an operator application.
-    pattern_rows, pattern_rows_on_ranks
-        Rows of B per pattern, on average, from which on applying G by patterns pays, on one rank
-        and on several ranks. On several ranks the alternative, through the interface, takes two
-        halo exchanges and a gather.
-    other_rows
-        Share of rows without a pattern up to which applying G by patterns pays.
     gathered
         Number of coarse unknowns up to which every rank holds the whole factor and solves alone:
         one gather of the right-hand side takes less time than the messages of a distributed
@@ -34,9 +28,6 @@ class TotalFetiOptions:
     """
 
     many_subdomains: int = 100
-    pattern_rows: int = 2000
-    pattern_rows_on_ranks: int = 1000
-    other_rows: float = 0.2
     gathered: int = 50_000
     chunk: int = 2**20
     factored: bool = True

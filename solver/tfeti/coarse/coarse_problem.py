@@ -23,7 +23,6 @@ from collections.abc import Sequence
 from copy import copy
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Protocol
 from weakref import finalize
 
 import numpy as np
@@ -34,7 +33,6 @@ from scipy import sparse
 
 from solver.openmp import one_openmp_thread
 from solver.tfeti.coarse.gram import Blocks, KernelRows
-from solver.tfeti.coarse.row_patterns import PatternProduct, RowPattern, blocks_of, pays
 from solver.tfeti.constraints.exchange import NodeExchange
 from solver.tfeti.constraints.matrix import ConstraintMatrix, RowWeights, petsc_rows
 from solver.tfeti.options import TotalFetiOptions
@@ -51,31 +49,11 @@ RESISTED = 1e-8
 which a coarse problem counts as singular: its square is a rounding error of G Gᵀ."""
 
 
-class Restriction(Protocol):
-    """G, or with the metric G W.
-
-    Coarse vectors are whole or this rank's part, as the layout of the coarse problem says.
-    """
-
-    def restrict(self, dual: NDArray[np.float64], out: NDArray[np.float64], metric: bool) -> None:
-        """G, or G W, times a dual vector (collective)."""
-
-    def extend(self, coarse: NDArray[np.float64], out: NDArray[np.float64], metric: bool) -> None:
-        """Gᵀ, or W Gᵀ, times a coarse vector (collective)."""
-
-    def remove(self, coarse: NDArray[np.float64], x: NDArray[np.float64], metric: bool) -> None:
-        """Subtract Gᵀ, or W Gᵀ, times a coarse vector from x (collective)."""
-
-    def weighted(self, weights: NDArray[np.float64]) -> Restriction:
-        """The restriction for the rows of B times weights; these are one except on contact rows."""
-
-
 class CoarseProblem:
     """G, the factor of G Gᵀ and the projectors; vectors are local parts of distributed ones.
 
-    G is applied pattern by pattern where rows of B repeat, and otherwise as Rᵀ times Bᵀ. A sparse
-    matrix G, with twelve entries a row, would take several times longer. The factor is computed at
-    its first use.
+    G is applied as Rᵀ times Bᵀ; a sparse matrix G, with twelve entries a row, would take several
+    times longer. The factor is computed at its first use.
 
     Parameters
     ----------
@@ -86,13 +64,6 @@ class CoarseProblem:
         Contact and tangential rows, whose weights `weighted` may change.
     metric : (dual,)
         W of the problems that `weighted` makes, one on contact rows; in this one W = I.
-    patterns
-        Of the rows of B.
-
-    Attributes
-    ----------
-    by_patterns : bool
-        Whether G is applied pattern by pattern.
     """
 
     def __init__(
@@ -101,7 +72,6 @@ class CoarseProblem:
         kernels: Sequence[tuple[int, NDArray[np.float64]]],
         inequality: NDArray[np.bool_],
         metric: NDArray[np.float64],
-        patterns: Sequence[RowPattern] = (),
         options: TotalFetiOptions | None = None,
     ) -> None:
         self.options = options = options or TotalFetiOptions()
@@ -114,28 +84,19 @@ class CoarseProblem:
         self._layout = _Layout(self.comm, self.kernels, options.gathered)
         self._inequality = inequality
         rows = KernelRows(B, kernels, options.chunk)
-        repeats = pays(self.comm, patterns, B.rows, options)
-        self.patterns = patterns if repeats else ()
         self._contact = list(rows.alike(np.flatnonzero(inequality)))
         self._weighed = self._gram(rows, metric)
         self._oblique = False
         self._own_factor: CoarseFactor | None = None  # of G W Gᵀ; else that of G Gᵀ
         self._spare: list[CoarseFactor] = []
-        self._product: Restriction
-        self.by_patterns = repeats and self._layout.whole
-        if self.by_patterns:
-            self._product = PatternProduct(rows, self.patterns, self._layout.total, metric)
-        else:
-            self._product = _ThroughInterface(B, kernels, self._layout, metric)
+        self._product = _Restriction(B, kernels, self._layout, metric)
         self._coarse = np.empty(self._layout.rows)
         self._solution = np.empty(self._layout.rows)
 
     def _gram(self, rows: KernelRows, metric: NDArray[np.float64]) -> _Gram:
         """G W Gᵀ without its contact rows, which are added from `_contact` (collective)."""
-        repeated, inside = blocks_of(self.patterns, rows.motions, metric)
-        single = np.flatnonzero(~inside & ~self._inequality)
-        singles = Blocks.of(rows.alike(single), rows.motions, metric)
-        others = self._layout.brought(Blocks.join([repeated, singles]))
+        single = np.flatnonzero(~self._inequality)
+        others = self._layout.brought(Blocks.of(rows.alike(single), rows.motions, metric))
         others = others.without(VANISHING * self._layout.largest(others))
         places = Blocks.of(self._contact, rows.motions, np.zeros(self.size))
         others = Blocks.join([others, self._layout.brought(places)]).summed()
@@ -190,10 +151,7 @@ class CoarseProblem:
         result.B = B
         rows = KernelRows(B, self._kernels, self.options.chunk)
         result._contact = list(rows.alike(np.flatnonzero(self._inequality)))
-        if self.by_patterns:
-            result._product = PatternProduct(rows, self.patterns, self._layout.total, self.metric)
-        else:
-            result._product = _ThroughInterface(B, self._kernels, self._layout, self.metric)
+        result._product = _Restriction(B, self._kernels, self._layout, self.metric)
         return result
 
     def _factored(
@@ -407,10 +365,11 @@ class CoarseFactor:
         on_arrays(self._pc.apply, self._source, rhs, self._target, out)
 
 
-class _ThroughInterface:
-    """G = Rᵀ Bᵀ as a product of two factors (protocol `Restriction`).
+class _Restriction:
+    """G = Rᵀ Bᵀ, or with the metric G W, as a product of two factors.
 
-    One product with Bᵀ, then one product with the small dense kernel of each class.
+    One product with Bᵀ, then one product with the small dense kernel of each class. Coarse vectors
+    are whole or this rank's part, as the layout says.
     """
 
     def __init__(
@@ -427,8 +386,8 @@ class _ThroughInterface:
         self._coarse = np.empty(layout.counts[layout.comm.rank])
         self._dual = np.empty(B.rows)
 
-    def weighted(self, weights: NDArray[np.float64]) -> _ThroughInterface:
-        """The restriction for the rows of B times weights."""
+    def weighted(self, weights: NDArray[np.float64]) -> _Restriction:
+        """The restriction for the rows of B times weights; these are one except on contact rows."""
         result = copy(self)
         result._weights = RowWeights(weights), RowWeights(weights * self._metric)
         return result

@@ -256,41 +256,6 @@ class KernelRows:
         entry = runs(self._begins[rows], counts)
         return (begins, *self._seen(self._columns[entry]), self._values[entry])
 
-    def signatures(self, components: int) -> NDArray[np.uint64]:
-        """A hash of the kernel at the node of each place of the table.
-
-        It is valid at the places of first components of nodes.
-        """
-        known = np.random.default_rng(0).standard_normal((components, self.motions))
-        sums = [(self._table * each).sum(axis=1) for each in known]
-        for nth in range(1, components):
-            sums[0][:-nth] += sums[nth][nth:]
-        return np.asarray(sums[0].view(np.uint64))
-
-    def values(
-        self, place: NDArray[np.int64], value: NDArray[np.float64], components: int
-    ) -> NDArray[np.float64]:
-        """Rows of Gᵀ of all components of a node, (n · components, m · motions).
-
-        Parameters
-        ----------
-        place, value : (n, m)
-            For the first components: place of the kernel in the table, and entry of B.
-        """
-        n, m = place.shape
-        kernel = self._table[place[:, None] + np.arange(components)[:, None]]
-        return (kernel * value[:, None, :, None]).reshape(n * components, m * self.motions)
-
-    def matrix(self, rows: NDArray[np.int64], total: int) -> sparse.csr_matrix:
-        """Some rows of Gᵀ, with a column for each of the `total` coarse unknowns."""
-        begins, start, width, place, value = self.entries_of(rows)
-        motions = np.arange(self.motions)
-        used = motions < width[:, None]
-        row = np.repeat(np.arange(len(rows)), np.diff(begins))
-        at = np.broadcast_to(row[:, None], used.shape)[used], (start[:, None] + motions)[used]
-        entries = (self._table[place] * value[:, None])[used]
-        return sparse.csr_matrix((entries, at), shape=(len(rows), total))
-
     def _chunk(self, rows: NDArray[np.int64]) -> Iterator[AlikeRows]:
         begins, start, width, place, value = self.entries_of(rows)
         row = np.repeat(np.arange(len(rows)), np.diff(begins))

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
@@ -14,7 +13,6 @@ from petsc4py import PETSc
 from scipy import sparse
 
 from solver.backend import Turn
-from solver.tfeti.constraints.nodal import NodalProduct
 from solver.vectors import on_arrays
 
 FEW = 0.1
@@ -65,40 +63,6 @@ def local_rows(matrix: PETSc.Mat) -> sparse.csr_matrix:
     return sparse.csr_matrix((values, places, begins), shape=shape)
 
 
-@dataclass(frozen=True, eq=False)
-class _Distributed:
-    """Rows with entries on other ranks, and rows that are not nodal.
-
-    Attributes
-    ----------
-    few
-        Whether there are nodal rows besides these. Then a product with the transpose of `matrix`
-        costs less than one with an explicit transpose, which has a row for each column.
-    """
-
-    matrix: PETSc.Mat
-    few: bool
-    dual: PETSc.Vec
-    interface: PETSc.Vec
-
-    @cached_property
-    def transpose(self) -> PETSc.Mat:
-        """Explicit (collective)."""
-        return self.matrix.transpose(PETSc.Mat())
-
-    def apply(self, x: NDArray[np.float64], out: NDArray[np.float64]) -> None:
-        """Put the product with x into out."""
-        on_arrays(self.matrix.mult, self.interface, x, self.dual, out)
-
-    def apply_transpose(self, x: NDArray[np.float64], out: NDArray[np.float64]) -> None:
-        """Put the product of the transpose with x into out; add it where there are few rows."""
-        action = self._add_transpose if self.few else self.transpose.mult
-        on_arrays(action, self.dual, x, self.interface, out)
-
-    def _add_transpose(self, x: PETSc.Vec, out: PETSc.Vec) -> None:
-        self.matrix.multTransposeAdd(x, out, out)
-
-
 class ConstraintMatrix:
     """B and its explicit transpose; a product with this is twice as fast as a transposed product.
 
@@ -108,10 +72,6 @@ class ConstraintMatrix:
         This rank's rows with sorted entries; the caller must not change it afterwards.
     columns
         Interface unknowns of this rank.
-    nodal
-        Number of leading rows that have entries on this rank alone and are all `nodal_rows`.
-    components
-        Number of components of a node.
 
     Attributes
     ----------
@@ -121,18 +81,10 @@ class ConstraintMatrix:
         First column of this rank.
     """
 
-    def __init__(
-        self,
-        comm: MPI.Intracomm,
-        local: sparse.csr_matrix,
-        columns: int,
-        nodal: int = 0,
-        components: int = 1,
-    ) -> None:
+    def __init__(self, comm: MPI.Intracomm, local: sparse.csr_matrix, columns: int) -> None:
         self.comm, self.local = comm, local
         self.rows, self.columns = local.shape[0], columns
         self.first = comm.exscan(columns) or 0
-        self.nodal, self.components = nodal, components
 
     @cached_property
     def matrix(self) -> PETSc.Mat:
@@ -140,44 +92,28 @@ class ConstraintMatrix:
         return petsc_rows(self.comm, self.local, self.columns)
 
     @cached_property
-    def _nodal(self) -> NodalProduct | None:
-        if not self.nodal:
-            return None
-        rows = self.local[: self.nodal]
-        own = sparse.csr_matrix(
-            (rows.data, rows.indices - self.first, rows.indptr), shape=(self.nodal, self.columns)
-        )
-        return NodalProduct(own, self.components)
+    def _transpose(self) -> PETSc.Mat:
+        """Explicit (collective)."""
+        return self.matrix.transpose(PETSc.Mat())
 
     @cached_property
-    def _others(self) -> _Distributed | None:
-        others, nodal = self.comm.allreduce(np.array([self.rows - self.nodal, self.nodal]))
-        if not others:
-            return None
-        rows = self.local[self.nodal :] if nodal else self.local
-        matrix = petsc_rows(self.comm, rows, self.columns)
+    def _vectors(self) -> tuple[PETSc.Vec, PETSc.Vec]:
+        """Distributed vectors without memory of their own, for multipliers and interface."""
         dual, interface = (
-            PETSc.Vec().createWithArray(np.empty(n), comm=self.comm) for n in matrix.getLocalSize()
+            PETSc.Vec().createWithArray(np.empty(n), comm=self.comm)
+            for n in (self.rows, self.columns)
         )
-        return _Distributed(matrix, bool(nodal), dual, interface)
+        return dual, interface
 
     def apply(self, x: NDArray[np.float64], out: NDArray[np.float64]) -> None:
         """Put B x into out: (interface,) to (dual,)."""
-        nodal, others = self._nodal, self._others
-        if nodal:
-            nodal.apply(x, out[: self.nodal])
-        if others:
-            others.apply(x, out[self.nodal :])
+        dual, interface = self._vectors
+        on_arrays(self.matrix.mult, interface, x, dual, out)
 
     def apply_transpose(self, x: NDArray[np.float64], out: NDArray[np.float64]) -> None:
         """Put Bᵀ x into out: (dual,) to (interface,)."""
-        nodal, others = self._nodal, self._others
-        if nodal:
-            nodal.apply_transpose(x[: self.nodal], out)
-        elif others is None or others.few:
-            out.fill(0.0)
-        if others:
-            others.apply_transpose(x[self.nodal :], out)
+        dual, interface = self._vectors
+        on_arrays(self._transpose.mult, dual, x, interface, out)
 
     def scaled(self, weights: RowWeights) -> ScaledConstraintMatrix:
         """W B, for weights of this rank's rows."""
@@ -185,12 +121,11 @@ class ConstraintMatrix:
 
 
 class TurnedConstraintMatrix(ConstraintMatrix):
-    """B with turned tangential frames; its rows are not nodal."""
+    """B with turned tangential frames."""
 
     def __init__(self, B: ConstraintMatrix, turn: Turn) -> None:
         self._B, self._turn = B, turn
         self.comm, self.rows, self.columns, self.first = B.comm, B.rows, B.columns, B.first
-        self.nodal, self.components = B.nodal, B.components
 
     @cached_property
     def local(self) -> sparse.csr_matrix:  # type: ignore[override]
@@ -259,8 +194,6 @@ class ScaledConstraintMatrix(ConstraintMatrix):
     def __init__(self, B: ConstraintMatrix, weights: RowWeights) -> None:
         self._B, self._weights = B, weights
         self.comm, self.rows, self.columns, self.first = B.comm, B.rows, B.columns, B.first
-        even = (weights.values[: B.nodal] == 1.0).all()
-        self.nodal, self.components = B.nodal if even else 0, B.components
         self._room = np.empty(B.rows)
 
     @cached_property
@@ -295,4 +228,4 @@ def without_columns(B: ConstraintMatrix, own: NDArray[np.bool_]) -> ConstraintMa
     local = B.local.copy()
     local.data[np.isin(local.indices, columns)] = 0.0
     local.eliminate_zeros()
-    return ConstraintMatrix(B.comm, local, B.columns, B.nodal, B.components)
+    return ConstraintMatrix(B.comm, local, B.columns)
