@@ -32,8 +32,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from contact_app.studies import rough_calculix
-from contact_app.studies.calculix import COMMAND, measured
+from contact_app.studies.calculix_deck import COMMAND, Deck, measured
 from contact_app.studies.rough_models import Outcome, PlainScene
 from contact_app.studies.rough_scenes import ROUGH, plain
 from contact_app.studies.tables import write
@@ -90,7 +89,7 @@ def run(
         row = dict(measured(["timeout", str(LIMIT), *words], directory))
         note = (directory / "output.txt").read_text(encoding="utf-8").splitlines()[-1]
         return Outcome.load(file), {**row, "note": note.split(":")[0]}
-    deck = rough_calculix.Deck(scene)
+    deck = Deck(scene)
     (directory / "deck.inp").write_text("\n".join(deck.lines()) + "\n", encoding="utf-8")
     row = dict(measured(["timeout", str(LIMIT), COMMAND, "deck"], directory))
     printed = (directory / "output.txt").read_text(encoding="utf-8")

@@ -148,8 +148,6 @@ HISTORY_CUBE = {
     ],
 }
 
-PULLED = ("conditions.2.name=pull", "cases={pulled: {pull: 1}}")
-
 SCENES = {
     "cube_coulomb_0.1": FrictionScene("cube", {"coulomb": 0.1}),
     "cube_coulomb_0.3": FrictionScene("cube", {"coulomb": 0.3}),
@@ -214,9 +212,7 @@ class Work:
     sets: dict[tuple[int, int], tuple[int, int]] = field(default_factory=dict)
 
 
-def scene_of(
-    rubbed: FrictionScene, method: str, rough: bool = True, increments: int = 1, every: bool = False
-) -> Scene:
+def scene_of(rubbed: FrictionScene, method: str, rough: bool = True, increments: int = 1) -> Scene:
     """The scene, with friction or without.
 
     Parameters

@@ -6,6 +6,7 @@ This module imports no solver, so that processes of other programs start fast.
 from __future__ import annotations
 
 import pickle
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import NamedTuple
@@ -34,7 +35,7 @@ class PlainBody:
     Attributes
     ----------
     cell, degree
-        ``triangle`` or ``hexahedron``, of first or second order.
+        ``triangle``, ``tetrahedron`` or ``hexahedron``, of first or second order.
     points : (nodes, d)
     cells : (cells, nodes per cell)
         In VTK order.
@@ -53,7 +54,7 @@ class PlainBody:
 
 @dataclass(frozen=True, eq=False)
 class PlainScene:
-    """Elastic bodies, one frictional contact, and a history of factors.
+    """Elastic bodies, one contact, and a history of factors.
 
     Attributes
     ----------
@@ -65,6 +66,14 @@ class PlainScene:
         Body, side and value, times the factor ``press``.
     factors
         Load factors of each increment.
+    forces
+        Body, flat side and total force, which act in full.
+    loose
+        Bodies that contact alone holds.
+    push
+        Displacement that CalculiX applies first, to bring bodies into contact.
+    penalty
+        Stiffness of contact in CalculiX, force per volume; chosen unless given.
     """
 
     bodies: list[PlainBody]
@@ -74,6 +83,10 @@ class PlainScene:
     fixed: list[Fixed]
     pressure: tuple[int, str, float] | None
     factors: list[dict[str, float]]
+    forces: Sequence[tuple[int, str, Sequence[float]]] = ()
+    loose: Sequence[int] = ()
+    push: Fixed | None = None
+    penalty: float | None = None
 
     @property
     def dimension(self) -> int:

@@ -24,6 +24,7 @@ from mpi4py import MPI
 from numpy.typing import NDArray
 
 from contact_app.run.increments import solved_increments
+from contact_app.scene.bodies import Body
 from contact_app.scene.build import build_scene
 from contact_app.scene.configuration import Configuration
 from contact_app.scene.scene import Scene
@@ -119,23 +120,22 @@ def _block(cells: int, degree: int) -> Scene:
     return build_scene(Configuration.model_validate(made))
 
 
+def plain_body(body: Body, degree: int) -> PlainBody:
+    """A body as plain arrays."""
+    mesh, (material,) = body.mesh, body.materials
+    if not isinstance(mesh, CellMesh):
+        mesh = mesh.shape(1).cell_mesh()
+    shape = mesh.shape(degree)
+    facets = {key: shape.topology.facets[rows] for key, rows in shape.sides.items()}
+    return PlainBody(
+        shape.cell, degree, shape.points, shape.cells, facets, material.young, material.poisson
+    )
+
+
 def plain(name: str, level: float, degree: int) -> PlainScene:
     """The scene as plain arrays."""
-    scene = scene_of(name, level, degree)
     count = INCREMENTS[name]
-    bodies = []
-    for body in scene.bodies:
-        mesh = body.mesh
-        if not isinstance(mesh, CellMesh):
-            mesh = mesh.shape(1).cell_mesh()
-        shape, (material,) = mesh.shape(degree), body.materials
-        facets = {key: shape.topology.facets[rows] for key, rows in shape.sides.items()}
-        bodies.append(
-            PlainBody(
-                shape.cell, degree, shape.points, shape.cells, facets, material.young,
-                material.poisson,
-            )
-        )  # fmt: skip
+    bodies = [plain_body(body, degree) for body in scene_of(name, level, degree).bodies]
     if name == "roller":
         return PlainScene(
             bodies, 0.1, (0, "face"), (1, "face"),

@@ -8,25 +8,26 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from contact_app.studies.calculix import COMMAND, PARTS, Mesh, compared, deck, scene_of, turns
+from contact_app.studies.calculix import PARTS, compared, differences, plain, scene_of, turns
+from contact_app.studies.calculix_deck import COMMAND, Deck
 
 
 @pytest.mark.parametrize("name", list(PARTS))
 def test_the_deck_has_the_loads_and_the_surfaces_of_the_scene(name: str) -> None:
     made = scene_of(PARTS[name])
-    mesh = Mesh(Path(made["bodies"][0]["mesh"]["file"]))
-    lines = "\n".join(deck(made, mesh, PARTS[name].push)).split("\n")
-    assert lines.count("*END STEP") == 1 + (PARTS[name].push is not None)
-    for contact in made["contacts"]:
-        for side in ("on", "against"):
-            faces = list(mesh.faces(contact[side]))
-            assert len(faces) == len(mesh.facets[contact[side].split(".")[1]])
-    for condition in made["conditions"]:
-        if "total_force" in condition:
-            rows = list(mesh.forces(condition["on"], condition["total_force"]))
-            parts = np.array([row.split(",") for row in rows], float)
-            total = [parts[parts[:, 1] == axis, 2].sum() for axis in (1, 2, 3)]
-            np.testing.assert_allclose(total, condition["total_force"], rtol=1e-9, atol=1e-6)
+    scene = plain(PARTS[name], made)
+    deck = Deck(scene)
+    ends = [line for line in deck.lines() if line.endswith("*END STEP")]
+    assert len(ends) == 1 + (PARTS[name].push is not None)
+    assert scene.against is not None
+    for body, side in (scene.on, scene.against):
+        assert len(deck.solids[body].faces(side)) == len(scene.bodies[body].sides[side])
+    assert len(scene.forces) == sum("total_force" in c for c in made["conditions"])
+    for body, side, wanted in scene.forces:
+        rows = [row.split(",") for row in deck.solids[body].forces(side, wanted)]
+        parts = np.array(rows, float)
+        total = [parts[parts[:, 1] == axis, 2].sum() for axis in (1, 2, 3)]
+        np.testing.assert_allclose(total, wanted, rtol=1e-9, atol=1e-6)
 
 
 @pytest.mark.skipif(shutil.which(COMMAND) is None, reason="CalculiX is not installed")
@@ -38,11 +39,17 @@ def test_both_agree_on_a_flange(tmp_path: Path) -> None:
     assert found["strained"] <= found["every"] < 0.01
 
 
-def test_turns_are_those_of_the_first_body() -> None:
-    made = scene_of(PARTS["bolted_flange"])
-    mesh = Mesh(Path(made["bodies"][0]["mesh"]["file"]))
-    about = np.array([1e-5, 0.0, -3e-5])
-    first = np.unique(mesh.cells[made["bodies"][0]["name"]])
-    still, turned = np.zeros((2, *mesh.points.shape))
-    turned[first] = np.cross(about, mesh.points[first]) + 0.1
-    np.testing.assert_allclose(turns(made, mesh, turned, still), (-3e-5, 0.0), atol=1e-12)
+def test_turns_are_about_the_axis_about_which_they_differ() -> None:
+    points = np.random.default_rng(0).standard_normal((20, 3))
+    turned = np.cross([1e-5, 0.0, -3e-5], points) + 0.1
+    assert turns(points, turned, np.zeros_like(points)) == pytest.approx((-3e-5, 0.0), abs=1e-12)
+
+
+def test_differences_leave_out_the_rigid_motions_of_loose_bodies() -> None:
+    points = np.random.default_rng(0).standard_normal((2, 20, 3))
+    u = [1e-2 * x[:, [1, 0, 2]] for x in points]
+    moved = [u[0] + np.cross([0.0, 0.0, 1e-2], points[0]), u[1]]
+    assert differences(points, u, moved, [0]) == pytest.approx((0.0, 0.0, 0.0), abs=1e-12)
+    _, every, strained = differences(points, u, moved)
+    assert every > 0.1
+    assert strained < 1e-12

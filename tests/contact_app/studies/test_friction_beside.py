@@ -7,8 +7,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from contact_app.studies.calculix_deck import Deck
 from contact_app.studies.friction_beside import CALCULIX, GETFEM, OURS, Judge, missing, run
-from contact_app.studies.rough_calculix import Deck
 from contact_app.studies.rough_scenes import plain
 
 

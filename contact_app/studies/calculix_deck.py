@@ -1,18 +1,21 @@
-"""A scene with friction by CalculiX: its input file, and its printed output.
+"""A plain scene by CalculiX: its input file, its run, and its printed output.
 
-Contact is CalculiX's surface-to-surface penalty with `*FRICTION` (stick slope). CalculiX has
-contact only in space, so a plane scene becomes one layer of wedges whose nodes stay in their
-planes. Between two bodies the side `against` is the slave, so that normals are those of the side
-`on`, as in this application. The floor is one fixed hexahedron.
+Contact is CalculiX's surface-to-surface penalty, with `*FRICTION` (stick slope) where there is
+friction. CalculiX has contact only in space, so a plane scene becomes one layer of wedges whose
+nodes stay in their planes. Between two bodies with friction the side `against` is the slave, so
+that normals are those of the side `on`, as in this application. The floor is one fixed hexahedron.
 
 Tuned are the penalty K and the stick slope λ, `PENALTY` and `STICK` times Young's modulus over the
-length of a facet. A body that only contact holds gets a weak spring, and a first step moves it into
+length of a facet. A body that only contact holds gets weak springs, and a first step moves it into
 contact.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+import os
+import subprocess
+import time
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -21,6 +24,9 @@ from numpy.typing import NDArray
 from contact_app.studies.rough_models import Facets, Fixed, Outcome, PlainBody, PlainScene
 
 Array = NDArray[np.float64]
+Numbers = NDArray[np.int64]
+
+COMMAND = "ccx"
 
 PENALTY, STICK = 50.0, 5.0
 """K and λ over E / h."""
@@ -31,7 +37,11 @@ ENTERING = 0.03
 SPRING = 1e-6
 """Stiffness of the spring at its nodes under pressure, over Young's modulus times the thickness."""
 
+LOOSE = 1.0
+"""Stiffness of a weak spring at each corner node of a loose body, force per length."""
+
 FACES = {
+    "tetrahedron": [[0, 1, 2], [0, 3, 1], [1, 3, 2], [2, 3, 0]],
     "wedge": [[0, 1, 2], [3, 4, 5], [0, 1, 4, 3], [1, 2, 5, 4], [2, 0, 3, 5]],
     "hexahedron": [
         [0, 1, 2, 3], [4, 7, 6, 5], [0, 4, 5, 1], [1, 5, 6, 2], [2, 6, 7, 3], [3, 7, 4, 0],
@@ -55,8 +65,9 @@ class _Solid:
     def __init__(self, body: PlainBody, node: int, element: int) -> None:
         self.node, self.element, self.body = node, element, body
         n, first = len(body.points), body.cells
-        if body.cell == "hexahedron":
-            self.kind, self.cells = "hexahedron", first[:, :20]
+        self.corners = 3 if body.cell == "tetrahedron" else 2 ** (body.points.shape[1] - 1)
+        if body.cell != "triangle":
+            self.kind, self.cells = body.cell, first[:, :20]
             self.points, self.back = body.points, np.arange(n)
         else:
             self.kind = "wedge"
@@ -90,15 +101,26 @@ class _Solid:
 
     def faces(self, side: str) -> list[tuple[int, int]]:
         """Element and number of each face of a side, from one."""
-        corners = 2 ** (self.body.points.shape[1] - 1)
-        wanted = {tuple(row) for row in np.sort(self.body.sides[side][:, :corners], axis=1)}
+        wanted = {tuple(row) for row in np.sort(self.body.sides[side][:, : self.corners], axis=1)}
         found = []
         for number, face in enumerate(FACES[self.kind], start=1):
             if self.kind == "wedge" and number < 3:
                 continue
-            ends = np.sort(self.back[self.cells[:, face[:corners]]], axis=1)
+            ends = np.sort(self.back[self.cells[:, face[: self.corners]]], axis=1)
             found += [(self.element + k, number) for k, e in enumerate(ends) if tuple(e) in wanted]
         return sorted(found)
+
+    def forces(self, side: str, total: Sequence[float]) -> Iterator[str]:
+        """Lines of nodal forces of a uniform traction with a total on flat triangles."""
+        facets = self.body.sides[side]
+        x = self.points[facets[:, :3]]
+        area = 0.5 * np.linalg.norm(np.cross(x[:, 1] - x[:, 0], x[:, 2] - x[:, 0]), axis=1)
+        at = facets[:, -3:]  # vertices; of second order the middles of edges
+        share = np.bincount(at.ravel(), np.repeat(area / 3.0, 3), len(self.points)) / area.sum()
+        for node in np.flatnonzero(share):
+            for axis, value in enumerate(total, start=1):
+                if value:
+                    yield f"{self.node + node}, {axis}, {share[node] * value:.12e}"
 
 
 class Deck:
@@ -134,9 +156,11 @@ class Deck:
             yield f"*SOLID SECTION, ELSET=B{b}, MATERIAL=M{b}"
         yield from self._contact()
         yield from self._held_softly()
-        steps = [({"press": 0.0}, True)] if self.scene.pressure else []
-        for factors, entering in [*steps, *((f, False) for f in self.scene.factors)]:
-            yield from self._step(factors, entering)
+        push = self._push()
+        if push is not None:
+            yield from self._step({}, push)
+        for factors in self.scene.factors:
+            yield from self._step(factors, None)
 
     def _contact(self) -> Iterator[str]:
         scene = self.scene
@@ -158,43 +182,64 @@ class Deck:
             yield from (f"{e}, S{s}" for e, s in other.faces(scene.against[1]))
         unit = min(body.young for body in scene.bodies) / self.size
         yield "*SURFACE INTERACTION, NAME=ROUGH\n*SURFACE BEHAVIOR, PRESSURE-OVERCLOSURE=LINEAR"
-        yield f"{PENALTY * unit:.6e}\n*FRICTION\n{scene.coefficient}, {STICK * unit:.6e}"
+        yield f"{scene.penalty or PENALTY * unit:.6e}"
+        if scene.coefficient:
+            yield f"*FRICTION\n{scene.coefficient}, {STICK * unit:.6e}"
         yield "*CONTACT PAIR, INTERACTION=ROUGH, TYPE=SURFACE TO SURFACE\n" + self._pair
 
     @property
     def _pair(self) -> str:
         """Slave and master."""
-        return "ON, AGAINST" if self.scene.against is None else "AGAINST, ON"
+        rough_pair = self.scene.against is not None and self.scene.coefficient
+        return "AGAINST, ON" if rough_pair else "ON, AGAINST"
 
     def _held_softly(self) -> Iterator[str]:
-        """A spring where a pressure acts on a body that only contact holds."""
-        if self.scene.pressure is None:
-            return
-        body, side, _ = self.scene.pressure
-        nodes = self.solids[body].nodes(side)
-        yield "*ELEMENT, TYPE=SPRING1, ELSET=WEAK"
-        yield from (f"{self.after[1] + 1 + k}, {node}" for k, node in enumerate(nodes))
-        stiff = SPRING * self.solids[body].body.young / len(nodes)
-        yield f"*SPRING, ELSET=WEAK\n{self.scene.dimension}\n{stiff:.6e}"
+        """Weak springs along axes at the nodes of bodies that nothing but contact holds."""
+        number = self.after[1] + 1
+        for axes, nodes, stiffness in self._springs():
+            for axis in axes:
+                yield f"*ELEMENT, TYPE=SPRING1, ELSET=WEAK{number}"
+                yield from (f"{number + k}, {node}" for k, node in enumerate(nodes))
+                yield f"*SPRING, ELSET=WEAK{number}\n{axis}\n{stiffness:.6e}"
+                number += len(nodes)
 
-    def _step(self, factors: dict[str, float], entering: bool) -> Iterator[str]:
+    def _springs(self) -> Iterator[tuple[Sequence[int], Numbers, float]]:
+        """Axes, nodes and stiffness: where a pressure acts, and all over loose bodies."""
+        if self.scene.pressure is not None:
+            body, side, _ = self.scene.pressure
+            nodes = self.solids[body].nodes(side)
+            stiffness = SPRING * self.solids[body].body.young / len(nodes)
+            yield [self.scene.dimension], nodes, stiffness
+        loose = [self.solids[body] for body in self.scene.loose]
+        for solid in loose:
+            yield [1, 2, 3], solid.node + np.unique(solid.cells[:, :4]), LOOSE
+
+    def _push(self) -> Fixed | None:
+        """The displacement of a first step that moves a body into contact."""
+        scene = self.scene
+        if scene.pressure is None:
+            return scene.push
+        body, side, _ = scene.pressure
+        return Fixed(body, side, scene.dimension - 1, -ENTERING * self.size, "")
+
+    def _step(self, factors: dict[str, float], push: Fixed | None) -> Iterator[str]:
         """A step to the load factors, or the first step into contact."""
         scene = self.scene
-        yield "*STEP, INC=1000, NLGEOM=NO\n*STATIC\n1., 1.\n*BOUNDARY, OP=NEW"
+        yield "*STEP, INC=1000, NLGEOM=NO\n*STATIC, SOLVER=SPOOLES\n1., 1.\n*BOUNDARY, OP=NEW"
         if scene.against is None:
             yield "FLOOR, 1, 3"
         if scene.dimension == 2:
             yield "ALL, 3, 3"
-        fixed = list(scene.fixed)
-        if entering and scene.pressure is not None:
-            body, side, _ = scene.pressure
-            axis = scene.dimension - 1
-            fixed.append(Fixed(body, side, axis, -ENTERING * self.size, ""))
+        fixed = [*scene.fixed, *([push] if push else [])]
         for f in fixed:
             value = f.value * (factors.get(f.name, 0.0) if f.name else 1.0)
             for node in self.solids[f.body].nodes(f.side):
                 yield f"{node}, {f.axis + 1}, {f.axis + 1}, {value:.12e}"
-        if scene.pressure is not None and not entering:
+        if scene.forces and push is None:
+            yield "*CLOAD, OP=NEW"
+            for body, side, total in scene.forces:
+                yield from self.solids[body].forces(side, total)
+        if scene.pressure is not None and push is None:
             body, side, value = scene.pressure
             yield "*DLOAD, OP=NEW"
             for element, face in self.solids[body].faces(side):
@@ -235,3 +280,27 @@ def _tables(dat: Path) -> dict[str, list[list[float]]]:
                 except ValueError:
                     name = ""
     return tables
+
+
+def measured(command: Sequence[str], directory: Path) -> dict[str, float]:
+    """Run a command on one thread: seconds of processor and clock, and peak memory in GB.
+
+    Raises
+    ------
+    RuntimeError
+        The command failed.
+    """
+    one = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1", "CCX_NPROC_EQUATION_SOLVER": "1"}
+    begin = time.perf_counter()
+    with (directory / "output.txt").open("w", encoding="utf-8") as out:
+        process = subprocess.Popen(
+            command, cwd=directory, stdout=out, stderr=subprocess.STDOUT, env={**os.environ, **one}
+        )
+        _, status, usage = os.wait4(process.pid, 0)
+        process.returncode = os.waitstatus_to_exitcode(status)
+    if process.returncode:
+        raise RuntimeError(f"{command[0]} failed; see {directory / 'output.txt'}")
+    return {
+        "cpu": usage.ru_utime + usage.ru_stime, "clock": time.perf_counter() - begin,
+        "gb": usage.ru_maxrss * 1024 / 1e9,
+    }  # fmt: skip
