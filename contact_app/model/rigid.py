@@ -283,13 +283,16 @@ def with_slips(rows: ContactRows, unknowns: RigidUnknowns, number: int) -> Conta
     return replace(rows, gaps=gaps, rigid=entries)
 
 
-def slips_of_held(rows: ContactRows, unknowns: RigidUnknowns, before: Scene) -> Array:
+def slips_of_held(rows: ContactRows, unknowns: RigidUnknowns, before: Scene | None) -> Array:
     """Contribution of held components of rigid bodies to the gaps of tangential rows, (rows,).
+
+    Of contact rows it is how much larger the gaps are now, with the sign changed.
 
     Parameters
     ----------
     before
-        The same scene under the loads before; the rows are at the present places of bodies.
+        The same scene under the loads before, None without; the rows are at the present places of
+        bodies.
     """
     scene, added = unknowns.scene, np.zeros(len(rows.nodes))
     for source, contact in enumerate(scene.contacts):
@@ -297,7 +300,8 @@ def slips_of_held(rows: ContactRows, unknowns: RigidUnknowns, before: Scene) -> 
             continue
         mine = rows.sources == source
         held, values = scene.held_components(contact.rigid)
-        moved = (np.asarray(values) - before.held_components(contact.rigid)[1]) * unknowns.units
+        earlier = 0.0 if before is None else np.asarray(before.held_components(contact.rigid)[1])
+        moved = (np.asarray(values) - earlier) * unknowns.units
         along = _along(rows.of(mine), unknowns, contact.rigid)
         added[mine] = -along[:, held] @ moved[held]
     return added

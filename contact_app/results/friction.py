@@ -12,6 +12,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from contact_app.model.model import Model
+from contact_app.model.rigid import RigidUnknowns, slips_of_held
+from contact_app.scene.scene import Scene
 from solver.contact.solution import Solution
 from solver.tfeti.dual import DualProblem
 
@@ -94,8 +97,27 @@ def dissipated_work(problem: DualProblem, solution: Solution) -> float:
     return float(problem.comm.allreduce(own))
 
 
+def approach_of_held(model: Model, before: Scene | None) -> Array:
+    """Sum (dual,) with which penetrations are those before held rigid bodies moved, zero elsewhere.
+
+    Parameters
+    ----------
+    before
+        The scene as it was loaded before; None without load.
+    """
+    problem, added = model.problem, np.zeros(model.problem.size)
+    if model.scene.rigid_bodies:
+        unknowns = RigidUnknowns.of(model.scene, model.partition)
+        of_rows = slips_of_held(problem.contact, unknowns, before)
+        added[problem.inequality] = of_rows * problem.spread[problem.inequality]
+    return added
+
+
 def closing_points(
-    problem: DualProblem, solution: Solution, start: list[Array] | None
+    problem: DualProblem,
+    solution: Solution,
+    start: list[Array] | None,
+    approach: Array | float = 0.0,
 ) -> tuple[int, int]:
     """Number of points with Coulomb friction that close or open before an answer (collective).
 
@@ -103,6 +125,8 @@ def closing_points(
     ----------
     start : one (n, members) array per class
         Displacements that slip is measured from; None for those of the unloaded bodies.
+    approach : (dual,)
+        Added to the penetrations of the start, where rigid bodies have moved since.
 
     Returns
     -------
@@ -111,7 +135,8 @@ def closing_points(
     counts, points = np.zeros(2, int), problem.friction
     if points is not None:
         begun = start or [np.zeros_like(u) for u in solution.displacements]
-        gap = -points.normal_residuals(problem.residual(problem.on_interface(begun)))
+        begun_at = problem.residual(problem.on_interface(begun)) + approach
+        gap = -points.normal_residuals(begun_at)
         was_open = gap > solution.tolerance * solution.measures.displacement
         closed = points.pressing(solution.multiplier) > 0.0
         rough = points.coefficients > 0.0

@@ -133,8 +133,6 @@ class CoarseIncrements:
         self._checked.add(step)
         seen = "; ".join(suspicions)
         text = f"friction may depend on how large this increment is ({seen})"
-        if now.model.scene.rigid_bodies:
-            return f"{text}, which is not tested with rigid bodies: try more increments"
         change = halved(self._models, middle(), now, monitor())
         if change is None:
             return (
@@ -173,7 +171,9 @@ def _closing(models: IncrementModels, now: SolvedScene) -> str:
 
     Empty if few do.
     """
-    changed, touching = closing_points(now.model.problem, now.solution, models.displacements)
+    changed, touching = closing_points(
+        now.model.problem, now.solution, models.displacements, models.approach(now.model)
+    )
     if changed <= CLOSING * touching:
         return ""
     return f"{changed:,} of {touching:,} contact points with friction close or open in it"
@@ -191,8 +191,9 @@ def halved(
     """
     whole, comm = now.model, now.model.comm
     alike = replace(middle, solver=whole.scene.solver, decomposition=whole.scene.decomposition)
-    model = models.model(alike, Timings(), whole.needed, None)
-    same = model.problem.B is whole.problem.B
+    rigid = bool(middle.rigid_bodies)  # each of their placements has a model of its own
+    model = models.model(alike, Timings(), "all" if rigid else whole.needed, None)
+    same = rigid or model.problem.B is whole.problem.B
     if not comm.allreduce(int(same), op=MPI.MIN):
         return None
     options = replace(whole.scene.solver, tolerance=max(TOLERANCE, now.solution.tolerance))
@@ -200,7 +201,13 @@ def halved(
     first = solve(_alone(model.problem), options, limited, start=models.on(model))
     if not first.converged:
         return None
-    problem = _alone(whole.problem).with_slip_from(first.displacements)
+    if rigid:
+        there = models.after(alike, first.displacements)
+        problem = _alone(there.model(whole.scene, Timings(), whole.needed, None).problem)
+    else:
+        problem = _alone(whole.problem).with_slip_from(first.displacements)
+    if not comm.allreduce(int(problem.size == whole.problem.size), op=MPI.MIN):
+        return None
     second = solve(problem, options, limited, start=now.solution.multiplier)
     if not second.converged:
         return None

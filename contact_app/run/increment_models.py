@@ -10,6 +10,7 @@ increments 1000 operator applications in an increment that takes 20 without them
 from __future__ import annotations
 
 from collections.abc import Callable
+from copy import copy
 from dataclasses import replace
 
 import numpy as np
@@ -23,6 +24,7 @@ from contact_app.model.candidates import Needed
 from contact_app.model.model import Model
 from contact_app.model.outline import Tell
 from contact_app.model.rigid import RigidUnknowns, slips_of_held
+from contact_app.results.friction import approach_of_held
 from contact_app.run.case_models import CaseModels
 from contact_app.scene.scene import Scene
 from solver.tfeti.derived import beside_moved
@@ -93,6 +95,10 @@ class IncrementModels:
         moved[problem.tangential] = added * problem.spread[problem.tangential]
         return moved
 
+    def approach(self, model: Model) -> NDArray[np.float64]:
+        """Penetrations (dual,) that held components of rigid bodies add in the increment."""
+        return approach_of_held(model, self._last)
+
     def estimator(self, model: Model) -> ErrorEstimator:
         """The estimator of errors of answers to a model."""
         return self._models.estimator(model)
@@ -104,6 +110,18 @@ class IncrementModels:
             self._directions = None
         self._multiplier = solved.solution.multiplier
         self._models.add(solved.model, solved.solution)
+
+    def after(self, scene: Scene, displacements: Displacements) -> IncrementModels:
+        """Models of the increment that follows another state; these models stay as they are.
+
+        Parameters
+        ----------
+        scene
+            With the loads of that state.
+        """
+        found = copy(self)
+        found._last, found._displacements = scene, displacements
+        return found
 
     def on(self, model: Model) -> NDArray[np.float64] | None:
         """Initial multipliers (dual,)."""

@@ -36,7 +36,7 @@ from contact_app.model.loaded_area import loaded_facets, straddled_area
 from contact_app.model.model import Model
 from contact_app.results.fields import CellFields, NodeFields
 from contact_app.results.free_motions import free_motions
-from contact_app.results.friction import closing_points
+from contact_app.results.friction import approach_of_held, closing_points
 from contact_app.results.sliding import largest_sliding, sliding_on_each_other
 from contact_app.results.undetermined import undetermined
 from contact_app.run.repeated_sentences import without_repetitions
@@ -366,7 +366,8 @@ def _closes_at_once(answer: Answer) -> Iterator[str]:
     model = answer.model
     if not model.scene.has_friction or model.scene.in_step:
         return
-    changed, touching = closing_points(model.problem, answer.solution, None)
+    approach = approach_of_held(model, None)
+    changed, touching = closing_points(model.problem, answer.solution, None, approach)
     if changed > CLOSING * touching:
         yield (
             f"{changed:,} of {touching:,} contact points with friction close or open under the "

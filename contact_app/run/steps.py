@@ -50,6 +50,8 @@ def run_steps(
     with attended(directory, comm, resume, every) as (progress, attention):
         scene = part_that_is_solved(scene)
         files = _Files(scene, directory, comm, resume)
+        if resume and not files.found:
+            progress.stage(f"no checkpoint in {directory}: starting from the beginning")
         with History(
             directory / "history.csv" if first else None, files.found, increments=True
         ) as history:

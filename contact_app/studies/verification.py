@@ -223,6 +223,11 @@ CASES = (
         scene="roller_on_block", history=rough_roller,
     ),
     Case(
+        "roller_on_steel", "NAFEMS R0094 with a block of steel",
+        None, _sizes(4.0, 2.0, 1.0, 0.5, overrides=(*ROUGH, "bodies.1.material.young=2.1e5")),
+        "roller_on_block", (0, 1), scene="roller_on_block", history=rough_roller,
+    ),
+    Case(
         "flat_punch", "A rigid flat punch on a half plane",
         punch, _boxes((64, 64), (128, 128), (256, 256)),
     ),

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -15,6 +16,7 @@ from tests import scenes
 from tests.comparison import solve
 from tests.rows import covering
 from tests.scenes_on_ranks import summary_of
+from tests.stability.increments import changes
 
 CELLS = ("quadrilateral", "tetrahedron")
 LAWS = ({"coulomb": 0.3}, {"tresca": 8.0})
@@ -213,3 +215,28 @@ def test_ranks(method: str, tmp_path: Path) -> None:
     for other in others:
         for key in ("energy", "dissipated_work"):
             assert other["solution"][key] == pytest.approx(one["solution"][key], rel=1e-7)
+
+
+@pytest.mark.parametrize("free", [False, pytest.param(True, marks=pytest.mark.slow)])
+def test_coarse_increments_are_told_with_their_changes(free: bool) -> None:
+    """The changes in the warning are those of two increments, also where a held plate closes."""
+    move = {"name": "move", "in": "plate", "displacement": [0.03, -0.047], "rotation": 0.0}
+    made = under_a_plate("quadrilateral", {"coulomb": 0.3}, [move])
+    plane = made["bodies"][1]["rigid"]["plane"]
+    plane["point"][1] = 1.02
+    if free:
+        plane["point"][1], plane["normal"] = 1.0, [0.02, -1.0]
+        move["displacement"] = [0.03, None]
+        press = {"name": "press", "in": "plate", "total_force": [0.0, -40.0]}
+        made["conditions"].append(press)
+    one, two = (
+        contact_app.solve({**made, "steps": [{"move": 1, **({"press": 1} if free else {}),
+                                              "increments": n}]})
+        for n in (1, 2)
+    )  # fmt: skip
+    assert one.converged
+    assert two.converged
+    (said,) = [w for w in one.summary["certificate"]["warnings"] if "this increment" in w]
+    told = [float(x) for x in re.findall(r"([\d.e+]+) % of", said)]
+    known = changes(one.increments[-1].solved, two.increments[-1].solved)
+    assert told == pytest.approx([100.0 * x for x in known], rel=0.06, abs=0.1), said

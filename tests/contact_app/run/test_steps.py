@@ -7,6 +7,8 @@ import json
 import logging
 import re
 import signal
+import subprocess
+import sys
 from pathlib import Path
 from typing import Any
 
@@ -195,15 +197,15 @@ def times(directory: Path) -> list[float]:
 
 
 class Interrupts(logging.Handler):
-    """Sends Ctrl-C once a message is logged."""
+    """Sends a signal, Ctrl-C by default, once a message is logged."""
 
-    def __init__(self, text: str) -> None:
+    def __init__(self, text: str, number: int = signal.SIGINT) -> None:
         super().__init__()
-        self.text = text
+        self.text, self.number = text, number
 
     def emit(self, record: logging.LogRecord) -> None:
         if record.getMessage().startswith(self.text):
-            signal.raise_signal(signal.SIGINT)
+            signal.raise_signal(self.number)
 
 
 def interrupted(directory: Path) -> Config:
@@ -252,6 +254,26 @@ def test_an_interrupted_run_goes_on(history: StepAnswers, tmp_path: Path) -> Non
 
     assert run(scenes.build({**made, "steps": [{"press": 1}]}), tmp_path) == Exit.CERTIFIED
     assert not list(tmp_path.glob("solution-2.*"))
+
+
+@pytest.mark.slow
+def test_a_killed_run_goes_on(history: StepAnswers, tmp_path: Path) -> None:
+    """Its process ends within the fourth increment, without time to write anything."""
+    child = (
+        "import json, signal, sys; from pathlib import Path; from tests.contact_app.run import "
+        "test_steps as t; t.logging.getLogger('contact_app').addHandler(t.Interrupts('step 2 of "
+        "3, factor 1', signal.SIGKILL)); t.run(t.scenes.build(t.block(t.PRESS_AND_PUSH)), "
+        "Path(sys.argv[1]))"
+    )
+    assert subprocess.run([sys.executable, "-c", child, tmp_path]).returncode == -signal.SIGKILL
+    assert run(scenes.build(block(PRESS_AND_PUSH)), tmp_path, resume=True) == Exit.CERTIFIED
+    summary = json.loads((tmp_path / "summary.json").read_text())
+    assert len(summary["steps"]) == len(history.summary["steps"])
+    for key in ("energy", "dissipated_work", "max_displacement"):
+        assert summary["solution"][key] == pytest.approx(history.summary["solution"][key], rel=1e-5)
+    assert "going on after step 2, factor 0.666667" in (tmp_path / "run.log").read_text()
+    run(scenes.build(block(PRESS_AND_PUSH)), tmp_path, resume=True)
+    assert "no checkpoint in" in (tmp_path / "run.log").read_text()
 
 
 def test_a_checkpoint_of_another_history_is_refused(tmp_path: Path) -> None:
