@@ -13,6 +13,7 @@ import time
 from types import FrameType
 from typing import Any
 
+from mpi4py import MPI
 from rich.console import Console
 from rich.live import Live
 from rich.text import Text
@@ -153,6 +154,10 @@ class Interruption:
     def __call__(self, event: Step) -> bool:
         """Whether to stop."""
         return self.asked
+
+    def asked_of_any(self, comm: MPI.Intracomm) -> bool:
+        """Whether any rank was asked to stop (collective)."""
+        return bool(comm.allreduce(self.asked, op=MPI.LOR))
 
     def _ask(self, number: int, frame: FrameType | None) -> None:
         self.asked = True

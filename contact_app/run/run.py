@@ -89,7 +89,7 @@ def run(
             solved = solve_scene(scene, comm, monitor, checkpoint, tell)
         else:
             once = partial(solve_scene, comm=comm, monitor=monitor, tell=log_model)
-            refined = _to_accuracy(scene, once, progress)
+            refined = _to_accuracy(scene, once, progress, lambda: interruption.asked_of_any(comm))
             solved = refined.solved
         solution = solved.solution
         stopped = solution.reason is Reason.STOPPED and not solution.converged and refined is None
@@ -113,11 +113,13 @@ def run(
     return Exit.CERTIFIED if solved.solution.converged and reached else Exit.NOT_CERTIFIED
 
 
-def _to_accuracy(scene: Scene, once: Solve, progress: Progress) -> Refined:
+def _to_accuracy(
+    scene: Scene, once: Solve, progress: Progress, stop: Callable[[], bool]
+) -> Refined:
     """The answer on meshes refined to the requested accuracy (collective)."""
     from contact_app.accuracy.refine.refinement import solve_to_accuracy
 
-    return solve_to_accuracy(scene, once, progress.stage)
+    return solve_to_accuracy(scene, once, progress.stage, stop=stop)
 
 
 def _run_of_loadings(scene: Scene) -> Callable[[Scene, Path, MPI.Intracomm, bool, float], int]:

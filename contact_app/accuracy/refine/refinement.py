@@ -123,6 +123,7 @@ def solve_to_accuracy(
     solve: Solve,
     tell: Callable[[str], None] = lambda text: None,
     limits: Limits | None = None,
+    stop: Callable[[], bool] | None = None,
 ) -> Refined:
     """Refine a scene until its error is below `scene.accuracy` (collective).
 
@@ -134,6 +135,9 @@ def solve_to_accuracy(
         Solves one level, beginning with the solution of the last one.
     tell
         Called with a sentence on each level.
+    stop
+        Whether the user has asked to stop, the same on all ranks; called after each level, since
+        the model of the next one may take minutes before its solve sees it.
     """
     assert scene.accuracy is not None
     limits = limits or Limits()
@@ -148,6 +152,8 @@ def solve_to_accuracy(
         missed = levels.ended(assessed)
         if missed is not None:
             return levels.refined(assessed.solved, missed)
+        if stop is not None and stop():
+            return levels.refined(assessed.solved, "the run was interrupted")
         following = levels.following(current, assessed)
         missed = _no_room(following, assessed, limits.memory)
         if missed:

@@ -318,3 +318,18 @@ def test_a_run_interrupted_in_its_first_level_writes_what_it_has() -> None:
     found = solve_to_accuracy(shipped("sphere", "accuracy=1e-3"), solve)
     assert found.missed == "the run was interrupted"
     assert not found.solved.solution.converged
+
+
+def test_a_run_that_is_asked_to_stop_after_a_level_builds_no_further_mesh() -> None:
+    """The model of the next level may take minutes: it is not begun."""
+    solves: list[int] = []
+
+    def solve(scene: Scene, /, *, start: LastLevel | None) -> SolvedScene:
+        solves.append(scene.bodies[0].mesh.total_cells)
+        return solve_scene(scene, start=start)
+
+    scene = shipped("hertz_disc", "accuracy=1e-3")
+    found = solve_to_accuracy(scene, solve, stop=lambda: len(solves) == 2)
+    assert found.missed == "the run was interrupted"
+    assert len(solves) == len(found.levels) == 2
+    assert found.solved.solution.converged
