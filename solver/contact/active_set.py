@@ -22,7 +22,7 @@ from mpi4py import MPI
 from numpy.typing import NDArray
 
 from solver.backend import Backend, Hierarchy, S, SetSolve, Statuses
-from solver.contact.active_set_options import ActiveSetOptions
+from solver.contact.active_set_options import ActiveSetOptions, Turnover
 from solver.contact.law import ContactLaw, Found, Frictionless
 from solver.contact.monitoring import on_active_set
 from solver.errors import QPError
@@ -226,7 +226,7 @@ class _Run(Generic[S]):
         """
         backend, options, multiplier = self.backend, self.options, start.multiplier
         comm = backend.comm
-        coarsened, flat, peeled, changed = multiplier is not None, True, list[int](), list[float]()
+        coarsened, flat, turnovers = multiplier is not None, True, list[Turnover]()
         hierarchy, ahead = backend.hierarchy(coarsened=False), options.looks_ahead
         update = ActiveSetUpdate(backend, hierarchy, law, options, options.release_at_edge, ahead)
         seen, counts, reduction = set[int](), self.spent, options.first_reduction
@@ -234,7 +234,7 @@ class _Run(Generic[S]):
         released, again = np.zeros_like(start.active), np.zeros_like(start.active)
         found: Outcome[S] = Outcome(None, None, statuses, counts)
         for number in range(options.most_sets):
-            if not coarsened and (number == options.sets_before_levels or options.peels(peeled)):
+            if not coarsened and (number == options.sets_before_levels or options.peels(turnovers)):
                 update, statuses = update.on_levels(statuses)
                 coarsened = True
                 if not update.hierarchy.finest:
@@ -249,7 +249,9 @@ class _Run(Generic[S]):
                 seen.clear()
             seen.add(fingerprint)
             if options.patience and number and number % options.patience == 0:
-                reduction *= options.tighten
+                early = number == options.patience
+                reduction *= options.tighten if early else options.careful
+                update = update if early else update.with_error(options.careful)
             try:
                 on_set = backend.on_set(statuses, multiplier)
             except ArithmeticError:  # a body is held by rows that have left the set
@@ -271,10 +273,8 @@ class _Run(Generic[S]):
             if found.reason is not None or found.state is None:
                 break
             following = found.following
-            joined, gone, before = _turnover(backend, statuses, following)
-            peeled.append(0 if joined else gone)
-            changed.append((joined + gone) / max(before + joined, 1))
-            flat = flat and peeled[-1] > options.peeled * before
+            turnovers.append(_turnover(backend, statuses, following))
+            flat = flat and turnovers[-1].peeled > options.peeled * turnovers[-1].closed
             if flat and number == 1 and start.alternative is not None:
                 fewer = following.active & (start.alternative() | ~backend.contact_rows)
                 following = law.consistent(replace(following, active=fewer))
@@ -282,7 +282,7 @@ class _Run(Generic[S]):
             released |= found.released if found.released is not None else False
             update = update.without_failed(again, released)
             multiplier, statuses = found.state.multiplier, following
-            if not law.settles and start.multiplier is None and options.is_wild(changed):
+            if not law.settles and start.multiplier is None and options.is_wild(turnovers):
                 return replace(found, counts=counts), _Failure.WILD
         early = bool(comm.allreduce(int((released & ~backend.contact_rows).any())))
         failed_ahead = found.reason is None and (
@@ -406,6 +406,11 @@ class ActiveSetUpdate(Generic[S]):
         statuses = self.law.consistent(replace(statuses, active=active))
         return replace(self, hierarchy=hierarchy), statuses
 
+    def with_error(self, factor: float) -> ActiveSetUpdate[S]:
+        """The update from states whose largest error is this factor of the present one."""
+        largest = factor * self.options.largest_error
+        return replace(self, options=replace(self.options, largest_error=largest))
+
     def without_failed(self, again: Mask, released: Mask) -> ActiveSetUpdate[S]:
         """The update without rules whose released rows became active too often (collective)."""
         rows, comm, most = self.backend.contact_rows, self.backend.comm, self.options.rejoining
@@ -435,11 +440,10 @@ def _share(comm: MPI.Intracomm, part: Mask, whole: Mask) -> float:
     return float(few) / max(float(all_rows), 1.0)
 
 
-def _turnover(backend: Backend[S], statuses: Statuses, following: Statuses) -> tuple[int, int, int]:
-    """Contact rows that join and that leave, and the active ones before (collective)."""
+def _turnover(backend: Backend[S], statuses: Statuses, following: Statuses) -> Turnover:
+    """Contact rows that join and leave with the next set (collective)."""
     rows = backend.contact_rows
     active, next_active = statuses.active & rows, following.active & rows
-    joined, gone, before = backend.comm.allreduce(
-        np.array([(next_active & ~active).sum(), (active & ~next_active).sum(), active.sum()])
-    )
-    return int(joined), int(gone), int(before)
+    own = [(next_active & ~active).sum(), (active & ~next_active).sum(), active.sum()]
+    joined, left, closed = backend.comm.allreduce(np.array(own))
+    return Turnover(int(joined), int(left), int(closed))
