@@ -42,6 +42,7 @@ def test_a_slide_does_not_loosen_the_limit_of_jumps() -> None:
 
     It was a ten-thousandth of the deformation, and the energy was too high by 1.7e-6.
     """
+    assert judge(71009, method="smalbe").kind == "agrees"  # slid much farther: rounding errors
     verdict = judge(30072, method="smalbe")
     assert verdict.kind == "agrees", verdict
     assert verdict.method == "smalbe"
