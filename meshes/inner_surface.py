@@ -27,8 +27,10 @@ def sides_of_facets(
     facets : (facets, vertices)
         Ascending vertices of each facet; each must be between two cells.
     """
+    if not len(facets):
+        return None
     rows = row_places(np.sort(pair_vertices(cells, cell, topology), axis=1), facets)
-    if len(rows) == 0 or (rows < 0).any():
+    if (rows < 0).any():
         return None
     across = np.zeros(len(topology.pairs), bool)
     across[rows] = True
