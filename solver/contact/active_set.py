@@ -226,7 +226,8 @@ class _Run(Generic[S]):
         """
         backend, options, multiplier = self.backend, self.options, start.multiplier
         comm = backend.comm
-        coarsened, flat, turnovers = multiplier is not None, True, list[Turnover]()
+        coarsened = multiplier is not None or not law.settles
+        flat, turnovers = True, list[Turnover]()
         hierarchy, ahead = backend.hierarchy(coarsened=False), options.looks_ahead
         update = ActiveSetUpdate(backend, hierarchy, law, options, options.release_at_edge, ahead)
         seen, counts, reduction = set[int](), self.spent, options.first_reduction

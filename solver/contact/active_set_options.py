@@ -44,7 +44,8 @@ class ActiveSetOptions:
     sets_before_levels
         Number of sets on all contact rows after which the loop begins anew on the coarsest level of
         the constraint hierarchy. Most contact of thin bodies settles in fewer sets: a disc pressed
-        on a plane (`configs/cylinder.yaml`) takes 67 operator applications, and 149 on levels.
+        on a plane (`configs/cylinder.yaml`) takes 67 operator applications, and 149 on levels. With
+        friction there are no levels, since points outside of a level would carry no friction.
     steady
         The loop begins on levels earlier if rows leave in two sets in a row and no row joins, the
         second time at least by this ratio to the number of the first time. Where Newton's method

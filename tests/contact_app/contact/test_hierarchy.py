@@ -171,3 +171,20 @@ def test_two_ranks_have_the_levels_of_one() -> None:
     one, two = (execute(LEVELS, asked, ranks=ranks).strip() for ranks in (1, 2))
     assert one == two
     assert len(json.loads(one)) >= 3
+
+
+@pytest.mark.ratchet
+def test_friction_has_no_levels() -> None:
+    """On levels the statuses of a pulled strip did not settle, and no answer was certified."""
+    floor = {"on": "body.y-", "obstacle": FLOOR, "friction": {"coulomb": 0.3}}
+    box = {"lower": [0.0, 0.0], "upper": [100.0, 1.0], "cells": [200, 2], "cell": "quadrilateral"}
+    conditions = [
+        {"on": "body.y+", "traction": [0.1, -2.0]},
+        {"on": "body.x-", "displacement": [0.0, 0.0]},
+        {"on": "body.x+", "traction": [5.0, 0.1]},
+    ]
+    made = pressed_box(box, 0.3, conditions, floor)
+    made["solver"] = {"method": "active-set"}
+    summary = solve_scene(scenes.build(made)).summary
+    assert summary["certificate"]["passed"]
+    assert summary["solver"]["hessian_multiplications"] <= 120
