@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from mpi4py import MPI
 
 from contact_app.model.method import (
     LARGEST_THIN_ALONE,
@@ -20,6 +21,7 @@ from contact_app.model.method import (
     may_peel,
     why_total_feti,
 )
+from contact_app.run.solve import solve_scene
 from contact_app.run.ways import ways_to
 from contact_app.scene.build import build_scene
 from contact_app.scene.configuration import load
@@ -211,3 +213,17 @@ def test_friction_that_converges_slowly_is_left_to_multigrid() -> None:
     assert list(ways_to(scenes.build(made)))[0].patience == PATIENCE_WITH_FRICTION
     made["solver"]["method"] = "primal"
     assert methods(scenes.build(made, 2)) == ["primal", "auto", None]
+
+
+@pytest.mark.ratchet
+def test_one_thin_body_with_friction_in_the_plane_takes_multigrid() -> None:
+    """Its factor is inexpensive: Total FETI took 344 operator applications and more."""
+    made = load(CONFIGS / "rough_rod.yaml")
+    scene = build_scene(made)
+    assert chosen(scene).solver.method == "primal"
+    thick = replace(scene.bodies[0], mesh=Larger(scene.bodies[0].mesh, 100.0))
+    assert chosen(replace(scene, bodies=(thick,))).solver.method == "auto"
+    assert chosen(replace(scene, bodies=scene.bodies * 2)).solver.method == "auto"
+    counts = solve_scene(scene, MPI.COMM_WORLD).summary["solver"]
+    assert counts["converged"]
+    assert counts["hessian_multiplications"] <= 60
