@@ -10,6 +10,7 @@ from mpi4py import MPI
 from scipy.spatial import cKDTree
 
 from contact_app.model.outline import outline
+from solver.tfeti.certify import certify
 from tests import reference, scenes
 
 
@@ -92,3 +93,19 @@ def load_resultant(scene: Any) -> tuple[np.ndarray, np.ndarray]:
             force += nodal.sum(axis=0)
             moment += np.cross(s.points(), nodal).sum(axis=0)
     return force, moment
+
+
+def certified_in_and_slid(solved: Any, slide: float) -> tuple[Any, Any]:
+    """`certify` of a plane answer moved down into its obstacle, and of this one slid along x.
+
+    It moves down by a hundredth of its largest displacement.
+    """
+    problem, solution = solved.model.problem, solved.solution
+    entered = [u.copy() for u in solution.displacements]
+    for u in entered:
+        u[1::2] -= 1e-2 * solution.measures.displacement
+    slid = [u.copy() for u in entered]
+    for u in slid:
+        u[0::2] += slide
+    before, after = (certify(problem, solution.multiplier, u, 1e-6) for u in (entered, slid))
+    return before, after

@@ -95,8 +95,7 @@ def chosen(scene: Scene) -> Scene:
         return replace(scene, solver=replace(scene.solver, method="primal"))
     if _friction_is_faster_decomposed(scene):
         return scene
-    unknowns = scene.dimension * sum(body.nodes for body in bodies)
-    large = unknowns >= (LEAST_ALONE if len(bodies) == 1 else LEAST_OF_SEVERAL)
+    large = _unknowns(scene) >= (LEAST_ALONE if len(bodies) == 1 else LEAST_OF_SEVERAL)
     alike = any(body.mesh.congruent for body in bodies)
     pairs_of_degree_2 = len(bodies) > 1 and any(body.degree > 1 for body in bodies)
     soft = any(m.poisson > COMPRESSIBLE for body in bodies for m in body.materials)
@@ -115,8 +114,7 @@ def may_peel(scene: Scene) -> bool:
     free = scene.solver.method == "auto" and scene.decomposition.subdomains is None
     if not free or scene.has_friction:
         return False
-    unknowns = scene.dimension * sum(body.nodes for body in scene.bodies)
-    small = unknowns <= _largest_thin(scene)
+    small = _unknowns(scene) <= _largest_thin(scene)
     return bool(scene.touching and small and _has_thin_body(scene.bodies))
 
 
@@ -125,16 +123,14 @@ def may_stall(scene: Scene) -> bool:
     free = scene.solver.method == "auto" and scene.decomposition.subdomains is None
     if not free or not scene.has_friction:
         return False
-    unknowns = scene.dimension * sum(body.nodes for body in scene.bodies)
-    return not _has_thin_body(scene.bodies) or unknowns <= _largest_thin(scene)
+    return not _has_thin_body(scene.bodies) or _unknowns(scene) <= _largest_thin(scene)
 
 
 def patience(scene: Scene) -> int:
     """Iterations of Total FETI after which a scene that may peel off is solved by multigrid."""
     if scene.dimension == 2:
         return PATIENCE_IN_PLANE
-    unknowns = scene.dimension * sum(body.nodes for body in scene.bodies)
-    return round(PATIENCE * math.sqrt(max(1.0, unknowns / PATIENCE_UNKNOWNS)))
+    return round(PATIENCE * math.sqrt(max(1.0, _unknowns(scene) / PATIENCE_UNKNOWNS)))
 
 
 def _largest_thin(scene: Scene) -> int:
@@ -169,9 +165,14 @@ def _friction_is_faster_decomposed(scene: Scene) -> bool:
 
 def _is_thin_with_friction_in_plane(scene: Scene) -> bool:
     """Whether one thin body in the plane has friction, and no load history."""
-    unknowns = scene.dimension * sum(body.nodes for body in scene.bodies)
-    few = scene.dimension == 2 and len(scene.bodies) == 1 and unknowns <= LARGEST_THIN[2]
+    small = _unknowns(scene) <= LARGEST_THIN[2]
+    few = scene.dimension == 2 and len(scene.bodies) == 1 and small
     return few and scene.has_friction and not scene.steps and _has_thin_body(scene.bodies)
+
+
+def _unknowns(scene: Scene) -> int:
+    """Displacement components of all bodies."""
+    return scene.dimension * sum(body.nodes for body in scene.bodies)
 
 
 def _has_thin_body(bodies: Sequence[Body]) -> bool:

@@ -29,7 +29,6 @@ from solver.errors import QPError
 from solver.qp.iterate import Iterate, Watch
 from solver.qp.mprgp import MPRGP
 from solver.qp.result import Counts, Monitor, Reason
-from solver.vectors import largest_magnitude
 
 Mask = NDArray[np.bool_]
 
@@ -157,7 +156,7 @@ def active_set_loop(
     options, law = options or ActiveSetOptions(), law or Frictionless()
     run = _Run(backend, test, inner, monitor, saver, options)
     found, failure = run.sets(start, law)
-    if failure is _Failure.WILD:
+    if failure is _Failure.UNSETTLED:
         found, statuses = run.after(found).contact_without_friction(start, law)
         patient = replace(run, options=replace(options, settling=0))
         found, failure = patient.after(found).sets(replace(start, statuses=statuses), law)
@@ -172,7 +171,7 @@ class _Failure(Enum):
     """Why sets did not settle."""
 
     AHEAD = "points were released ahead of a state"
-    WILD = "with friction each set has other contact"
+    UNSETTLED = "with friction each set has other contact"
     OTHER = "other reasons"
 
 
@@ -211,10 +210,7 @@ class _Run(Generic[S]):
         if found.reason is not Reason.ACCEPTED or state is None:
             return found, None
         error = self.options.significant * self.options.first_reduction
-        strongest = largest_magnitude(self.backend.comm, state.multiplier[before.active])
-        data = Found(
-            state.multiplier, state.jumps, state.distance, error * strongest, error, strongest
-        )
+        data = Found.of(self.backend.comm, state, before.active, error)
         return found, law.following(before.active, data, before, False)[0]
 
     def sets(self, start: Start, law: ContactLaw) -> tuple[Outcome[S], _Failure]:
@@ -250,9 +246,9 @@ class _Run(Generic[S]):
                 seen.clear()
             seen.add(fingerprint)
             if options.patience and number and number % options.patience == 0:
-                early = number == options.patience
-                reduction *= options.tighten if early else options.careful
-                update = update if early else update.with_error(options.careful)
+                first = number == options.patience
+                reduction *= options.tighten if first else options.careful
+                update = update if first else update.with_error(options.careful)
             try:
                 on_set = backend.on_set(statuses, multiplier)
             except ArithmeticError:  # a body is held by rows that have left the set
@@ -283,8 +279,8 @@ class _Run(Generic[S]):
             released |= found.released if found.released is not None else False
             update = update.without_failed(again, released)
             multiplier, statuses = found.state.multiplier, following
-            if not law.settles and start.multiplier is None and options.is_wild(turnovers):
-                return replace(found, counts=counts), _Failure.WILD
+            if not law.settles and start.multiplier is None and options.is_unsettled(turnovers):
+                return replace(found, counts=counts), _Failure.UNSETTLED
         early = bool(comm.allreduce(int((released & ~backend.contact_rows).any())))
         failed_ahead = found.reason is None and (
             early or (ahead and _begins_ahead(comm, start, law))
@@ -378,10 +374,7 @@ class ActiveSetUpdate(Generic[S]):
         backend, before = self.backend, on_set.statuses
         active = before.active & backend.contact_rows
         error = self.options.significant * on_set.error(state.strained)
-        strongest = largest_magnitude(backend.comm, state.multiplier[before.active])
-        found = Found(
-            state.multiplier, state.jumps, state.distance, error * strongest, error, strongest
-        )
+        found = Found.of(backend.comm, state, before.active, error)
         stays = self.law.may_stay_active(state.multiplier, found.force)
         released = np.zeros_like(active)
         if self.release_at_edge:

@@ -79,8 +79,8 @@ class ActiveSetOptions:
     careful
         After as many sets more, repeatedly, factor on `first_reduction` and on `largest_error`: a
         thin tube that two plates press and friction alone holds took 3,609 operator applications
-        without, and takes 755. Twelve sets earlier or a factor on the first patience cost other
-        scenes up to 10 %.
+        without, and takes 755. Used after the first patience, too, it cost other scenes up to
+        12 %.
     peeled
         Share of the active rows that leave in two sets in a row, from which on the contact is said
         to peel off.
@@ -136,7 +136,7 @@ class ActiveSetOptions:
         before, last = sets[-2].peeled, sets[-1].peeled
         return 0 < self.steady * before <= last and last > self.few
 
-    def is_wild(self, sets: Sequence[Turnover]) -> bool:
+    def is_unsettled(self, sets: Sequence[Turnover]) -> bool:
         """Whether contact does not settle: many rows change in each set, and many join."""
         if not 0 < self.settling <= len(sets):
             return False

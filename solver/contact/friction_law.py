@@ -75,7 +75,8 @@ class Friction(Frictionless):
     points
         This rank's contact points with friction.
     comm
-        Communicator of all ranks. give : (k,)
+        Communicator of all ranks.
+    give : (k,)
         Compliance of each tangential row where its node is closed in another contact; None on all
         ranks where no node is in several.
     apart : (points,)

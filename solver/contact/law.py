@@ -13,9 +13,11 @@ from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
+from mpi4py import MPI
 from numpy.typing import NDArray
 
-from solver.backend import Statuses
+from solver.backend import SetState, Statuses
+from solver.vectors import largest_magnitude
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -41,6 +43,20 @@ class Found:
     force: float
     away: float
     strongest: float
+
+    @classmethod
+    def of(cls, comm: MPI.Intracomm, state: SetState, active: Mask, error: float) -> Found:
+        """The data of a state with a relative error (collective).
+
+        Parameters
+        ----------
+        active : (rows,)
+            Active rows of the set that the state solves.
+        """
+        strongest = largest_magnitude(comm, state.multiplier[active])
+        return cls(
+            state.multiplier, state.jumps, state.distance, error * strongest, error, strongest
+        )
 
 
 class ContactLaw(Protocol):

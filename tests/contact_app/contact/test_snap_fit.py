@@ -55,11 +55,11 @@ def test_a_snap_fit_begins_anew_without_friction(tmp_path: Path) -> None:
     assert summary["solver"]["hessian_multiplications"] <= 120
 
 
-def test_contact_that_slides_open_is_not_wild() -> None:
+def test_contact_that_only_opens_is_not_unsettled() -> None:
     """The turnovers of `configs/rough_rod.yaml` and of the clip."""
     leaving = [(0, 124, 207), (0, 1, 83), (0, 2, 82), (0, 58, 80), (0, 20, 22), (1, 1, 2)]
     changing = [(4, 5, 10), (5, 7, 9), (26, 4, 4), (9, 22, 26), (1, 8, 14), (5, 4, 8)]
     options = ActiveSetOptions(settling=6)
-    assert not options.is_wild([Turnover(*numbers) for numbers in leaving])
-    assert options.is_wild([Turnover(*numbers) for numbers in changing])
-    assert not options.is_wild([Turnover(*numbers) for numbers in changing[:5]])
+    assert not options.is_unsettled([Turnover(*numbers) for numbers in leaving])
+    assert options.is_unsettled([Turnover(*numbers) for numbers in changing])
+    assert not options.is_unsettled([Turnover(*numbers) for numbers in changing[:5]])

@@ -13,9 +13,9 @@ from contact_app.errors import ConfigurationError
 from contact_app.model.symmetry import halved
 from contact_app.run.solve import solve_scene
 from solver.contact.equilibrium import loose_motions
-from solver.tfeti.certify import certify
 from solver.tfeti.subdomain.kernels import rigid_motions
 from tests import meshfiles, scenes
+from tests.comparison import certified_in_and_slid
 from tests.scenes import Config
 from tests.scenes_on_ranks import summary_of
 
@@ -221,14 +221,7 @@ def test_the_reference_length_excludes_free_motions() -> None:
     """A slide of a hundred times the displacement changes neither the reference length nor the
     penetration."""
     solved = solve_scene(scenes.build(block_on_a_floor("quadrilateral", [], 0.0), 4))
-    problem, solution = solved.model.problem, solved.solution
-    pressed = [u.copy() for u in solution.displacements]
-    for u in pressed:
-        u[1::2] -= 1e-2 * solution.measures.displacement
-    slid = [u.copy() for u in pressed]
-    for u in slid:
-        u[0::2] += 100.0 * solution.measures.displacement
-    before, after = (certify(problem, solution.multiplier, u, 1e-6) for u in (pressed, slid))
+    before, after = certified_in_and_slid(solved, 100.0 * solved.solution.measures.displacement)
     assert after[1].displacement > 50.0 * before[1].displacement
     assert after[1].deformations[0] == pytest.approx(before[1].deformations[0])
     assert after[0].max_penetration == pytest.approx(before[0].max_penetration)

@@ -8,8 +8,8 @@ import pytest
 
 import contact_app
 from contact_app.run.solve import solve_scene
-from solver.tfeti.certify import certify
 from tests import scenes
+from tests.comparison import certified_in_and_slid
 from tests.scenes_on_ranks import summary_of
 
 
@@ -69,14 +69,7 @@ def test_lengths_are_relative_to_the_displacement_without_the_play() -> None:
     made = between_walls()
     made["decomposition"] = {"subdomains": 4}
     solved = solve_scene(scenes.build(made))
-    problem, solution = solved.model.problem, solved.solution
-    entered = [u.copy() for u in solution.displacements]
-    for u in entered:
-        u[1::2] -= 1e-2 * solution.measures.displacement
-    slid = [u.copy() for u in entered]
-    for u in slid:
-        u[0::2] += 0.08
-    before, after = (certify(problem, solution.multiplier, u, 1e-6) for u in (entered, slid))
+    before, after = certified_in_and_slid(solved, 0.08)
     assert before[0].max_penetration > 1e-3
     assert after[1].displacement > 2.0 * before[1].displacement
     assert after[0].max_penetration == pytest.approx(before[0].max_penetration)
