@@ -154,9 +154,15 @@ class Overlaps:
     i, j : (pairs,)
         Facets of the two sides.
     area : (pairs,)
-    own : (pairs, v, n), shared : (pairs, v, m), weight : (pairs, v), gap : (pairs, v)
-        ∫ φ_k N_l, ∫ φ_k N'_l with N' of the other side, ∫ φ_k and ∫ φ_k g; φ the shape functions
-        of the v vertices, N those of all nodes.
+        Area of each overlap.
+    own : (pairs, v, n)
+        ∫ φ_k N_l, with the shape functions φ of the v vertices and N of all nodes of the facet.
+    shared : (pairs, v, m)
+        ∫ φ_k N'_l, with N' of the nodes of the facet on the other side.
+    weight : (pairs, v)
+        ∫ φ_k.
+    gap : (pairs, v)
+        ∫ φ_k g, with the gap g.
     tilt : (pairs, v, d - 1, n)
         ∫ φ_k g ∂_a N_l along the axes of the `on` facet; without axes if not requested.
     """

@@ -114,8 +114,10 @@ class Multipliers:
     ----------
     functions : (facets, v, v)
         C of ψ = C φ.
-    own : (facets, v, n), weight : (facets, v)
-        ∫ ψ_k N_l and ∫ ψ_k.
+    own : (facets, v, n)
+        ∫ ψ_k N_l.
+    weight : (facets, v)
+        ∫ ψ_k.
     sizes : (facets,)
         Areas.
     """

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import ast
+import doctest
+import importlib
 import re
 import sys
 from pathlib import Path
@@ -24,6 +26,21 @@ TOUR = ("bodies.0.mesh.box.cells=[4,4,4]", "decomposition.subdomains=[2,2,2]")
 """A small mesh of the tour's scene."""
 
 LINK = re.compile(r"\]\(([^)#\s]+)(?:#[^)]*)?\)")
+
+
+WITH_EXAMPLES = [
+    str(path.relative_to(ROOT).with_suffix("")).replace("/", ".")
+    for package in ("solver", "meshes", "contact_app")
+    for path in sorted((ROOT / package).rglob("*.py"))
+    if ">>> " in path.read_text(encoding="utf-8")
+]
+
+
+@pytest.mark.parametrize("module", WITH_EXAMPLES)
+def test_examples_of_docstrings_are_right(module: str) -> None:
+    done = doctest.testmod(importlib.import_module(module))
+    assert done.attempted > 0
+    assert done.failed == 0
 
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: str(page.relative_to(ROOT)))

@@ -5,7 +5,9 @@ share stands in the lower one.
 """
 
 import ast
+import re
 from collections.abc import Iterator
+from itertools import pairwise
 from pathlib import Path
 
 import pytest
@@ -287,3 +289,53 @@ def defined(node: ast.AST) -> str:
     if isinstance(node, ast.Name) and isinstance(node.ctx, ast.Store):
         return node.id
     return node.arg if isinstance(node, ast.arg) else ""
+
+
+def documented(node: ast.ClassDef | ast.FunctionDef) -> Iterator[str]:
+    """Names above the descriptions in the sections "Attributes" and "Parameters"."""
+    lines = (ast.get_docstring(node) or "").splitlines()
+    within = False
+    for line, following in pairwise([*lines, ""]):
+        if following and not following.strip("-"):
+            within = line in ("Attributes", "Parameters")
+        elif within and line and not line.startswith(" ") and line.strip("-"):
+            yield from (name.strip(" *") for name in line.split(" : ")[0].split(","))
+
+
+def documentable(node: ast.ClassDef | ast.FunctionDef) -> set[str]:
+    """Parameters of a function; fields, attributes, methods and parameters of a class."""
+    if isinstance(node, ast.FunctionDef):
+        return {child.arg for child in ast.walk(node.args) if isinstance(child, ast.arg)}
+    found = {child.name for child in node.body if isinstance(child, ast.FunctionDef)}
+    for child in ast.walk(node):
+        if isinstance(child, ast.arg):
+            found.add(child.arg)
+        if isinstance(child, ast.Name | ast.Attribute) and isinstance(child.ctx, ast.Store):
+            found.add(child.id if isinstance(child, ast.Name) else child.attr)
+    return found
+
+
+def test_documented_parameters_exist() -> None:
+    wrong = [
+        f"{path.relative_to(ROOT)}:{node.lineno} {name}"
+        for package in PACKAGES
+        for path in sorted((ROOT / package).rglob("*.py"))
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8")))
+        if isinstance(node, ast.ClassDef | ast.FunctionDef)
+        for name in set(documented(node)) - documentable(node)
+    ]
+    assert not wrong
+
+
+def test_each_documented_parameter_begins_a_line() -> None:
+    joined = re.compile(r"\.\s+(\w+)( : \(.*)?$", re.MULTILINE)
+    wrong = [
+        f"{path.relative_to(ROOT)}:{node.lineno} {match[1]}"
+        for package in PACKAGES
+        for path in sorted((ROOT / package).rglob("*.py"))
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8")))
+        if isinstance(node, ast.ClassDef | ast.FunctionDef)
+        for match in joined.finditer(ast.get_docstring(node) or "")
+        if match[1] in documentable(node) - set(documented(node)) and list(documented(node))
+    ]
+    assert not wrong

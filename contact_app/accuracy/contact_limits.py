@@ -178,7 +178,7 @@ def slipped_through(
 
     Parameters
     ----------
-    unfelt
+    unpressed_depth
         Depth over the largest displacement from which on an obstacle is told that presses no node.
     """
     scene, problem, warnings = model.scene, model.problem, []

@@ -63,8 +63,6 @@ class Model:
         Finite-element forms of each class, for stresses and areas.
     materials
         Materials of each class, by the tags of its cells.
-    exchange
-        Where the copies of surface nodes meet; `copies` gives their subdomain and local node.
     needed, left_out
         Mask of this rank's candidate rows that are contact rows, and the other candidates, in which
         the answer is tested.

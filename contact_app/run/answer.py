@@ -62,7 +62,7 @@ class Answer:
     stress : (cells, 6)
         Components xx, yy, zz, xy, yz, xz: the mean over each cell.
     von_mises : (cells,)
-    nodal_stress : (nodes, 6), nodal_von_mises : (nodes,)
+    nodal_stress, nodal_von_mises : (nodes, 6), (nodes,)
         The stress recovered at nodes; where several materials meet, that of the material with the
         largest von Mises stress. None if `output.fields` leaves them out or no file of fields is
         written.

@@ -27,7 +27,9 @@ def without_repetitions(sentences: Sequence[str], names: Iterable[str]) -> list[
     names
         Names of bodies.
 
-    >>> said_once(["b1: is loose", "b2: is stiff", "b3: is loose"], ["b1", "b2", "b3"])
+    Examples
+    --------
+    >>> without_repetitions(["b1: is loose", "b2: is stiff", "b3: is loose"], ["b1", "b2", "b3"])
     ['b1: is loose (and 1 more alike: b3)', 'b2: is stiff']
     """
     known = sorted(map(re.escape, set(names)), key=len, reverse=True)

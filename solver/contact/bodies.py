@@ -40,7 +40,9 @@ class Bodies:
     ----------
     groups : (bodies,)
         Number of the group of each body, from 0.
-    members : one (members,) array for each class Body of each subdomain. columns : (interface,)
+    members : one (members,) array for each class
+        Body of each subdomain.
+    columns : (interface,)
         Body of each interface unknown.
     rows : (dual, 2)
         The two bodies that a row of B connects; twice the same body for rows of one body.

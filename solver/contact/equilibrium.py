@@ -96,7 +96,8 @@ class FrictionCones:
         Tangential rows applied to the rigid motions; the tangential rows of one point belong to one
         contact row.
     normal : (k,)
-        Contact row of each tangential row. coefficients, limits : (k,), (k,)
+        Contact row of each tangential row.
+    coefficients, limits : (k,), (k,)
         Coefficient μ and given slip limit (force) of each row; one of the two is 0.
     """
 

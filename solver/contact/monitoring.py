@@ -13,7 +13,8 @@ def on_active_set(monitor: Monitor | None, number: int, rows: int, before: int) 
     Parameters
     ----------
     number
-        Number of the set, from 1. rows
+        Number of the set, from 1.
+    rows
         Contact rows in it, over all ranks.
     before
         Iterations on earlier sets.

@@ -63,7 +63,8 @@ class SlipFront:
     Parameters
     ----------
     points
-        Contact points with friction of this rank. held
+        Contact points with friction of this rank.
+    held
         Whether all bodies are held without friction, so that all points may slide.
     """
 
@@ -90,8 +91,9 @@ class SlipFront:
         Parameters
         ----------
         forces : (k,)
-            Friction forces of the tangential rows. limits, sticks : (points,)
-            Slip limits (forces), and which points stuck. Points beyond their limits slide.
+            Friction forces of the tangential rows.
+        limits, sticks : (points,), (points,)
+            Slip limits (forces), and the points that stuck. Points beyond their limits slide.
 
         Returns
         -------

@@ -85,8 +85,11 @@ class Solution:
     ----------
     multiplier : (dual,)
         λ.
-    displacements : displacement u, one array (n, members) for each class of subdomains. counts,
-    reason
+    displacements : one (n, members) array for each class
+        u of the subdomains.
+    certificate, measures
+        The certificate, and the sizes relative to which it is computed.
+    counts, reason
         Work of the solver and why it ended.
     tolerance
         Tolerance of the certificate.

@@ -85,7 +85,8 @@ class StoppingRule:
         worst
             Largest jump or penetration, over the largest displacement.
         strained
-            Twice the strain energy, a(u, u). gap
+            Twice the strain energy, a(u, u).
+        gap
             Function that returns the duality gap without tensile contact forces; with True a
             sharper one, at a higher cost.
         """

@@ -24,15 +24,16 @@ from solver.vectors import Reduction, Vector, on_arrays
 class Operator(Protocol):
     """A symmetric linear operator on distributed vectors.
 
-    Attributes
-    ----------
-    comm : MPI.Comm
-    size : int
-        Components of this rank.
-
     An operator may have two more attributes: ``image``, an array that is linear in the last x,
     which an iterate updates by recurrence; and ``image_norm(image)``, which SMALBE uses as ‖Cx‖
     (`PenalisedOperator` of the coarse problem has both).
+
+    Attributes
+    ----------
+    comm : MPI.Comm
+        Communicator of all ranks.
+    size : int
+        Components of this rank.
     """
 
     comm: MPI.Comm

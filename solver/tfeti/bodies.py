@@ -25,7 +25,10 @@ def bodies_of(
     Parameters
     ----------
     groups : (bodies,)
-    members : one (members,) array for each class Body of each subdomain. widths
+        Group of each body.
+    members : one (members,) array for each class
+        Body of each subdomain.
+    widths
         Interface unknowns of a subdomain of each class.
     rigid
         Whether the subdomains of each class are rigid bodies.

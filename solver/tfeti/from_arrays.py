@@ -37,7 +37,9 @@ class Subdomain:
         K before any condition is imposed, as a PETSc matrix or anything that scipy converts to a
         sparse matrix; unknown ``node * dimension + component``, force per length. Subdomains with
         the same matrix object share one factor; their points may then differ by a translation only.
-    load : (n,) f, forces. nodes : (nodes,)
+    load : (n,)
+        f, forces.
+    nodes : (nodes,)
         Global numbers.
     points : (nodes, dimension)
         Coordinates.

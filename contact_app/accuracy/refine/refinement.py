@@ -177,7 +177,7 @@ class _AssessedLevel:
     ----------
     solved
         Its solution with the corrected estimate.
-    sure
+    confirmed
         Whether its error is below the target and another mesh confirms this.
     doubt, why
         The reason why an error below the target is not confirmed, as a sentence and as a clause.

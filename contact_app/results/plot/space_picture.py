@@ -60,7 +60,7 @@ class Panel:
         NaN where the body is left bare.
     limits
         Ends of the scale.
-    beyond
+    exceeds
         Whether values leave the scale at its upper end.
     colours
         Name of matplotlib's colour map.

@@ -59,8 +59,10 @@ class CoarseProblem:
     ----------
     B : (dual, interface)
         Constraint matrix on interface unknowns.
-    kernels : one (members, (m, k) array) pair for each class Kernel on the m interface unknowns of
-    the class, in the order of B's columns: a run of m for each member. inequality : (dual,)
+    kernels : one (members, (m, k) array) pair for each class
+        Kernel on the m interface unknowns of the class. B has m columns for each member, one after
+        the other.
+    inequality : (dual,)
         Contact and tangential rows, whose weights `weighted` may change.
     metric : (dual,)
         W of the problems that `weighted` makes, one on contact rows; in this one W = I.

@@ -206,6 +206,8 @@ def subdomain_class(
 ) -> SubdomainClass:
     """Factor the stiffness of a congruence class and choose how K⁺ is applied.
 
+    A stiffness without entries is that of a rigid body, whose free unknowns are its kernel.
+
     Parameters
     ----------
     stiffness : (n, n)
@@ -220,8 +222,6 @@ def subdomain_class(
         All ranks, if all build this class now with the same `touched`: they share the work.
     kernel : (n, k)
         Basis of the kernel of K; the rigid motions of the points unless given.
-
-    A stiffness without entries is that of a rigid body, whose free unknowns are its kernel.
 
     Raises
     ------
