@@ -1,7 +1,7 @@
 """Meshes of the bodies, cut into subdomains: regular splits of boxes and graph partitions.
 
-`read` and `repair` read mesh files. `contact_surface`, `facet_overlaps`, `mortar` and `ties` hold
-the geometry of contact between meshes that do not match. `symmetric_half` cuts a mesh at a plane of
+`read` and `repair` read mesh files. `contact_surface`, `facing`, `mortar` and `ties` hold the
+geometry of contact between meshes that do not match. `symmetric_half` cuts a mesh at a plane of
 symmetry, and `dolfinx_compat` covers the differences between releases of dolfinx.
 """
 

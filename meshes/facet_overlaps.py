@@ -1,4 +1,4 @@
-"""Parts of two surfaces that face each other, and the integrals of a mortar method over them.
+"""The integrals of a mortar method over the overlaps of pairs of facets.
 
 Facets are treated as flat (see `meshes.mortar`): facets of the other side are projected along the
 normal of each `on` facet, intersected with it, and the overlap is integrated by Gauss points.
@@ -7,21 +7,20 @@ normal of each `on` facet, intersected with it, and the overlap is integrated by
 from __future__ import annotations
 
 from dataclasses import dataclass
-from itertools import chain
 
 import numpy as np
 from mpi4py import MPI
 from numpy.typing import NDArray
-from scipy.spatial import cKDTree
 
 from meshes import dolfinx_compat
+from meshes.connected import connected
 from meshes.contact_surface import Surface, frames, is_curved
 from meshes.quadratic import FACETS
-from meshes.shares import joined, share
+from meshes.shares import joined
 from meshes.subdomains import vtk_places, vtk_shapes
 
-FACING = 0.5
-"""Facets face each other if their normals are within 60° of opposite."""
+COVERED_ONCE = 1.0 + 1e-3
+"""Area of all overlaps of a facet, over its own, above which it meets several layers."""
 
 SLIVER = 1e-13
 """Overlaps smaller than this, relative to the facets, are round-off."""
@@ -32,117 +31,8 @@ UPRIGHT = 1e-12
 TOUCHING = 1e-12
 """Gap, over the size of a facet, that is round-off: nothing is tilted where the sides touch."""
 
-QUERIES = 200_000
-"""Number of balls in one query of the tree."""
-
 PAIRS = 50_000
 """Number of pairs of facets intersected at once; a pair takes some kilobytes."""
-
-
-class SurfacesApartError(ValueError):
-    """The two sides cannot be in contact; the message says why."""
-
-
-def overlaps(
-    on: Surface, against: Surface, tilted: bool = False, comm: MPI.Intracomm = MPI.COMM_SELF
-) -> Overlaps:
-    """Integrals over the parts of two surfaces that face each other (collective).
-
-    Parameters
-    ----------
-    tilted
-        Whether to compute `Overlaps.tilt`.
-    comm
-        Ranks that have both surfaces and share the work.
-
-    Raises
-    ------
-    SurfacesApartError
-        The sides face the same way, or no facet of one projects onto one of the other.
-    """
-    i, j = _candidates(on, against, share(comm, len(on.nodes)))
-    cosine = -np.einsum("ij,ij->i", on.normals[i], against.normals[j])
-    facing = cosine >= FACING
-    found = Overlaps.of(on, against, i[facing], j[facing], tilted).gathered(comm)
-    if len(found.i) == 0:
-        turned = Overlaps.of(on, against, i[cosine < 0.0], j[cosine < 0.0]).gathered(comm)
-        if len(turned.i):
-            raise SurfacesApartError(
-                "the two sides face the same way: their outward normals must point at each other"
-            )
-        raise SurfacesApartError(
-            "the two sides never meet: no facet of the first projects, along its normal, onto a "
-            "facet of the second that faces it"
-        )
-    return found
-
-
-def _candidates(
-    on: Surface, against: Surface, mine: NDArray[np.int64]
-) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Pairs of facets (`mine` of on, against) near enough for their projections to overlap, sorted.
-
-    The wanted facets lie along the normal of an `on` facet, within the distance of the nearest
-    facet that faces it within 60°. Search trees of the centres of the other side, one for each size
-    of facets, are queried at points along the normal. So the work grows with the gap over the size
-    of facets, not with its square.
-    """
-    if len(mine) == 0:
-        return mine, mine
-    centres, radii, normals = on.centres[mine], on.radii[mine], on.normals[mine]
-    middles, sizes = against.centres, against.radii
-    level = np.floor(np.log2(sizes / sizes.min() * (1.0 + 1e-9))).astype(int)
-    groups = [np.flatnonzero(level == k) for k in np.unique(level)]
-    trees = [cKDTree(middles[group]) for group in groups]
-    nearest = np.min([tree.query(centres)[0] for tree in trees], axis=0)
-    reach = 2.0 * (nearest + radii)
-    keys = [np.zeros(0, np.int64)]
-    for group, tree in zip(groups, trees, strict=True):
-        across = radii + sizes[group].max()
-        which, queried, radius = _filled(centres, normals, tree, reach, across)
-        for part in np.array_split(np.arange(len(which)), len(which) // QUERIES + 1):
-            hits = tree.query_ball_point(queried[part], radius[part])
-            count = np.fromiter(map(len, hits), np.int64, len(hits))
-            there = np.fromiter(chain.from_iterable(hits), np.int64, count.sum())
-            keys.append(np.repeat(which[part], count) * len(middles) + group[there])
-    i, j = np.divmod(np.unique(np.concatenate(keys)), len(middles))
-    across = middles[j] - centres[i]
-    across -= np.einsum("ij,ij->i", across, normals[i])[:, None] * normals[i]
-    near = np.linalg.norm(across, axis=1) <= (radii[i] + sizes[j]) * (1.0 + 1e-9)
-    return mine[i[near]], j[near]
-
-
-def _filled(
-    centres: NDArray[np.float64],
-    normals: NDArray[np.float64],
-    tree: cKDTree,
-    reach: NDArray[np.float64],
-    across: NDArray[np.float64],
-) -> tuple[NDArray[np.int64], NDArray[np.float64], NDArray[np.float64]]:
-    """Balls along the normals of facets that contain some point of a tree.
-
-    Neighbouring balls are `across` (facets,) apart, with a radius of 1.2 times that, from -`reach`
-    (facets,) to `reach`. If the centre of a ball is far from all points, the next balls are empty,
-    too, and are left out.
-
-    Returns
-    -------
-    The facet of each ball, its centre and its radius.
-    """
-    last = np.ceil(2.0 * reach / across).astype(np.int64)
-    found: list[tuple[NDArray[np.int64], NDArray[np.float64]]] = []
-    facets, nth = np.arange(len(last)), np.zeros(len(last), np.int64)
-    while len(facets):
-        along = nth * across[facets] - reach[facets]
-        middles = centres[facets] + along[:, None] * normals[facets]
-        away = tree.query(middles)[0] / across[facets] - 1.2  # in steps
-        filled = away <= 1e-9
-        found.append((facets[filled], middles[filled]))
-        nth += np.maximum(np.ceil(away - 1e-9).astype(np.int64), 1)
-        going = nth <= last[facets]
-        facets, nth = facets[going], nth[going]
-    which, queried = (np.concatenate(part) for part in zip(*found, strict=True))
-    return which, queried, 1.2 * across[which]
 
 
 @dataclass(frozen=True, eq=False)
@@ -185,11 +75,11 @@ class Overlaps:
         j: NDArray[np.int64],
         tilted: bool = False,
     ) -> Overlaps:
-        """The overlaps among pairs of facets (n,), (n,), sorted by i; others are dropped."""
+        """The overlaps among pairs of facets (n,), (n,), sorted by i; pairs apart are left out."""
         parts = np.array_split(np.arange(len(i)), len(i) // PAIRS + 1)
         found = [cls._some(on, against, i[part], j[part], tilted) for part in parts]
         joined = zip(*(part.__dict__.values() for part in found), strict=True)
-        return cls(*(np.concatenate(values) for values in joined)).nearest_layer(on)
+        return cls(*(np.concatenate(values) for values in joined))
 
     @classmethod
     def _some(
@@ -248,13 +138,60 @@ class Overlaps:
         """The overlaps of all ranks, in the order of ranks (collective)."""
         return Overlaps(**{name: joined(comm, values) for name, values in self.__dict__.items()})
 
-    def nearest_layer(self, on: Surface) -> Overlaps:
-        """Keep the layer nearest to each `on` facet, where facets lie behind each other."""
-        distance = np.abs(self.gap.sum(axis=1) / self.area)
+    @property
+    def distance(self) -> NDArray[np.float64]:
+        """Mean gap of each pair, negative where the bodies overlap, (pairs,)."""
+        return self.gap.sum(axis=1) / self.area
+
+    def nearest_layer(self, on: Surface, against: Surface) -> Overlaps:
+        """The overlaps with the nearest layer where `on` facets meet several layers.
+
+        Layers farther than the nearest one by four radii of the facet are left out. Where two
+        layers are nearer to each other than that, the facets of a layer are those connected by
+        common nodes among the facets that overlap the `on` facet.
+        """
+        distance = np.abs(self.distance)
         nearest = np.full(len(on.nodes), np.inf)
         np.minimum.at(nearest, self.i, distance)
-        keep = distance <= nearest[self.i] + 4.0 * on.radii[self.i]
-        return Overlaps(**{name: values[keep] for name, values in self.__dict__.items()})
+        found = self.some(distance <= nearest[self.i] + 4.0 * on.radii[self.i])
+        covered = np.bincount(found.i, found.area, minlength=len(on.nodes))
+        several = covered > COVERED_ONCE * facet_areas(on)
+        if not several.any():
+            return found
+        layer = found._layers(against, several)
+        distance = np.abs(found.distance)
+        of_layer = np.full(layer.max() + 1, np.inf)
+        np.minimum.at(of_layer, layer, distance)
+        return found.some(~several[found.i] | (of_layer[layer] <= nearest[found.i]))
+
+    def _layers(self, against: Surface, several: NDArray[np.bool_]) -> NDArray[np.int64]:
+        """Number of the layer of each overlap on the facets `several` (facets,), (pairs,).
+
+        Overlaps on other facets have the number 0.
+        """
+        pairs = np.flatnonzero(several[self.i])
+        nodes = against.nodes[self.j[pairs]]
+        at = self.i[pairs, None] * (against.nodes.max() + 1) + nodes
+        distinct, number = np.unique(at, return_inverse=True)
+        ends = np.repeat(np.arange(len(pairs)), nodes.shape[1]), len(pairs) + number.ravel()
+        layer = np.zeros(len(self.i), np.int64)
+        layer[pairs] = 1 + connected(ends, len(pairs) + len(distinct))[: len(pairs)]
+        return layer
+
+    def some(self, chosen: NDArray[np.bool_]) -> Overlaps:
+        """The overlaps that a mask (pairs,) chooses."""
+        return Overlaps(**{name: values[chosen] for name, values in self.__dict__.items()})
+
+
+def facet_areas(surface: Surface) -> NDArray[np.float64]:
+    """Area of each facet in its own plane, (facets,)."""
+    flat = np.einsum(
+        "pvk,pdk->pvd", surface.vertices - surface.centres[:, None], frames(surface)
+    )[..., :-1]  # fmt: skip
+    if surface.dimension == 2:
+        return np.ptp(flat, axis=1)[:, 0]
+    x, y = flat[..., 0], flat[..., 1]
+    return 0.5 * np.abs((x * np.roll(y, -1, axis=1) - y * np.roll(x, -1, axis=1)).sum(axis=1))
 
 
 def _segments(

@@ -38,8 +38,13 @@ from mpi4py import MPI
 from numpy.typing import NDArray
 from scipy import sparse
 
-from meshes.contact_surface import Surface, frames
-from meshes.facet_overlaps import Overlaps, SurfacesApartError, overlaps
+from meshes.contact_surface import Surface
+from meshes.facet_overlaps import (
+    COVERED_ONCE,
+    Overlaps,
+    facet_areas,
+)
+from meshes.facing import SurfacesApartError, overlaps
 
 COVERED = 1.0 - 1e-6
 """Covered share of a facet from which on it counts as covered completely."""
@@ -136,7 +141,7 @@ class Multipliers:
         SurfacesApartError
             A facet meets two layers of the other side.
         """
-        facets, v, sizes = len(on.nodes), on.vertices.shape[1], _areas(on)
+        facets, v, sizes = len(on.nodes), on.vertices.shape[1], facet_areas(on)
 
         def on_facets(values: NDArray[np.float64]) -> NDArray[np.float64]:
             total = np.zeros((facets, *values.shape[1:]))
@@ -145,7 +150,7 @@ class Multipliers:
 
         own, weight = on_facets(found.own), on_facets(found.weight)
         covered = on_facets(found.area) >= COVERED * sizes
-        if (on_facets(found.area) > (1.0 + 1e-3) * sizes).any():
+        if (on_facets(found.area) > COVERED_ONCE * sizes).any():
             raise SurfacesApartError(
                 "a facet of the first side meets two layers of the second; name a smaller part of "
                 "it"
@@ -262,14 +267,3 @@ def give(
     remaining = some & ~(weak & (received > 0.0))
     scale = np.divide(1.0, received, out=np.zeros(count), where=received > 0.0)
     return (gift @ sparse.diags(scale) + sparse.diags(remaining.astype(float))).tocsr()
-
-
-def _areas(surface: Surface) -> NDArray[np.float64]:
-    """Area of each facet in its own plane, (facets,)."""
-    flat = np.einsum(
-        "pvk,pdk->pvd", surface.vertices - surface.centres[:, None], frames(surface)
-    )[..., :-1]  # fmt: skip
-    if surface.dimension == 2:
-        return np.ptp(flat, axis=1)[:, 0]
-    x, y = flat[..., 0], flat[..., 1]
-    return 0.5 * np.abs((x * np.roll(y, -1, axis=1) - y * np.roll(x, -1, axis=1)).sum(axis=1))

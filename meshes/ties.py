@@ -31,7 +31,8 @@ from numpy.typing import NDArray
 from scipy import sparse
 
 from meshes.contact_surface import Surface, frames
-from meshes.facet_overlaps import Overlaps, overlaps
+from meshes.facet_overlaps import Overlaps
+from meshes.facing import overlaps
 from meshes.mortar import NEGLIGIBLE, WEAK, MeanGaps, Multipliers, give
 
 
@@ -110,7 +111,7 @@ def mean_jumps(
     here, there = decided.of(made.nodes), decided.of(made.others)
     outer = abs(made.jump[:, len(made.nodes) :])
     taken = np.isin(made.nodes, decided.taken)
-    distance = np.abs(found.gap.sum(axis=1) / found.area)
+    distance = np.abs(found.distance)
     worst = int(np.argmax(distance))
     held = here & (outer @ there > 0.0)
     yielding = taken[:, None] | held if gives else np.zeros_like(held)

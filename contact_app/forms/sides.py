@@ -16,7 +16,7 @@ from contact_app.forms.checks import check_facets
 from contact_app.forms.contacts import Contact, values_of
 from contact_app.forms.parts import Parts
 from meshes.contact_surface import Surface
-from meshes.facet_overlaps import SurfacesApartError
+from meshes.facing import SurfacesApartError
 from meshes.mortar import MeanGaps, mean_gaps
 
 

@@ -17,7 +17,7 @@ from contact_app.model.pairs import gather_surface, of_what_is_solved, owned_row
 from contact_app.scene.conditions import Contact, DisplacementCondition
 from contact_app.scene.scene import Scene
 from meshes import Partition
-from meshes.facet_overlaps import SurfacesApartError
+from meshes.facing import SurfacesApartError
 from meshes.mortar import mean_gaps
 from solver.tfeti.constraints.conditions import ContactRows, ContradictionError, NodeConditions
 from solver.tfeti.constraints.exchange import NodeExchange

@@ -14,7 +14,7 @@ from contact_app.scene.conditions import Tie
 from contact_app.scene.scene import Scene
 from meshes import Partition
 from meshes.contact_surface import Surface
-from meshes.facet_overlaps import SurfacesApartError
+from meshes.facing import SurfacesApartError
 from meshes.ties import Decided, mean_jumps
 from solver.tfeti.constraints.conditions import (
     ContactEntries,

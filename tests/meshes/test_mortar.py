@@ -10,7 +10,8 @@ from scipy.spatial import ConvexHull
 from scipy.spatial.transform import Rotation
 
 from meshes.contact_surface import Surface
-from meshes.facet_overlaps import Overlaps, SurfacesApartError, clip, overlaps
+from meshes.facet_overlaps import Overlaps, clip
+from meshes.facing import SurfacesApartError, overlaps
 from meshes.mortar import MeanGaps, mean_gaps
 from tests import mortar_reference
 
@@ -344,3 +345,51 @@ def test_clipping_against_qhull(points: list[tuple[float, float]], v: int) -> No
     area = 0.5 * abs(np.sum(x * np.roll(y, -1) - y * np.roll(x, -1)))
     exact = sum(w for _, w in mortar_reference.overlap(window, subject))
     assert area == pytest.approx(exact, abs=1e-6)
+
+
+def closed_box(lower: tuple[float, ...], upper: tuple[float, ...], n: int, first: int) -> Surface:
+    """All facets of a box of n facets along each edge; two bodies have different `first` nodes."""
+    number: dict[tuple[int, ...], int] = {}
+    facets = []
+    for axis in range(3):
+        a, b = (axis + 1) % 3, (axis + 2) % 3
+        for side in (0, n):
+            for k, m in np.ndindex(n, n):
+                corners = np.full((4, 3), side)
+                corners[:, a], corners[:, b] = [k, k + 1, k + 1, k], [m, m, m + 1, m + 1]
+                facets.append([number.setdefault(tuple(c), len(number)) for c in corners.tolist()])
+    low, high = np.array(lower), np.array(upper)
+    points = low + np.array(list(number)) / n * (high - low)
+    nodes = np.array(facets, dtype=np.int64)
+    inside = np.tile(0.5 * (low + high), (len(nodes), 1))
+    return Surface.of(3, nodes + first, points[nodes], inside)
+
+
+@pytest.mark.parametrize("shift", [0.0, 0.1, -0.3])
+@pytest.mark.parametrize("size", [1.0, 0.5, 2.0])
+@pytest.mark.parametrize("depth", [0.0, 0.2, -0.2])
+def test_only_sides_that_face_each_other_meet_of_two_whole_boxes(
+    shift: float, size: float, depth: float
+) -> None:
+    """The far sides of two boxes do not overlap, though their normals are opposite."""
+    lower = closed_box((0, 0, 0), (1, 1, 1), 8, 0)
+    above = 1.0 - depth
+    upper = closed_box((shift, shift, above), (shift + size, shift + size, above + size), 7, 1000)
+    rows = mean_gaps(lower, upper)
+    strong = rows.areas > 1e-3 * rows.areas.max()
+    along = np.abs(rows.normals[:, 2]) > 0.9
+    np.testing.assert_allclose(rows.gaps[strong & along], -depth, atol=1e-12)
+    assert rows.gaps[strong].min() >= min(-depth, 0.0) - 1e-12
+
+
+def test_the_nearest_of_two_layers_counts() -> None:
+    """Also if both layers are nearer than a facet is large, and one covers a facet in part."""
+    on = patch("triangle", 2, False)
+    near = patch("triangle", 5, True, first=1000, height=-0.1)
+    far = patch("triangle", 7, True, first=2000, height=-0.2)
+    both = Surface(3, *(np.concatenate(x) for x in ((near.nodes, far.nodes),
+        (near.points, far.points), (near.normals, far.normals))))  # fmt: skip
+    rows, alone = mean_gaps(on, both), mean_gaps(on, near)
+    np.testing.assert_allclose(rows.gaps, 0.1, atol=1e-12)
+    np.testing.assert_array_equal(rows.node, alone.node)
+    np.testing.assert_allclose(rows.value, alone.value, atol=1e-14)

@@ -1,0 +1,89 @@
+"""Search for the facets of one surface that lie along the normals of another one."""
+
+from __future__ import annotations
+
+from itertools import chain
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial import cKDTree
+
+from meshes.contact_surface import Surface
+
+QUERIES = 200_000
+"""Number of balls in one query of the tree."""
+
+
+def facets_along_normals(
+    on: Surface,
+    against: Surface,
+    mine: NDArray[np.int64],
+    reach: NDArray[np.float64] | None = None,
+) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Pairs of facets (`mine` of on, against) near enough for their projections to overlap, sorted.
+
+    The facets lie along the normal of an `on` facet, on both of its sides, at distances up to
+    `reach` (facets,) of `mine`. Without `reach` this is the distance within which a facet lies
+    that faces the `on` facet within 60°, if any does.
+
+    Search trees of the centres of the other side, one for each size of facets, are queried at
+    points along the normal. So the work grows with the gap over the size of facets, not with its
+    square.
+    """
+    if len(mine) == 0:
+        return mine, mine
+    centres, radii, normals = on.centres[mine], on.radii[mine], on.normals[mine]
+    middles, sizes = against.centres, against.radii
+    level = np.floor(np.log2(sizes / sizes.min() * (1.0 + 1e-9))).astype(int)
+    groups = [np.flatnonzero(level == k) for k in np.unique(level)]
+    trees = [cKDTree(middles[group]) for group in groups]
+    if reach is None:
+        nearest = np.min([tree.query(centres)[0] for tree in trees], axis=0)
+        reach = 2.0 * (nearest + radii)
+    keys = [np.zeros(0, np.int64)]
+    for group, tree in zip(groups, trees, strict=True):
+        across = radii + sizes[group].max()
+        which, queried, radius = _filled(centres, normals, tree, reach, across)
+        for part in np.array_split(np.arange(len(which)), len(which) // QUERIES + 1):
+            hits = tree.query_ball_point(queried[part], radius[part])
+            count = np.fromiter(map(len, hits), np.int64, len(hits))
+            there = np.fromiter(chain.from_iterable(hits), np.int64, count.sum())
+            keys.append(np.repeat(which[part], count) * len(middles) + group[there])
+    i, j = np.divmod(np.unique(np.concatenate(keys)), len(middles))
+    across = middles[j] - centres[i]
+    across -= np.einsum("ij,ij->i", across, normals[i])[:, None] * normals[i]
+    near = np.linalg.norm(across, axis=1) <= (radii[i] + sizes[j]) * (1.0 + 1e-9)
+    return mine[i[near]], j[near]
+
+
+def _filled(
+    centres: NDArray[np.float64],
+    normals: NDArray[np.float64],
+    tree: cKDTree,
+    reach: NDArray[np.float64],
+    across: NDArray[np.float64],
+) -> tuple[NDArray[np.int64], NDArray[np.float64], NDArray[np.float64]]:
+    """Balls along the normals of facets that contain some point of a tree.
+
+    Neighbouring balls are `across` (facets,) apart, with a radius of 1.2 times that, from -`reach`
+    (facets,) to `reach`. If the centre of a ball is far from all points, the next balls are empty,
+    too, and are left out.
+
+    Returns
+    -------
+    The facet of each ball, its centre and its radius.
+    """
+    last = np.ceil(2.0 * reach / across).astype(np.int64)
+    found: list[tuple[NDArray[np.int64], NDArray[np.float64]]] = []
+    facets, nth = np.arange(len(last)), np.zeros(len(last), np.int64)
+    while len(facets):
+        along = nth * across[facets] - reach[facets]
+        middles = centres[facets] + along[:, None] * normals[facets]
+        away = tree.query(middles)[0] / across[facets] - 1.2  # in steps
+        filled = away <= 1e-9
+        found.append((facets[filled], middles[filled]))
+        nth += np.maximum(np.ceil(away - 1e-9).astype(np.int64), 1)
+        going = nth <= last[facets]
+        facets, nth = facets[going], nth[going]
+    which, queried = (np.concatenate(part) for part in zip(*found, strict=True))
+    return which, queried, 1.2 * across[which]

@@ -1,0 +1,137 @@
+"""The parts of two surfaces that face each other.
+
+Two parts may lie apart (a gap) or behind each other (an overlap of the bodies). Between a facet and
+a facet of the other side behind it both bodies are solid where the bodies overlap. So neither
+surface may be crossed in between: a facet of the own surface there is the far side of the own body,
+and a facet of the other surface is the near side of the other body. Nor may another part of the
+other surface be much nearer: beside the edge of a box that overlaps another one by little, the far
+side of the other box lies deep behind the side of the first one.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from mpi4py import MPI
+from numpy.typing import NDArray
+from scipy.spatial import cKDTree
+
+from meshes.contact_surface import Surface
+from meshes.facet_overlaps import Overlaps
+from meshes.facet_search import facets_along_normals
+from meshes.shares import share
+
+FACING = 0.5
+"""Facets face each other if their normals are within 60° of opposite."""
+
+SHALLOW = 0.1
+"""Depth of an overlap, over the radius of a facet, up to which nothing lies in between.
+
+Round bodies that touch overlap by some hundredths where their facets are flat.
+"""
+
+AT_ITS_END = 1.0 - 1e-6
+"""Share of its depth at which a surface still lies within an overlap.
+
+The far sides of two equal boxes, one on the other, lie in one plane.
+"""
+
+OBLIQUE = 1.0 / FACING
+"""Largest depth along a normal, over the distance from the nearest facet, of facets that face."""
+
+ROUND_OFF = 1e-6
+"""Distance, over the radius of a facet, at which two facets lie in one plane."""
+
+
+class SurfacesApartError(ValueError):
+    """The two sides cannot be in contact; the message says why."""
+
+
+def overlaps(
+    on: Surface, against: Surface, tilted: bool = False, comm: MPI.Intracomm = MPI.COMM_SELF
+) -> Overlaps:
+    """Integrals over the parts of two surfaces that face each other (collective).
+
+    Parameters
+    ----------
+    tilted
+        Whether to compute `Overlaps.tilt`.
+    comm
+        Ranks that have both surfaces and share the work.
+
+    Raises
+    ------
+    SurfacesApartError
+        The sides face the same way, or no facet of one projects onto one of the other.
+    """
+    i, j = facets_along_normals(on, against, share(comm, len(on.nodes)))
+    cosine = -np.einsum("ij,ij->i", on.normals[i], against.normals[j])
+    facing = cosine >= FACING
+    found = Overlaps.of(on, against, i[facing], j[facing], tilted)
+    found = _real(on, against, found, i[~facing], j[~facing])
+    found = found.nearest_layer(on, against).gathered(comm)
+    if len(found.i) == 0:
+        turned = Overlaps.of(on, against, i[cosine < 0.0], j[cosine < 0.0]).gathered(comm)
+        if len(turned.i):
+            raise SurfacesApartError(
+                "the two sides face the same way: their outward normals must point at each other"
+            )
+        raise SurfacesApartError(
+            "the two sides never meet: no facet of the first projects, along its normal, onto a "
+            "facet of the second that faces it"
+        )
+    return found
+
+
+def _real(
+    on: Surface,
+    against: Surface,
+    found: Overlaps,
+    i: NDArray[np.int64],
+    j: NDArray[np.int64],
+) -> Overlaps:
+    """`found` without the pairs between which one of the surfaces lies (module docstring).
+
+    Parameters
+    ----------
+    i, j : (pairs,)
+        The pairs of facets along the normals that do not face each other, sorted.
+    """
+    depth = -found.distance
+    deep = depth > SHALLOW * on.radii[found.i]
+    if not deep.any():
+        return found
+    mine = np.unique(found.i[deep])
+    reach = np.zeros(len(on.nodes))
+    np.maximum.at(reach, found.i[deep], depth[deep])
+    least = np.zeros(len(on.nodes))
+    least[mine] = cKDTree(against.centres).query(on.centres[mine])[0] + on.radii[mine]
+    own_i, own_k = facets_along_normals(on, on, mine, reach[mine])
+    nearest = np.minimum(
+        _nearest_behind(on, on, own_i, own_k, exits=True),
+        _nearest_behind(on, against, i, j, exits=False),
+    )
+    nearest = np.minimum(nearest, OBLIQUE * least)
+    return found.some(~deep | (AT_ITS_END * nearest[found.i] > depth))
+
+
+def _nearest_behind(
+    on: Surface, other: Surface, i: NDArray[np.int64], j: NDArray[np.int64], exits: bool
+) -> NDArray[np.float64]:
+    """Depth behind each facet of `on` at which the other surface is crossed, (facets,); or inf.
+
+    Parameters
+    ----------
+    i, j : (pairs,)
+        Facets along the normals, sorted by i.
+    exits
+        Whether the crossed facets point against the normal of the `on` facet (inwards from it, one
+        leaves a body there) or along it (one enters a body there, also at depth 0).
+    """
+    along = np.einsum("ij,ij->i", on.normals[i], other.normals[j])
+    wanted = along < 0.0 if exits else along > 0.0
+    crossed = Overlaps.of(on, other, i[wanted], j[wanted])
+    depth = -crossed.distance
+    before = depth > 0.0 if exits else depth > -ROUND_OFF * on.radii[crossed.i]
+    nearest = np.full(len(on.nodes), np.inf)
+    np.minimum.at(nearest, crossed.i[before], depth[before])
+    return nearest
