@@ -5,9 +5,9 @@ friction. CalculiX has contact only in space, so a plane scene becomes one layer
 nodes stay in their planes. Between two bodies with friction the side `against` is the slave, so
 that normals are those of the side `on`, as in this application. The floor is one fixed hexahedron.
 
-Tuned are the penalty K and the stick slope λ, `PENALTY` and `STICK` times Young's modulus over the
-length of a facet. A body that only contact holds gets weak springs, and a first step moves it into
-contact.
+Tuned are the penalty K and the stick slope λ, by default `PENALTY` and `STICK` times Young's
+modulus over the length of a facet (`contact_app.studies.friction_tuning` varies both). A body that
+only contact holds gets weak springs, and a first step moves it into contact.
 """
 
 from __future__ import annotations
@@ -124,10 +124,16 @@ class _Solid:
 
 
 class Deck:
-    """CalculiX's input for a scene, and how to read its output."""
+    """CalculiX's input for a scene, and how to read its output.
 
-    def __init__(self, scene: PlainScene) -> None:
-        self.scene = scene
+    Attributes
+    ----------
+    penalty, stick
+        K and λ over E / h.
+    """
+
+    def __init__(self, scene: PlainScene, penalty: float = PENALTY, stick: float = STICK) -> None:
+        self.scene, self.penalty, self.stick = scene, penalty, stick
         self.solids: list[_Solid] = []
         node = element = 1
         for body in scene.bodies:
@@ -182,9 +188,9 @@ class Deck:
             yield from (f"{e}, S{s}" for e, s in other.faces(scene.against[1]))
         unit = min(body.young for body in scene.bodies) / self.size
         yield "*SURFACE INTERACTION, NAME=ROUGH\n*SURFACE BEHAVIOR, PRESSURE-OVERCLOSURE=LINEAR"
-        yield f"{scene.penalty or PENALTY * unit:.6e}"
+        yield f"{scene.penalty or self.penalty * unit:.6e}"
         if scene.coefficient:
-            yield f"*FRICTION\n{scene.coefficient}, {STICK * unit:.6e}"
+            yield f"*FRICTION\n{scene.coefficient}, {self.stick * unit:.6e}"
         yield "*CONTACT PAIR, INTERACTION=ROUGH, TYPE=SURFACE TO SURFACE\n" + self._pair
 
     @property

@@ -6,10 +6,10 @@ on the finest mesh with degree 2:
 
 * displacements at the nodes of the coarsest mesh, ‖u - u_ref‖ / ‖u_ref‖ in the root mean square;
 * the resultant contact force, and its component along x. For the block this is friction; for the
-roller it also contains normal forces, whose directions are inclined; * for the roller also the slip
-and the friction traction over 0 ≤ x ≤ `END`. The slip is the displacement of the roller's nodes
-relative to the block along the tangents of the roller. Tractions that CalculiX prints do not add up
-to its resultant and are left out.
+  roller it also contains normal forces, whose directions are inclined;
+* for the roller also the slip and the friction traction over 0 ≤ x ≤ `END`. The slip is the
+  displacement of the roller's nodes relative to the block along the tangents of the roller.
+  Tractions that CalculiX prints do not add up to its resultant and are left out.
 
 A program that is not installed is left out with the reason. A run that does not converge, or takes
 more than `LIMIT` seconds, has a row that says so. The study writes ``friction.csv`` and
@@ -63,9 +63,15 @@ def missing(program: str) -> str:
 
 
 def run(
-    program: str, name: str, level: float, degree: int, directory: Path
+    program: str, name: str, mesh: tuple[float, int], directory: Path, tuning: Sequence[float] = ()
 ) -> tuple[Outcome, dict[str, Any]]:
-    """Result of a program for a scene on a mesh, with its seconds.
+    """Result of a program for a scene on a mesh of a level and degree, with its seconds.
+
+    Parameters
+    ----------
+    tuning
+        Of CalculiX the penalty and the stick slope, of GetFEM the augmentation parameter, all over
+        E / h; the values of `calculix_deck` and `rough_getfem` unless given.
 
     Raises
     ------
@@ -76,20 +82,21 @@ def run(
     file, scene_file = directory / "outcome.pickle", directory / "scene.pickle"
     python, note = [sys.executable, "-m"], ""
     if program == OURS:
-        here = [*python, "contact_app.studies.rough_scenes", name, str(level), str(degree)]
+        here = [*python, "contact_app.studies.rough_scenes", name, *map(str, mesh)]
         row: dict[str, Any] = dict(measured([*here, str(file)], directory))
         last = (directory / "output.txt").read_text(encoding="utf-8").splitlines()[-1]
         if not json.loads(last)["certificate"]["passed"]:
             note = "not certified"
         return Outcome.load(file), {**row, "note": note}
-    scene = plain(name, level, degree)
+    scene = plain(name, *mesh)
     if program == GETFEM:
         scene.save(scene_file)
         words = [*python, "contact_app.studies.rough_getfem", str(scene_file), str(file)]
+        words += map(str, tuning)
         row = dict(measured(["timeout", str(LIMIT), *words], directory))
         note = (directory / "output.txt").read_text(encoding="utf-8").splitlines()[-1]
         return Outcome.load(file), {**row, "note": note.split(":")[0]}
-    deck = Deck(scene)
+    deck = Deck(scene, *tuning)
     (directory / "deck.inp").write_text("\n".join(deck.lines()) + "\n", encoding="utf-8")
     row = dict(measured(["timeout", str(LIMIT), COMMAND, "deck"], directory))
     printed = (directory / "output.txt").read_text(encoding="utf-8")
@@ -168,7 +175,7 @@ def rows(names: Sequence[str], directory: Path) -> Iterator[dict[str, Any]]:
     """All runs, one row each; the reference first."""
     for name in names:
         scene = ROUGH[name]
-        known, row = run(OURS, name, *scene.finest, directory / f"{name}_reference")
+        known, row = run(OURS, name, scene.finest, directory / f"{name}_reference")
         judge = Judge(name, known)
         yield _row(name, "reference", scene.finest, known, row, {})
         for program in (OURS, CALCULIX, GETFEM):
@@ -177,7 +184,7 @@ def rows(names: Sequence[str], directory: Path) -> Iterator[dict[str, Any]]:
                 for level in scene.levels if degree == 1 else scene.levels[:-1]:
                     where = directory / f"{name}_{program}_{degree}_{level:g}"
                     try:
-                        found, row = run(program, name, level, degree, where)
+                        found, row = run(program, name, (level, degree), where)
                     except (RuntimeError, subprocess.SubprocessError) as error:
                         note = f"no answer: {str(error).splitlines()[-1].split(';')[0]}"
                         yield {**_bare(name, program, (level, degree)), "note": note}

@@ -20,7 +20,10 @@ solution compared with those of the theory. The numbers (`verification_measures`
 * Rigid ball: the fit as for Hertz, on a quarter of the block; its approach beside a²/R.
 * Confined column: resultant on the wall against which it is pressed.
 * Rod on a rough floor: mean displacement of its end, and the distance of the farthest slipping node
-from there. * Load histories: `contact_app.studies.history_cases`; the block on an incline:
+  from there.
+* Plate on a rough plane: displacements of five points; the numbers beside them are published means
+  of several programs instead of a theory.
+* Load histories: `contact_app.studies.history_cases`; the block on an incline:
   `contact_app.studies.incline`; Mindlin's contact in space: `contact_app.studies.mindlin`.
 
 Meshes of round bodies are coarse meshes drawn in Gmsh (``meshes/samples/coarse``). Every edge is
@@ -64,6 +67,7 @@ from contact_app.studies.verification_measures import (
     rigid_ball,
     ring,
     roller,
+    rough_plate,
     rough_rod,
     rough_roller,
     round_fit,
@@ -286,6 +290,10 @@ CASES = (
     Case(
         "rough_rod", "A thin rod on a rough floor, pulled at its end",
         rough_rod, _boxes((50, 1), (100, 1), (200, 2), (400, 4)),
+    ),
+    Case(
+        "plate_on_rough_plane", "SSNV128: a plate pressed and pushed on a rough plane",
+        rough_plate, _boxes((32, 32), (64, 64), (128, 128)),
     ),
     Case(
         "incline", "A block on an incline, pushed up it",

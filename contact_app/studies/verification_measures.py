@@ -130,6 +130,21 @@ def rough_rod(solved: SolvedScene) -> list[Quantity]:
     ]  # fmt: skip
 
 
+def rough_plate(solved: SolvedScene) -> list[Quantity]:
+    """Displacements of five points of the foot in µm, beside published means of several programs.
+
+    Code_Aster, validation manual V6.04.128 (SSNV128), after R. A. Feijóo, H. J. C. Barbosa, N.
+    Zouain, *Numerical formulations for contact problems with friction*, J. Theor. Appl. Mech. 7,
+    1988.
+    """
+    published = {"A": 28.6, "B": 27.2, "C": 22.8, "D": 19.8, "E": 15.0}
+    probes = solved.summary["probes"]
+    return [
+        Quantity(f"u of {name}, µm", 1e3 * probes[name]["displacement"][0], known)
+        for name, known in published.items()
+    ]
+
+
 def column(solved: SolvedScene) -> list[Quantity]:
     """Stress M ε with M = E (1 - ν)/((1 + ν)(1 - 2ν)), by a strain of 1 %."""
     (material,) = solved.model.scene.bodies[0].materials

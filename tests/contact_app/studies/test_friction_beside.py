@@ -28,6 +28,18 @@ def test_solids_have_the_volume_and_the_sides_of_the_scene(
     assert sum(line.endswith("*END STEP") for line in deck.lines()) == steps
 
 
+def test_the_deck_has_the_chosen_penalty_and_stick_slope() -> None:
+    scene = plain("block", 4, 1)
+    unit = 1000.0 / 0.25
+    numbers = [
+        [line for line in Deck(scene, *tuning).lines() if line.startswith("*FRICTION")]
+        + [line for line in Deck(scene, *tuning).lines() if line == f"{5.0 * unit:.6e}"]
+        for tuning in ((5.0, 0.5), (50.0, 5.0))
+    ]
+    assert numbers[0] == [f"*FRICTION\n0.3, {0.5 * unit:.6e}", f"{5.0 * unit:.6e}"]
+    assert numbers[1] == [f"*FRICTION\n0.3, {5.0 * unit:.6e}"]
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("program", [CALCULIX, GETFEM])
 @pytest.mark.parametrize(("name", "level"), [("roller", 2.0), ("block", 4)])
@@ -37,8 +49,8 @@ def test_other_programs_find_the_same(
     """On the same coarse mesh: displacements to two percent, forces to five."""
     if missing(program):
         pytest.skip(missing(program))
-    ours, _ = run(OURS, name, level, 1, tmp_path / "ours")
-    theirs, _ = run(program, name, level, 1, tmp_path / "theirs")
+    ours, _ = run(OURS, name, (level, 1), tmp_path / "ours")
+    theirs, _ = run(program, name, (level, 1), tmp_path / "theirs")
     errors = Judge(name, ours).errors(theirs)
     assert errors["displacement"] < 0.02, errors
     assert errors["along"] < 0.05, errors

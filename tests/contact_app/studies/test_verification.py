@@ -46,6 +46,17 @@ def test_a_rod_slips_on_a_rough_floor() -> None:
     assert length < 0.03, row
 
 
+def test_a_plate_on_a_rough_plane_moves_as_published() -> None:
+    """SSNV128: the published means, and Code_Aster's own values (modelling P) to 0.3 %."""
+    (case,) = find(["plate_on_rough_plane"])
+    (row,) = study(case, [box(32, 32)])
+    assert row.certified
+    assert max(errors(row)[:4]) < 5e-3, row
+    assert errors(row)[4] < 0.03, row
+    found = [quantity.ours for quantity in row.quantities]
+    assert found == pytest.approx([28.5985, 27.2076, 22.8269, 19.7916, 15.4064], rel=3e-3)
+
+
 def test_the_press_fit_on_the_shipped_mesh() -> None:
     (case,) = find(["press_fit"])
     (row,) = study(case, [Level("shipped")])
