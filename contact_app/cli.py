@@ -23,7 +23,7 @@ from contact_app.machine.streams import safe_streams
 
 app = typer.Typer(
     name="contact-app",
-    help="Where two solids touch, how hard, and how sure you may be of the answer.",
+    help="Contact of elastic solids: where they touch, how hard they press, how accurate it is.",
     no_args_is_help=True,
     add_completion=False,
     pretty_exceptions_enable=False,

@@ -84,7 +84,7 @@ def run_log(path: Path | None, first: bool = True) -> Iterator[logging.Logger]:
         handler.close()
         fault = getattr(handler, "fault", None)
         if fault is not None:
-            tell(f"{path} is not whole: {getattr(fault, 'strerror', None) or fault}")
+            tell(f"{path} is incomplete: {getattr(fault, 'strerror', None) or fault}")
 
 
 def _log_end(error: BaseException, path: Path, first: bool) -> None:

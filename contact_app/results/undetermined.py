@@ -69,10 +69,10 @@ class Undetermined:
     def sentence(self) -> str:
         """For the user."""
         return (
-            f"{self.name} has a play of {self.reach:.3g} along {self.along}: the points that press "
-            "do not resist this motion and no load drives it, so that displacements are those of "
-            "one of many places with the same stresses and contact forces; a displacement "
-            "condition, `hold` or friction determines the place"
+            f"{self.name} has a play of {self.reach:.3g} along {self.along}: the contact forces do "
+            "not resist this motion and no load drives it. Its displacements are those of one of "
+            "many positions with the same stresses and contact forces; a displacement condition, "
+            "`hold` or friction determines the position"
         )
 
 

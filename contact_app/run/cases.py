@@ -103,7 +103,9 @@ class Overview:
         if self._envelope is None:
             self._envelope = Envelope(model, solved.nodes, solved.cells)
         if not self._envelope.add(len(self._cases), model, solved.nodes, solved.cells):
-            warnings.append("it was solved on subdomains of its own and is not in the envelope")
+            warnings.append(
+                "the case has other subdomains than the first and is not in the envelope"
+            )
         for sentence in warnings:
             self._warnings.setdefault(sentence, []).append(name)
 

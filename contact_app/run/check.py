@@ -50,8 +50,8 @@ def report(scene: Scene, comm: MPI.Intracomm = MPI.COMM_WORLD) -> None:
         lines.append(f"symmetry: `symmetry: allow` would solve one of {share} equal parts")
     if scene.guaranteed:
         lines.append(
-            "error: a guaranteed bound, whose stresses take about "
-            f"{stress_bytes(scene) / 1e9:.2g} GB and some time on top of the above"
+            "guaranteed error bound: its stresses take about "
+            f"{stress_bytes(scene) / 1e9:.2g} GB in addition, and more time"
         )
     if comm.rank == 0:
         console = Console(highlight=False, markup=False, soft_wrap=True)

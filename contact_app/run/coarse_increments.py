@@ -132,12 +132,12 @@ class CoarseIncrements:
             return ""
         self._checked.add(step)
         seen = "; ".join(suspicions)
-        text = f"friction may depend on how large this increment is ({seen})"
+        text = f"the friction forces may depend on the size of this increment ({seen})"
         change = halved(self._models, middle(), now, monitor())
         if change is None:
             return (
-                f"{text}, and its halves were not solved in the iterations allowed for that: try "
-                "the step with more increments"
+                f"{text}. The test with two half increments did not finish within its limit of "
+                "iterations: solve the step with more increments and compare"
             )
         if not change.matters:
             return ""
@@ -161,7 +161,7 @@ def _turning(before: SolvedScene | None, now: SolvedScene) -> str:
     if of_turned <= MANY * of_slides:
         return ""
     return (
-        f"the slip of {of_turned:,} of {of_slides:,} sliding nodes turns aside by more than "
+        f"at {of_turned:,} of {of_slides:,} sliding nodes the direction of slip turns by more than "
         f"{math.degrees(TURNED):.0f}°"
     )
 

@@ -234,7 +234,7 @@ def _decomposed(scene: Scene, known: Outline) -> list[str]:
         lines.append(
             "method: Total FETI, which is faster than multigrid on thin bodies; after "
             f"{patience(scene)} iterations the undecomposed bodies are solved by `primal`, since "
-            "contact of thin bodies may peel off row by row"
+            "contact of thin bodies may open row by row"
         )
     elif scene.solver.method == "auto" and scene.touching:
         later = f"; after {PATIENCE_WITH_FRICTION} iterations `primal`"

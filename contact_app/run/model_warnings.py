@@ -188,8 +188,8 @@ def _beside_obstacles(answer: Answer) -> Iterator[str]:
         if entered:
             yield (
                 f"{contact.source}: {entered:,} surface nodes of {scene.bodies[contact.body].name} "
-                f"beside {contact.boundary} enter the obstacle, by up to {depth:.3g}: the contact "
-                "is wider than this boundary; name a larger boundary"
+                f"outside {contact.boundary} penetrate the obstacle, by up to {depth:.3g}: the "
+                "contact is wider than this boundary; name a larger boundary"
             )
 
 
@@ -315,7 +315,7 @@ def _without_facets(answer: Answer) -> Iterator[str]:
     if lost:
         yield (
             f"{lost} nodes in contact lie on no whole facet of their contact boundary: their "
-            "contact forces count, but their contact pressure is not shown"
+            "contact forces are included in all sums, but they have no contact pressure"
         )
 
 
@@ -371,8 +371,9 @@ def _closes_at_once(answer: Answer) -> Iterator[str]:
     if changed > CLOSING * touching:
         yield (
             f"{changed:,} of {touching:,} contact points with friction close or open under the "
-            "load, which is applied at once: their slip counts from where they were without "
-            "load, not from where they touched; `steps` with increments show the effect"
+            "load, which is applied at once: their slip is measured from the unloaded state, not "
+            "from the state in which they touched; `steps` with several increments show how much "
+            "this matters"
         )
 
 
@@ -387,9 +388,9 @@ def _slides(answer: Answer) -> Iterator[str]:
         names = ", ".join(MOTION_NAMES[scene.dimension][k] for k in found.names)
         yield (
             f"{body.name} slides by {found.largest:.3g} along {found.along}, which its contacts "
-            f"hardly resist: the facets of round surfaces alone decide how far it slides; without "
-            f"this motion its largest displacement is {found.without:.3g}; `hold: [{names}]` on "
-            "the body prevents it"
+            "hardly resist: only the flat facets of round surfaces determine how far it slides. "
+            f"Without this motion its largest displacement is {found.without:.3g}; "
+            f"`hold: [{names}]` on the body prevents the motion"
         )
 
 

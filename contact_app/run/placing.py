@@ -158,18 +158,19 @@ def rotation_warnings(scene: Scene, places: list[Placement]) -> list[str]:
 def leaves_where_placed(error: NoEquilibriumError) -> NoEquilibriumError:
     """The error, with a note that an earlier answer has moved the rigid bodies."""
     return NoEquilibriumError(
-        f"{error}\n  This is at the place to which earlier solves moved the rigid bodies; at "
-        "their place in the scene file the loads hold them. Hold them along the surfaces on "
-        "which they slide"
+        f"{error}\n  In the positions of the scene file the rigid bodies are in equilibrium, but "
+        "not in those to which earlier solves have moved them. Add displacement conditions along "
+        "the surfaces on which they slide"
     )
 
 
 def never_placed(solved: SolvedScene) -> SolvedScene:
-    """The last answer of bodies that did not come to rest; it is not certified."""
+    """The last answer of rigid bodies whose positions still change; it is not certified."""
     certificate = solved.solution.certificate
     text = (
-        f"the rigid bodies did not come to rest in {PLACINGS} solves, each at the place of the "
-        "last answer: they may slide off the surfaces that they touch; hold them along these"
+        f"the positions of the rigid bodies still change after {PLACINGS} solves, each from the "
+        "positions of the last answer: the bodies may slide off the surfaces that they touch; add "
+        "displacement conditions along these surfaces"
     )
     certificate = replace(certificate, passed=False, warnings=(*certificate.warnings, text))
     return replace(solved, solution=replace(solved.solution, certificate=certificate))

@@ -49,6 +49,6 @@ def _joined(group: list[str], pattern: re.Pattern[str]) -> str:
     about = [found[0] for found in map(pattern.search, others) if found]
     listed = dict.fromkeys(about[:LISTED])
     if not listed:
-        return f"{first} (said {len(group)} times)"
+        return f"{first} ({len(group)} times)"
     last = f", … {about[-1]}" if len(about) > LISTED else ""
     return f"{first} (and {len(others)} more alike: {', '.join(listed)}{last})"

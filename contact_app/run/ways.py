@@ -100,7 +100,7 @@ def ways_to(scene: Scene, keeps_subdomains: bool = False) -> Iterator[Way]:
         scene = _by(scene, "auto")
     if may_peel(scene):
         yield Way(_by(scene, "active-set"), patience(scene), instead)
-        peels = "contact peels off row by row: solving for the displacements instead"
+        peels = "contact opens row by row: solving for the displacements instead"
         yield Way(_by(scene, "primal"), instead=peels, warns=False)
         instead = ""
     elif stalls:
@@ -163,8 +163,8 @@ def first_certified(
         failed = _Failure(reason_text(answer.solution), answer.model.partition.count)
     if answer is None:
         raise NoWayLeftError(
-            f"{scene.source}: the solver found no answer: {failed.why} Try other cells (less "
-            "slender ones, of degree 2) or a looser solver.tolerance, and report the scene"
+            f"{scene.source}: the solver found no answer: {failed.why} Try less slender cells, "
+            "cells of degree 2 or a larger solver.tolerance, and report the scene"
         )
     return warned(answer, warnings) if warnings else answer
 

@@ -131,7 +131,7 @@ class Box:
         for axis, (part, cells) in enumerate(zip(parts, self.cells, strict=True)):
             if part > cells:
                 where = f"along {'xyz'[axis]}, where {name} has {cells} cells"
-                return f"asks for {part} sub-boxes {where}"
+                return f"requests {part} sub-boxes {where}"
         return ""
 
 

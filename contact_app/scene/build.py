@@ -120,10 +120,12 @@ def _refuse_with_loadings(keys: Keys, scene: Scene) -> None:
             "mesh by a scene without steps that has the loads of the worst increment",
         )
     if scene.steps and not any(_loaded(scene.under(end)) for end in scene.loadings):
-        keys.fail(("steps",), "load nothing: give a condition that does a factor")
+        keys.fail(("steps",), "load nothing: give a factor to a condition that is a load")
     for case in scene.cases:
         if not _loaded(scene.under(case)):
-            keys.fail(("cases", case.name), "loads nothing: give a condition that does a factor")
+            keys.fail(
+                ("cases", case.name), "loads nothing: give a factor to a condition that is a load"
+            )
     if not _loaded(scene):
         keys.fail(
             ("conditions",),
@@ -166,7 +168,7 @@ def _section(
     if given.on is not None:
         return _inner_section(keys, bodies, name, given)
     if given.behind is not None:
-        keys.fail((*path, "behind"), "belongs to an inner surface, `on: body.surface`")
+        keys.fail((*path, "behind"), "is allowed for an inner surface only, `on: body.surface`")
     if given.plane is None and given.inside is None:
         keys.fail(path, "is empty; it has the form {in: body, plane: {point, normal}} or {on: "
                   "body.surface, behind: point}")  # fmt: skip
@@ -188,7 +190,7 @@ def _inner_section(
     path = ("output", "sections", name)
     if given.plane is not None or given.inside is not None:
         extra = "in" if given.plane is None else "plane"
-        keys.fail((*path, extra), "has no place beside `on`, which names body and surface")
+        keys.fail((*path, extra), "is not allowed together with `on`, which names body and surface")
     reader = ConditionReader(keys, bodies)
     body, boundary = reader.boundary(str(given.on), (*path, "on"), inner=True)
     if given.behind is None:

@@ -89,8 +89,8 @@ def read_steps(keys: Keys) -> tuple[LoadStep, ...]:
     if "increments" in known:
         keys.fail(
             ("steps",),
-            "say by the key increments in how many parts a step is solved, and a condition has "
-            "that name: give it another one",
+            "have the key `increments`, the number of parts in which a step is solved, and a "
+            "condition has the same name: rename the condition",
         )
     factors: dict[str, float] = {}
     steps = []
@@ -99,7 +99,7 @@ def read_steps(keys: Keys) -> tuple[LoadStep, ...]:
         if not named:
             keys.fail(
                 ("steps", i),
-                f"names no condition, so that nothing changes in it (known: {', '.join(known)})",
+                f"names no condition, so that it changes no load (known: {', '.join(known)})",
             )
         factors |= dict(named)
         steps.append(LoadStep(tuple(factors.items()), step.increments))
@@ -123,13 +123,13 @@ def _refuse_bad_names(keys: Keys, names: Sequence[str]) -> None:
         if not short or not re.fullmatch(r"\w[\w-]*", name):
             keys.fail(
                 ("cases", name),
-                "is no name of a case: each names a directory of results, so letters, digits, _ "
-                f"and - are allowed, {LONGEST} at most",
+                "is no valid name of a case: it becomes the name of a directory; letters, digits, "
+                f"_ and - are allowed, {LONGEST} at most",
             )
         if name.lower() in seen:
             keys.fail(
                 ("cases", name),
-                f"and {seen[name.lower()]} differ in capital letters alone, and some systems take "
-                "their directories for one",
+                f"and {seen[name.lower()]} differ in upper and lower case only, and some systems "
+                "do not distinguish their directories",
             )
         seen[name.lower()] = name

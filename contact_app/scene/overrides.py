@@ -17,7 +17,7 @@ def override(data: Any, text: str, overridden: dict[Key, str]) -> None:
     words = re.sub(r"\[([0-9]+)\]", r".\1", key.strip()).split(".")  # messages write bodies[0]
     parts = [int(p) if re.fullmatch("[0-9]{1,9}", p) else p for p in words]
     if not equals or not all(p != "" for p in parts):
-        raise ConfigurationError(f"{name}: has the form path.to.key=value")
+        raise ConfigurationError(f"{name}: the form path.to.key=value is allowed")
     if len(parts) > yaml_reader.DEEPEST:
         raise ConfigurationError(f"{name}: is nested deeper than {yaml_reader.DEEPEST} levels")
     value = yaml_reader.scalar(value_text, name)
@@ -26,7 +26,7 @@ def override(data: Any, text: str, overridden: dict[Key, str]) -> None:
         if isinstance(data, list):
             if not isinstance(part, int) or part > len(data):
                 raise ConfigurationError(
-                    f"{name}: {here} is a list of {len(data)}; an item is named by its number"
+                    f"{name}: {here} is a list of length {len(data)}; give the number of an item"
                 )
             if part == len(data):
                 data.append(None)

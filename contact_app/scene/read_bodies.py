@@ -198,7 +198,7 @@ def _file(keys: Keys, mesh: c.Mesh, degree: int, path: Place, read: Read) -> Bod
     axis: Any = (0.0, 0.0, 1.0)
     if mesh.rotate is not None and mesh.rotate.axis is not None:
         if keys.dimension == 2:
-            keys.fail((*path, "rotate", "axis"), "has no place in 2D; give the angle alone")
+            keys.fail((*path, "rotate", "axis"), "is not allowed in 2D; give the angle alone")
         axis = keys.direction(mesh.rotate.axis, (*path, "rotate", "axis"))
     elif mesh.rotate is not None and keys.dimension == 3:
         keys.fail((*path, "rotate"), "needs an axis in 3D: {axis: [0, 0, 1], angle: 90}")
@@ -212,7 +212,7 @@ def _file(keys: Keys, mesh: c.Mesh, degree: int, path: Place, read: Read) -> Bod
     )
     groups = [mesh.group] if isinstance(mesh.group, str) else mesh.group or []
     if not mesh.file or not mesh.file.isprintable():
-        keys.fail((*path, "file"), f"is {mesh.file!r}, which is no name of a file")
+        keys.fail((*path, "file"), f"is {mesh.file!r}, which is no valid file name")
     file = keys.configuration.source.parent / mesh.file
     try:
         found = load_mesh(file, keys.dimension, placement, groups, degree, read, keys.comm)

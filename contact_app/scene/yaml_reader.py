@@ -96,7 +96,7 @@ def read(path: Path) -> tuple[Any, dict[Key, int]]:
     except OSError as error:
         raise ConfigurationError(f"{path}: cannot be read: {error.strerror}") from None
     except ValueError:  # a zero byte or half a character
-        raise ConfigurationError(f"{path}: is no name of a file") from None
+        raise ConfigurationError(f"{path}: is no valid file name") from None
     return parse(text, str(path))
 
 

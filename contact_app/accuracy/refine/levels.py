@@ -68,7 +68,7 @@ class Level:
         return (
             f"{self.dofs:,} degrees of freedom: error {100 * self.error:.2g} %{corrected}, "
             f"{self.hessian_multiplications} Hessian multiplications, {self.seconds:.1f} s"
-            f"{', begun with the last' if self.warm else ''}"
+            f"{', started from the last level' if self.warm else ''}"
         )
 
 

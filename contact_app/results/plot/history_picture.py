@@ -45,7 +45,7 @@ def draw_history(table: Path, target: Path, title: str = "") -> Path:
         axes.set_ylabel(name)
     figure.align_ylabels(all_axes)
     all_axes[0].set_title(title or "load history")
-    all_axes[-1].set_xlabel("time: steps that are over")
+    all_axes[-1].set_xlabel("time: completed steps")
     figure.savefig(target, dpi=150, format="png")
     return target
 

@@ -115,8 +115,8 @@ def test_all_levels_but_the_first_begin_with_the_last() -> None:
     assert not any(level.warm for level in cold.levels)
     spent = [sum(level.hessian_multiplications for level in r.levels) for r in (warm, cold)]
     assert spent[0] <= 0.7 * spent[1]
-    assert "begun with the last" in str(warm.levels[1])
-    assert "begun with the last" not in str(warm.levels[0])
+    assert "started from the last level" in str(warm.levels[1])
+    assert "started from the last level" not in str(warm.levels[0])
 
 
 @pytest.mark.parametrize("cell", ["triangle", "quadrilateral", "tetrahedron", "hexahedron"])
@@ -167,4 +167,4 @@ def test_levels_on_ranks_begin_alike(tmp_path: Path) -> None:
         assert b["dofs"] == a["dofs"]
         assert b["hessian_multiplications"] == pytest.approx(a["hessian_multiplications"], abs=2)
     log = (tmp_path / "out2" / "run.log").read_text()
-    assert log.count("begun with the last") == len(two["levels"]) - 1
+    assert log.count("started from the last level") == len(two["levels"]) - 1

@@ -230,10 +230,10 @@ def test_check_and_the_run_say_what_was_repaired(tmp_path: Path) -> None:
 WRONG = [
     ({"bodies.0.mesh.file": "none.msh"}, "part.yaml:6: bodies[0].mesh.file is ", "does not exist"),
     ({"bodies.0.mesh.file": "a" * 300 + ".msh"}, "mesh.file is ", "which cannot be read: "),
-    ({"bodies.0.mesh.file": "a\0b"}, "which is no name of a file", ""),
+    ({"bodies.0.mesh.file": "a\0b"}, "which is no valid file name", ""),
     ({"bodies.0.mesh.file": 5}, "mesh.file is 5; text is allowed", ""),
     ({"bodies.0.mesh.scale": 0}, "bodies[0].mesh.scale is 0; it must be at least", ""),
-    ({"bodies.0.mesh.rotate": {"angle": 9, "axis": [0, 0, 1]}}, "rotate.axis has no place", ""),
+    ({"bodies.0.mesh.rotate": {"angle": 9, "axis": [0, 0, 1]}}, "rotate.axis is not allowed", ""),
     ({"bodies.0.mesh.rotate": 90}, "a mapping is allowed, with the keys angle, axis", ""),
     ({"bodies.0.mesh.translate": [1, 2, 3]}, "has 3 components; a translation in 2D has 2", ""),
     ({"bodies.0.mesh.refine": 7}, "bodies[0].mesh.refine is 7; it must be at most 6", ""),

@@ -220,8 +220,11 @@ def test_symmetry_leaves_a_scene_with_an_inner_surface_whole() -> None:
         ({"on": "b.left", "behind": [0, 0, 0]}, r"s\.on: .* do not divide b into two sides"),
         ({"on": "b.x-", "behind": [0, 0, 0]}, r"s\.on names .*; it is on the surface"),
         ({"on": "b.pst", "behind": [0, 0, 0]}, r"did you mean b\.post"),
-        ({"on": "b.post", "in": "b", "behind": [0, 0, 0]}, r"s\.in has no place beside `on`"),
-        ({"in": "b", "behind": [0, 0, 0]}, r"s\.behind belongs to an inner surface"),
+        (
+            {"on": "b.post", "in": "b", "behind": [0, 0, 0]},
+            r"s\.in is not allowed together with `on`",
+        ),
+        ({"in": "b", "behind": [0, 0, 0]}, r"s\.behind is allowed for an inner surface"),
         ({}, r"sections\.s is empty"),
     ],
 )

@@ -430,8 +430,8 @@ def test_an_automatic_tolerance_serves_each_case() -> None:
     ("changes", "message"),
     [
         ({"cases": {"a": {"pus": 1}}}, r"scene.yaml:\d+: cases.a.pus names no condition; did you"),
-        ({"cases": {"a/b": {"push": 1}}}, r"scene.yaml:\d+: cases.a/b is no name of a case"),
-        ({"cases": {"a": {"push": 1}, "A": {"push": 2}}}, r"cases.A and a differ in cap"),
+        ({"cases": {"a/b": {"push": 1}}}, r"scene.yaml:\d+: cases.a/b is no valid name of a case"),
+        ({"cases": {"a": {"push": 1}, "A": {"push": 2}}}, r"cases.A and a differ in upper"),
         ({"cases": {}}, r"cases is {}; it must not be empty"),
         ({"cases": {"a": {"push": "x"}}}, r"cases.a.push is 'x'; a number is allowed"),
         ({"steps": [{"push": 1}]}, r"scene.yaml:\d+: steps and cases exclude each other"),

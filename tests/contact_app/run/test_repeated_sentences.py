@@ -1,4 +1,4 @@
-"""Sentences that differ in names alone are said once."""
+"""Sentences that differ in names alone become one."""
 
 from contact_app.run.repeated_sentences import without_repetitions
 
@@ -27,6 +27,6 @@ def test_a_name_within_a_word_is_none() -> None:
 
 
 def test_the_same_sentence_twice_and_long_lists() -> None:
-    assert without_repetitions(["slow"] * 3, []) == ["slow (said 3 times)"]
+    assert without_repetitions(["slow"] * 3, []) == ["slow (3 times)"]
     (told,) = without_repetitions([f"b{i} hangs" for i in range(20)], [f"b{i}" for i in range(20)])
     assert told == "b0 hangs (and 19 more alike: b1, b2, b3, b4, b5, … b19)"

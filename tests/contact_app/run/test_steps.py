@@ -383,7 +383,7 @@ def test_the_factor_is_right_with_rigid_bodies_too() -> None:
         ({"steps": [{"push": 1, "increments": 1.5}]}, r"increments is 1.5; a whole number"),
         ({"steps": [{"push": "x"}]}, r"steps\[0\].push is 'x'; a number is allowed"),
         ({"steps": []}, r"steps is \[\]; it must not be empty"),
-        ({"steps": [{"increments": 2}]}, r"steps\[0\] names no condition, so that nothing changes"),
+        ({"steps": [{"increments": 2}]}, r"steps\[0\] names no condition, so that it changes"),
         ({"steps": [{"push": 0}]}, r"steps load nothing"),
         ({"cases": {"a": {"push": 1}}}, r"steps and cases exclude each other"),
         ({"conditions": [{"on": "block.y-", "displacement": [1, 0]}]}, r"no condition has a name"),
@@ -426,7 +426,9 @@ def test_slips_that_turn_aside_ask_for_more_increments() -> None:
         ],
     )
     steps = solved({**made, "steps": [{"x": 1}, {"x": 2}, {"y": 1}]}).summary["steps"]
-    warned = [any("turns aside" in w for w in s["certificate"]["warnings"]) for s in steps]
+    warned = [
+        any("direction of slip turns" in w for w in s["certificate"]["warnings"]) for s in steps
+    ]
     assert warned == [False, False, True]
 
 

@@ -125,7 +125,7 @@ def test_files_that_are_none(tmp_path: Path) -> None:
         tmp_path / "x" / "y": "there is no such file",
         tmp_path / "garbage" / "y": "cannot be read",
         Path("/tmp/" + "a" * 300): "cannot be read",
-        Path("/tmp/a\0b"): "is no name of a file",
+        Path("/tmp/a\0b"): "is no valid file name",
     }
     (tmp_path / "garbage").write_bytes(bytes(range(256)))
     (tmp_path / "large").write_bytes(b"#" * (LARGEST_FILE + 1))
