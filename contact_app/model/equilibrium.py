@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+from itertools import product
 
 import numpy as np
 from mpi4py import MPI
@@ -315,6 +316,17 @@ def body_frame(body: Body) -> tuple[NDArray[np.float64], float]:
     lower, upper = np.array(body.mesh.lower), np.array(body.mesh.upper)
     centre[: len(lower)] = 0.5 * (lower + upper)
     return centre, float((upper - lower).max())
+
+
+def motion_size(scene: Scene, body: int, motion: NDArray[np.float64]) -> float:
+    """Largest displacement at the corners of the box about a body, of a rigid one its own."""
+    if body >= len(scene.bodies):
+        return float(np.linalg.norm(motion))
+    mesh, d = scene.bodies[body].mesh, scene.dimension
+    corners = np.zeros((2**d, 3))
+    corners[:, :d] = list(product(*zip(mesh.lower, mesh.upper, strict=True)))
+    moved = rigid_motions(corners, d, *body_frame(scene.bodies[body])) @ motion
+    return float(np.linalg.norm(moved, axis=1).max())
 
 
 def upward(motions: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -13,12 +13,13 @@ from typing import Any
 
 import numpy as np
 
-from contact_app.model.equilibrium import directions_in_words, upward
+from contact_app.model.equilibrium import directions_in_words, motion_size, upward
 from contact_app.model.model import Model
 from solver.contact.solution import Solution
 
 LARGE = 0.5
-"""Largest displacement without the motion over that with it, below which there is a warning."""
+"""Shares of the largest displacement: there is a warning if the motion alone is larger, and the
+displacement without it smaller."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -59,7 +60,8 @@ def free_motions(model: Model, solution: Solution) -> list[FreeMotion]:
     found = []
     for b, motion in enumerate(free.of(solution.displacements)[: len(model.scene.bodies)]):
         largest, without = float(measures.displacements[b]), float(measures.deformations[b])
-        if motion.any() and without < LARGE * largest:
+        moved = motion_size(model.scene, b, motion)
+        if moved > LARGE * largest and without < LARGE * largest:
             share = np.abs(motion) > 0.05 * np.abs(motion).max()
             along = directions_in_words(upward(np.where(share, motion, 0.0)[:, None]))
             names = tuple(int(k) for k in np.flatnonzero(share))

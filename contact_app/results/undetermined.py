@@ -14,25 +14,23 @@ with g_i the distance left at row i. Motions that no row resists are told by `fr
 from __future__ import annotations
 
 from dataclasses import dataclass
-from itertools import product
 
 import numpy as np
 from mpi4py import MPI
 from numpy.typing import NDArray
 
 from contact_app.model.equilibrium import (
-    body_frame,
     contact_motions,
     directions_in_words,
     groups_in_contact,
+    motion_size,
     upward,
 )
 from contact_app.model.model import Model
 from contact_app.model.rigid import RigidUnknowns
-from contact_app.scene.scene import Scene
 from solver.contact.equilibrium import undetermined_motions
 from solver.contact.solution import Solution
-from solver.tfeti.subdomain.kernels import MOTIONS, rigid_motions
+from solver.tfeti.subdomain.kernels import MOTIONS
 from solver.vectors import largest_magnitude
 
 Array = NDArray[np.float64]
@@ -58,7 +56,8 @@ class Undetermined:
     along
         The motion in words.
     reach
-        How far its points can move, from one end to the other.
+        How far its points can move, from one end to the other; infinite where only one end stops
+        them.
     """
 
     name: str
@@ -68,8 +67,11 @@ class Undetermined:
     @property
     def sentence(self) -> str:
         """For the user."""
+        play = "can move without limit, one way,"
+        if np.isfinite(self.reach):
+            play = f"has a play of {self.reach:.3g}"
         return (
-            f"{self.name} has a play of {self.reach:.3g} along {self.along}: the contact forces do "
+            f"{self.name} {play} along {self.along}: the contact forces do "
             "not resist this motion and no load drives it. Its displacements are those of one of "
             "many positions with the same stresses and contact forces; a displacement condition, "
             "`hold` or friction determines the position"
@@ -100,7 +102,7 @@ def undetermined(model: Model, solution: Solution) -> list[Undetermined]:
         )
         for motion in undetermined_motions(comm, allowed, dense, presses, loose).T:
             speeds = [
-                _speed(scene, int(b), part)
+                motion_size(scene, int(b), part)
                 for b, part in zip(group, motion.reshape(len(group), m), strict=True)
             ]
             most = int(np.argmax(speeds))
@@ -120,14 +122,3 @@ def _reach(comm: MPI.Intracomm, closing: Array, left: Array) -> float:
         steps = left[closes] / toward[closes]
         reach += comm.allreduce(float(steps.min(initial=np.inf)), op=MPI.MIN)
     return reach
-
-
-def _speed(scene: Scene, body: int, motion: Array) -> float:
-    """Largest displacement at the corners of the box about a body, of a rigid one its own."""
-    if body >= len(scene.bodies):
-        return float(np.linalg.norm(motion))
-    mesh, d = scene.bodies[body].mesh, scene.dimension
-    corners = np.zeros((2**d, 3))
-    corners[:, :d] = list(product(*zip(mesh.lower, mesh.upper, strict=True)))
-    moved = rigid_motions(corners, d, *body_frame(scene.bodies[body])) @ motion
-    return float(np.linalg.norm(moved, axis=1).max())

@@ -100,3 +100,11 @@ def test_two_ranks_tell_the_same_play(tmp_path: Path) -> None:
     told = [[w for w in s["certificate"]["warnings"] if "play" in w] for s in (one, two)]
     assert len(told[0]) == 1
     assert told[0] == told[1]
+
+
+def test_a_body_beside_one_wall_can_move_away_without_limit() -> None:
+    made = between_walls()
+    del made["contacts"][2]
+    warnings = contact_app.solve(made).summary["certificate"]["warnings"]
+    assert any(w.startswith("block can move without limit, one way, along +x:") for w in warnings)
+    assert not any("slides by" in w for w in warnings)
