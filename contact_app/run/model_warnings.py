@@ -31,6 +31,7 @@ from contact_app.accuracy.contact_limits import (
     slipped_through,
 )
 from contact_app.accuracy.faceted_curves import beside, median_gaps, pair_sagittas, sagittas
+from contact_app.accuracy.sharp_edges import sentences, sharp_peaks
 from contact_app.accuracy.trust import few_cells
 from contact_app.model.loaded_area import loaded_facets, straddled_area
 from contact_app.model.model import Model
@@ -218,6 +219,11 @@ def _coarse_pressures(answer: Answer) -> Iterator[str]:
                 f"{max(across, 1.0):.0f} across carry the contact; the largest pressure depends on "
                 f"the mesh, {SMOOTHED}; use smaller cells there"
             )
+
+
+def _sharp_edges(answer: Answer) -> list[str]:
+    """Largest pressures at sharp edges (collective)."""
+    return sentences(answer.model, sharp_peaks(answer.model, answer.nodes))
 
 
 def _sliding_bodies(answer: Answer) -> Iterator[str]:
@@ -464,9 +470,9 @@ def _varying_energy(model: Model, solution: Solution, cells: CellFields) -> NDAr
 
 CHECKS: tuple[Callable[[Answer], Iterable[str]], ...] = (
     _large_deformations, _yielding, _straight_edges, _straight_facets, _beside_obstacles,
-    _between_nodes, _coarse_pressures, _sliding_bodies, _locking_in_volume, _locking_in_bending,
-    _moved_far, _coarse_meshes, _stresses_beside_expansion, _straddled_facets, _without_facets,
-    _certificates, _free_motions, _slides, _rubs_where_open,
-    _closes_at_once, _several_answers, _plays, _apart,
+    _between_nodes, _coarse_pressures, _sharp_edges, _sliding_bodies, _locking_in_volume,
+    _locking_in_bending, _moved_far, _coarse_meshes, _stresses_beside_expansion, _straddled_facets,
+    _without_facets, _certificates, _free_motions, _slides, _rubs_where_open, _closes_at_once,
+    _several_answers, _plays, _apart,
 )  # fmt: skip
 """The tests of an answer, in the order of their warnings."""

@@ -1,0 +1,236 @@
+"""Tests whether the largest pressure of a contact is that of a sharp edge.
+
+Where an edge of one body presses into the other, which goes on beyond the edge, the pressure of the
+theory is infinite: as r^(-1/2) at the distance r from the edge of a rigid punch, as r^(-0.23) from
+the right-angled edge of a body of the same material (J. Dundurs, M.-S. Lee, *Stress concentration
+at a sharp edge in contact problems*, J. Elasticity 2, 1972). The largest pressure of a mesh then
+grows without limit as the mesh is refined. There are three such edges:
+
+* an edge of one of two bodies, where the other has none. If both have one there, they end together,
+  or a plane of symmetry cuts both, and the pressure need not be infinite. An edge of a body that is
+  far softer than the other presses as against an obstacle;
+* an edge of a body on an obstacle if the body's angle is larger than a right angle: the body and
+  its mirror image are a body with a notch. At right angles without friction the pressure is finite;
+* the end of a plane obstacle that acts on a part of a flat surface only: a punch.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from contact_app.model.boundaries import boundary_facets, surface_facets
+from contact_app.model.model import Model
+from contact_app.model.pairs import gather_surface
+from contact_app.results.fields import NodeFields
+from contact_app.results.pressure import NodesInContact
+from contact_app.scene.conditions import BodyContact, Contact
+from meshes.contact_surface import Surface
+
+Array = NDArray[np.float64]
+
+SHARP = np.radians(40.0)
+"""Angle between the normals of two facets from which on their edge is sharp. Round surfaces with
+nine facets around have smaller ones, chamfers of 45° larger ones."""
+
+BLUNT = np.radians(80.0)
+"""Angle between normals below which an edge on an obstacle has an infinite pressure. At a right
+angle it is finite; the rest is for planes of symmetry through coarse facets."""
+
+SOFTER = 0.1
+"""Ratio of Young's moduli below which a body presses as on an obstacle."""
+
+NEAR = 0.6
+"""Distance of the node with the largest pressure from an edge of its own body, over its facets'
+edges: the edge's own nodes. An edge of the other body may lie anywhere in its facets."""
+
+REACH = 4.0
+"""Distance within which facets are gathered, over the size of a node's share of its boundary."""
+
+
+@dataclass(frozen=True)
+class SharpPeak:
+    """The largest pressure of a contact if it is at a sharp edge.
+
+    Attributes
+    ----------
+    number
+        Contact as `Scene.touching` counts.
+    edge
+        Phrase that names the edge.
+    pressure
+        Its value.
+    point : (dimension,)
+        The node.
+    """
+
+    number: int
+    edge: str
+    pressure: float
+    point: tuple[float, ...]
+
+
+@dataclass(frozen=True, eq=False)
+class _Joints:
+    """Edges between two facets of a surface, in the plane nodes.
+
+    Attributes
+    ----------
+    turns : (joints,)
+        Angle between the normals, negative in re-entrant corners.
+    ends : (joints, d - 1, 3)
+    pressed : (joints, 2)
+        Mask of facets of the contact boundary.
+    """
+
+    turns: Array
+    ends: Array
+    pressed: NDArray[np.bool_]
+
+    def distances(self, point: Array) -> Array:
+        """Distances from a point, (joints,)."""
+        start, along = self.ends[:, 0], self.ends[:, -1] - self.ends[:, 0]
+        square = np.einsum("ij,ij->i", along, along)
+        place = np.einsum("ij,ij->i", point - start, along) / np.where(square > 0.0, square, 1.0)
+        nearest = start + np.clip(place, 0.0, 1.0)[:, None] * along
+        return np.asarray(np.linalg.norm(point - nearest, axis=1))
+
+
+def sharp_peaks(model: Model, nodes: NodeFields) -> list[SharpPeak]:
+    """The contacts whose largest pressure is at a sharp edge (collective)."""
+    found = []
+    for number, at_nodes in enumerate(nodes.contacts):
+        pressure, point, size = _peak(model, nodes, at_nodes)
+        if pressure <= 0.0:
+            continue
+        edge = _edge(model, number, np.array(point), size)
+        if edge:
+            place = tuple(point[: model.scene.dimension])
+            found.append(SharpPeak(number, edge, pressure, place))
+    return found
+
+
+def _peak(
+    model: Model, nodes: NodeFields, at_nodes: NodesInContact
+) -> tuple[float, tuple[float, ...], float]:
+    """Largest pressure of a contact, its node's place, and the size of its share."""
+    mine: tuple[float, tuple[float, ...], float] = (0.0, (0.0, 0.0, 0.0), 0.0)
+    if len(at_nodes.nodes):
+        k = int(np.argmax(at_nodes.pressure))
+        share = float(at_nodes.shares[k]) ** (1.0 / (model.scene.dimension - 1))
+        point = nodes.points[at_nodes.nodes[k] - nodes.first]
+        mine = float(at_nodes.pressure[k]), tuple(map(float, point)), share
+    return max(model.comm.allgather(mine))
+
+
+def _edge(model: Model, number: int, point: Array, size: float) -> str:
+    """Phrase that names the sharp edge at a point; empty if there is none (collective)."""
+    scene = model.scene
+    touching = scene.touching[number]
+    own = _skin(model, touching.body, touching.boundary, point, REACH * size)
+    others = None
+    if isinstance(touching, BodyContact):
+        others = _skin(model, touching.other, touching.other_boundary, point, REACH * size)
+    if own is None:
+        return ""
+    surface, joints = own
+    facet = _facet_edge(surface, point)
+    near = joints.distances(point) <= NEAR * facet
+    sharp = near & (joints.turns > SHARP) & joints.pressed.any(axis=1)
+    name = scene.bodies[touching.body].name
+    if isinstance(touching, Contact):
+        if (sharp & (joints.turns < BLUNT)).any():
+            return f"at a sharp edge of {name}"
+        flat = near & (joints.turns < SHARP) & (joints.pressed.sum(axis=1) == 1)
+        return f"at the end of {touching.boundary}" if flat.any() and _punch(touching) else ""
+    if others is None:
+        return ""
+    across = others[1]
+    there = (across.turns > SHARP) & across.pressed.any(axis=1)
+    there &= across.distances(point) <= 1.01 * facet
+    if sharp.any() == there.any():
+        return ""
+    bodies = [scene.bodies[touching.body], scene.bodies[touching.other]]
+    pressing, pressed = bodies if sharp.any() else bodies[::-1]
+    if pressing.softest < SOFTER * pressed.softest:
+        return ""
+    return f"at a sharp edge of {pressing.name}"
+
+
+def _punch(contact: Contact) -> bool:
+    """Whether a contact's obstacle is flat and need not be larger than its boundary."""
+    return contact.obstacle.curvature_radius is None
+
+
+def _skin(
+    model: Model, body: int, boundary: str, point: Array, reach: float
+) -> tuple[Surface, _Joints] | None:
+    """Facets of a body near a point, except those that are held, and the edges between them."""
+    scene, partition = model.scene, model.partition
+    every, of_contact = [], []
+    for s in partition.subdomains:
+        rows = contact = np.zeros(0, np.int32)
+        if s.body == body:
+            rows = surface_facets(s, scene.bodies[body])
+            held = [
+                boundary_facets(s, scene.bodies[body], condition.boundary)
+                for condition in scene.displacements
+                if condition.body == body
+            ]
+            contact = boundary_facets(s, scene.bodies[body], boundary)
+            rows = np.setdiff1d(rows, np.concatenate([*held, rows[:0]]))
+            x = s.points()[s.reference.facets[rows]]
+            away = np.linalg.norm(x - point, axis=2).min(axis=1, initial=np.inf)
+            rows = rows[away <= reach + np.linalg.norm(np.ptp(x, axis=1), axis=1)]
+            contact = np.intersect1d(rows, contact)
+        every.append(rows)
+        of_contact.append(contact)
+    surface, pressed = (gather_surface(scene, partition, rows) for rows in (every, of_contact))
+    if surface is None or pressed is None:
+        return None
+    known = {tuple(row) for row in np.sort(pressed.nodes, axis=1)}
+    on = np.array([tuple(row) in known for row in np.sort(surface.nodes, axis=1)])
+    return surface, _joints(surface, on)
+
+
+def _joints(surface: Surface, pressed: NDArray[np.bool_]) -> _Joints:
+    v, d = surface.vertices.shape[1], surface.dimension
+    ends = surface.nodes[:, :v, None]
+    points = surface.vertices[:, :, None]
+    if d == 3:
+        ends = np.stack([ends[:, :, 0], np.roll(ends[:, :, 0], -1, axis=1)], axis=2)
+        points = np.stack([surface.vertices, np.roll(surface.vertices, -1, axis=1)], axis=2)
+    ends = np.sort(ends.reshape(-1, d - 1), axis=1)
+    order = np.lexsort(ends.T)
+    same = np.flatnonzero((ends[order][1:] == ends[order][:-1]).all(axis=1))
+    places = points.reshape(-1, d - 1, 3)[order[same]]
+    one, two = order[same] // v, order[same + 1] // v
+    normals, centres = surface.normals, surface.centres
+    cosine = np.einsum("ij,ij->i", normals[one], normals[two])
+    turns = np.arccos(np.clip(cosine, -1.0, 1.0))
+    bent = np.einsum("ij,ij->i", centres[two] - centres[one], normals[one])
+    return _Joints(
+        np.where(bent < 0.0, turns, -turns), places, np.stack([pressed[one], pressed[two]], axis=1)
+    )
+
+
+def _facet_edge(surface: Surface, point: Array) -> float:
+    """Longest edge of the facets that contain a node."""
+    nearest = np.linalg.norm(surface.points - point, axis=2).min(axis=1)
+    touching = nearest <= nearest.min() + 1e-9 * float(surface.radii.max())
+    edges = surface.vertices - np.roll(surface.vertices, 1, axis=1)
+    return float(np.linalg.norm(edges[touching], axis=2).max())
+
+
+def sentences(model: Model, peaks: Sequence[SharpPeak]) -> list[str]:
+    """Warnings, one for each contact."""
+    return [
+        f"{model.scene.touching[peak.number].source}: the largest pressure, {peak.pressure:.3g} at "
+        f"({', '.join(f'{v:.4g}' for v in peak.point)}), is {peak.edge}: it grows without limit as "
+        "the mesh is refined, unless the edge is drawn with its radius; forces and pressures away "
+        "from the edge converge"
+        for peak in peaks
+    ]

@@ -1,0 +1,116 @@
+"""Largest pressures at sharp edges: where they are infinite in theory, and where they are not."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import meshio
+import numpy as np
+import pytest
+from mpi4py import MPI
+
+from contact_app.run.solve import solve_scene
+from contact_app.scene.build import build_scene
+from contact_app.scene.configuration import from_mapping, load
+
+CONFIGS = Path(__file__).parents[3] / "configs"
+
+STEEL = {"young": 1000.0, "poisson": 0.3}
+
+
+def blocks(times: int, base: tuple[float, float] = (-8.0, 8.0), young: float = 1000.0) -> Any:
+    """A block 4 wide on another one, half as fine."""
+    wide = base[1] - base[0]
+    boxes = {
+        "base": {"lower": [base[0], -8], "upper": [base[1], 0],
+                 "cells": [round(2 * wide) * times, 16 * times], "cell": "quadrilateral"},
+        "punch": {"lower": [-2, 0], "upper": [2, 6], "cells": [10 * times, 15 * times],
+                  "cell": "quadrilateral"},
+    }  # fmt: skip
+    bodies: list[dict[str, Any]] = [
+        {"name": name, "mesh": {"box": box}, "material": dict(STEEL)} for name, box in boxes.items()
+    ]
+    bodies[1]["material"]["young"] = young
+    bodies[1]["hold"] = ["x"]
+    return {
+        "title": "a block on another one", "dimension": "plane_strain", "bodies": bodies,
+        "conditions": [
+            {"on": "base.y-", "displacement": [0, 0]}, {"on": "punch.y+", "pressure": 10},
+        ],
+        "contacts": [{"on": "punch.y-", "against": "base.y+"}],
+    }  # fmt: skip
+
+
+def peak(made: Any) -> tuple[float, list[str]]:
+    """The largest pressure, and the warnings of sharp edges."""
+    solved = solve_scene(build_scene(from_mapping(made)), MPI.COMM_SELF)
+    warnings = solved.summary["certificate"]["warnings"]
+    (contact,) = solved.summary["contacts"]
+    return contact["max_pressure"], [w for w in warnings if "grows without limit" in w]
+
+
+def test_an_edge_on_a_wider_block_is_told_and_its_pressure_grows_as_in_theory() -> None:
+    """Dundurs and Lee: r^(λ - 1) with λ = 0.7735 for a right angle and equal materials."""
+    found = [peak(blocks(times)) for times in (1, 2, 4)]
+    for pressure, warnings in found:
+        assert f"the largest pressure, {pressure:.3g} at (" in warnings[0]
+        assert "at a sharp edge of punch" in warnings[0]
+    rates = np.diff(np.log2([pressure for pressure, _ in found]))
+    assert rates == pytest.approx(1.0 - 0.7735, abs=0.006)
+
+
+def test_the_edge_is_told_from_the_other_side_of_the_contact() -> None:
+    made = blocks(1)
+    made["contacts"] = [{"on": "base.y+", "against": "punch.y-"}]
+    assert "at a sharp edge of punch" in peak(made)[1][0]
+
+
+def test_blocks_that_end_together_and_soft_blocks_have_no_infinite_pressure() -> None:
+    assert peak(blocks(1, base=(-2.0, 2.0)))[1] == []
+    assert peak(blocks(1, young=50.0))[1] == []
+
+
+@pytest.mark.parametrize(("slope", "told"), [(1.0, True), (0.0, False)])
+def test_an_edge_on_an_obstacle_is_told_if_its_angle_is_larger_than_a_right_angle(
+    slope: float, told: bool, tmp_path: Path
+) -> None:
+    """A foot from -1 to 1, pressed on its right, whose sides lean outwards or are upright."""
+    s, t = np.meshgrid(np.linspace(-1, 1, 13), np.linspace(0, 1, 7))
+    points = np.stack([s * (1.0 + slope * t), t, 0.0 * t], axis=-1).reshape(-1, 3)
+    corner = (13 * np.arange(6)[:, None] + np.arange(12)).ravel()
+    cells = np.stack([corner, corner + 1, corner + 14, corner + 13], axis=1)
+    file = tmp_path / "foot.vtu"
+    meshio.write(file, meshio.Mesh(points, [("quad", cells)]))
+    body = {
+        "name": "foot", "mesh": {"file": str(file)}, "material": dict(STEEL),
+        "boundaries": {
+            "heel": {"where": "y > 1 - 1e-9 and x > 0.3"}, "sole": {"where": "y < 1e-9"},
+        },
+    }  # fmt: skip
+    made = {
+        "title": "a foot", "dimension": "plane_strain", "bodies": [body],
+        "conditions": [{"on": "foot.heel", "displacement": [0, -0.01]}],
+        "contacts": [
+            {"on": "foot.sole", "obstacle": {"plane": {"point": [0, 0], "normal": [0, 1]}}}
+        ],
+    }  # fmt: skip
+    solved = solve_scene(build_scene(from_mapping(made)), MPI.COMM_SELF)
+    nodes = solved.nodes
+    assert nodes.points[np.argmax(nodes.contact_pressure)] == pytest.approx([1, 0, 0], abs=1e-9)
+    warnings = [w for w in solved.summary["certificate"]["warnings"] if "without limit" in w]
+    assert [("at a sharp edge of foot" in w) for w in warnings] == [True] * told
+
+
+def test_a_punch_ends_in_the_middle_of_a_surface() -> None:
+    made = load(CONFIGS / "flat_punch.yaml", ["bodies.0.mesh.box.cells=[32,32]"])
+    solved = solve_scene(build_scene(made), MPI.COMM_SELF)
+    assert any("at (1, 0), is at the end of punched" in w
+               for w in solved.summary["certificate"]["warnings"])  # fmt: skip
+
+
+@pytest.mark.parametrize("name", ["roller_on_block", "hertz_disc", "rigid_ball", "shrink_fit"])
+def test_round_contacts_through_planes_of_symmetry_are_not_told(name: str) -> None:
+    made = load(CONFIGS / f"{name}.yaml")
+    solved = solve_scene(build_scene(made), MPI.COMM_SELF)
+    assert not any("without limit" in w for w in solved.summary["certificate"]["warnings"])
