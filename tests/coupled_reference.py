@@ -168,13 +168,14 @@ def escape_work(coupled: Coupled) -> float:
     By linear programming; zero where the bodies can be in equilibrium.
     """
     system, d = coupled.system, coupled.system.dimension
+    length = float(np.ptp(system.points[: coupled.meshed], axis=0).max())
     columns = []
     for body in np.unique(system.body):
         nodes = np.flatnonzero(system.body == body)
         dofs = (nodes[:, None] * d + np.arange(d)).ravel()
         points = system.points[nodes]
         if nodes[0] >= coupled.meshed:
-            R = np.eye(NODES * d)
+            R = np.diag([1.0] * d + [1.0 / length] * d)
         else:
             center = np.zeros(3)
             center[: points.shape[1]] = points.mean(axis=0)

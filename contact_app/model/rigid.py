@@ -21,10 +21,12 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
+from mpi4py import MPI
 from numpy.typing import NDArray
 
 from contact_app.model.averaged_rows import has_averaged_rows
 from contact_app.model.conditions import rows_in_the_mean
+from contact_app.model.rigid_room import HeldNodes, refuse_no_room
 from contact_app.model.surface_copies import SurfaceCopies
 from contact_app.scene.scene import Scene
 from meshes import Partition
@@ -192,42 +194,45 @@ def moving_rows(
         mine = of_body[rows.sources] == number
         direction = rows.normals[mine, :d]
         keep[mine] = tightest_of_each_node(rows.nodes[mine], direction, rows.gaps[mine])
-    keep &= _tightest_on_held(rows, partition)
+    keep &= _tightest_on_held(rows, unknowns, partition.comm)
     return rows.of(keep), rows.of(~keep)
 
 
-def _tightest_on_held(rows: ContactRows, partition: Partition) -> NDArray[np.bool_]:
+def _tightest_on_held(
+    rows: ContactRows, unknowns: RigidUnknowns, comm: MPI.Intracomm
+) -> NDArray[np.bool_]:
     """Mask (rows,) of rows to keep: of parallel rows of held nodes alone, the tightest.
 
     Nothing moves there: a second closed row would have a gap that no force can change.
-    Collective.
+    Collective. Raises `NoEquilibriumError` if these rows leave a rigid body no room.
     """
-    count, d = len(rows.nodes), partition.dimension
+    count, d = len(rows.nodes), unknowns.scene.dimension
     alone = np.bincount(rows.entries.row, minlength=count) == 0
     alone &= rows.on_rigid
     own = rows.rigid
     body = np.zeros(count, np.int64)
-    body[own.row] = (own.node - partition.nodes) // NODES
-    place = (own.node - partition.nodes) % NODES * d + own.component
+    body[own.row] = unknowns.body_of(own.node)
+    place = unknowns.motion_of(own.node, own.component)
     vectors = np.zeros((count, NODES * d))
     vectors[own.row, place] = own.value
-    length = np.linalg.norm(vectors, axis=1)
-    length[length == 0.0] = 1.0
-    mine = np.column_stack([body, np.round(vectors / length[:, None], 9)])[alone]
-    gaps = (rows.gaps / length)[alone]
-    parts = partition.comm.allgather((mine, gaps))
-    every = np.concatenate([part[0] for part in parts])
-    if not len(every):
+    mine = HeldNodes(body[alone], rows.sources[alone], vectors[alone], rows.gaps[alone])
+    parts = comm.allgather(mine)
+    every = HeldNodes.joined(parts)
+    if not len(every.gaps):
         return np.ones(count, bool)
-    _, group = np.unique(every, axis=0, return_inverse=True)
-    group, every_gap = group.reshape(-1), np.concatenate([part[1] for part in parts])
-    order = np.lexsort((every_gap, group))
+    refuse_no_room(unknowns.scene, every, unknowns.length)
+    length = np.linalg.norm(every.vectors, axis=1)
+    length[length == 0.0] = 1.0
+    alike = np.column_stack([every.body, np.round(every.vectors / length[:, None], 9)])
+    _, group = np.unique(alike, axis=0, return_inverse=True)
+    group = group.reshape(-1)
+    order = np.lexsort((every.gaps / length, group))
     first = order[np.concatenate([[True], np.diff(group[order]) > 0])]
     best = np.zeros(len(group), bool)
     best[first] = True
-    start = sum(len(part[1]) for part in parts[: partition.comm.rank])
+    start = sum(len(part.gaps) for part in parts[: comm.rank])
     result = np.ones(count, bool)
-    result[alone] = best[start : start + len(gaps)]
+    result[alone] = best[start : start + len(mine.gaps)]
     return result
 
 

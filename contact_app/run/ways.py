@@ -12,8 +12,9 @@ many            with friction (`model.method.may_stall`) multigrid, without a wa
 iterations
 multigrid       the same                                 Total FETI
 Total FETI      all                                      the fewest subdomains there can be
-fewest          all that have fewer, and the memory      with friction and `auto` multigrid, else
-subdomains                                               nothing: its answer counts
+fewest          all that have fewer, and the memory      multigrid, unless it was tried before
+subdomains
+multigrid       all for which it was not tried before    nothing: its answer counts
 ==============  =======================================  =========================================
 
 A method ends the search if its answer is certified, or if the user stopped or limited it
@@ -81,19 +82,22 @@ class Way:
         Message when this method is tried after another one that ended for a reason {why}.
     warns
         Whether the message is also a warning of the certificate.
+    keeps
+        Whether the answer of the method before counts if this method leaves none.
     """
 
     scene: Scene | None
     patience: int | None = None
     instead: str = ""
     warns: bool = True
+    keeps: bool = False
 
 
 def ways_to(scene: Scene, keeps_subdomains: bool = False) -> Iterator[Way]:
     """All methods to solve a scene, in order; parameters as of `first_certified`."""
     instead = ""
     stalls = may_stall(scene) and not keeps_subdomains
-    tries_last = scene.has_friction and scene.solver.method == "auto" and not keeps_subdomains
+    tried = stalls or may_peel(scene) or is_undecomposed(scene)
     if is_undecomposed(scene):
         yield Way(scene, None if scene.has_friction else PATIENCE_OF_MULTIGRID)
         instead = "multigrid left no certified answer ({why}){cause}: solved by Total FETI instead"
@@ -110,9 +114,9 @@ def ways_to(scene: Scene, keeps_subdomains: bool = False) -> Iterator[Way]:
     yield Way(scene, instead=instead)
     fewest = "{where} the answer could not be certified ({why}){cause}: solved in {fewest} instead"
     yield Way(None, instead=fewest)
-    if tries_last and not stalls:
+    if not tried and not keeps_subdomains:
         last = "the answer could not be certified ({why}){cause}: solved by multigrid instead"
-        yield Way(_by(scene, "primal"), instead=last)
+        yield Way(_by(scene, "primal"), instead=last, keeps=True)
 
 
 def _by(scene: Scene, method: Method) -> Scene:
@@ -151,11 +155,15 @@ def first_certified(
             if comm.rank == 0:
                 log.info("%s", text)
             warnings += [text] * way.warns
+        before = answer if way.keeps else None
         scene, answer = own, None  # free the factors of the last method
         try:
             answer = solve(_limited(own, way.patience), spent, number == 0)
         except NoAnswerError as error:
             failed = _Failure(str(error), error.subdomains)
+            if before is not None:
+                warnings.append(f"multigrid left no answer, either: {failed.why}")
+                answer = before
             continue
         if _ends(way, answer, own.solver.max_iterations):
             break

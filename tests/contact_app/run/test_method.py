@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from mpi4py import MPI
 
+from contact_app.accuracy.solved_scene import SolvedScene
 from contact_app.model.method import (
     LARGEST_THIN_ALONE,
     LEAST_ALONE,
@@ -21,13 +22,16 @@ from contact_app.model.method import (
     may_peel,
     why_total_feti,
 )
+from contact_app.run.fallback import NoAnswerError
 from contact_app.run.solve import solve_scene
-from contact_app.run.ways import ways_to
+from contact_app.run.ways import first_certified, ways_to
 from contact_app.scene.build import build_scene
 from contact_app.scene.configuration import load
 from contact_app.scene.scene import Scene
+from solver import Counts, Reason
 from tests import scenes
 from tests.comparison import solve
+from tests.stability.feature_scenes import feature_scene
 
 CONFIGS = Path(__file__).parents[3] / "configs"
 
@@ -213,6 +217,39 @@ def test_friction_that_converges_slowly_is_left_to_multigrid() -> None:
     assert list(ways_to(scenes.build(made)))[0].patience == PATIENCE_WITH_FRICTION
     made["solver"]["method"] = "primal"
     assert methods(scenes.build(made, 2)) == ["primal", "auto", None]
+
+
+def test_multigrid_is_the_last_way_of_a_method_that_is_named() -> None:
+    """SMALBE left tied blocks under a rigid ball uncertified; multigrid certifies them."""
+    made, subdomains = feature_scene(61458)
+    made["solver"]["method"] = "smalbe"
+    scene = scenes.build(made, subdomains)
+    named = [way.scene.solver.method if way.scene else None for way in ways_to(scene)]
+    assert named == ["smalbe", None, "primal"]
+    assert [way.keeps for way in ways_to(scene)] == [False, False, True]
+    summary = solve_scene(scene).summary
+    assert summary["certificate"]["passed"]
+    assert summary["solver"]["method"] == "primal"
+    assert "solved by multigrid instead" in summary["certificate"]["warnings"][-1]
+
+
+def test_an_uncertified_answer_counts_if_multigrid_leaves_none() -> None:
+    scene = scenes.build(scenes.ALL["wall"]("hexahedron", 2), 2)
+    solved = solve_scene(scene)
+    certificate = replace(solved.solution.certificate, passed=False)
+    solution = replace(solved.solution, certificate=certificate, reason=Reason.UNSETTLED)
+    uncertified = replace(solved, solution=solution)
+
+    def solve(tried: Scene, spent: Counts, first: bool) -> SolvedScene:
+        if tried.solver.method == "primal":
+            raise NoAnswerError("no body is held")
+        return uncertified
+
+    answer = first_certified(scene, MPI.COMM_WORLD, solve, Counts())
+    assert answer.solution.multiplier is uncertified.solution.multiplier
+    assert (
+        "multigrid left no answer, either: no body is held" in answer.solution.certificate.warnings
+    )
 
 
 @pytest.mark.ratchet
