@@ -93,15 +93,3 @@ def thermal_loads(
 
 def _moved(scene: Scene, body: int, translation: Array, points: Array) -> Array:
     return _temperature(scene, body, points + translation)
-
-
-def free_strains(
-    scene: Scene, partition: Partition, temperatures: Sequence[Array | None]
-) -> NDArray[np.float64]:
-    """Largest strain by which heat would expand each body freely, (bodies,) (collective)."""
-    largest = np.zeros(len(scene.bodies))
-    for s, temperature in zip(partition.subdomains, temperatures, strict=True):
-        if temperature is not None:
-            strain = scene.bodies[s.body].expansion * float(np.abs(temperature).max())
-            largest[s.body] = max(largest[s.body], strain)
-    return np.asarray(np.max(partition.comm.allgather(largest), axis=0))

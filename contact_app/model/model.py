@@ -68,8 +68,6 @@ class Model:
         the answer is tested.
     merged
         Rows that a tighter parallel row of the same node makes redundant.
-    reach
-        Largest approach of the nodes of each contact, (contacts,).
     node_exchange
         Exchange of all nodes (not only surface nodes) with their owners.
     linear
@@ -93,7 +91,6 @@ class Model:
     needed: NDArray[np.bool_]
     left_out: ContactRows
     merged: ContactRows
-    reach: NDArray[np.float64]
     node_exchange: NodeExchange
     linear: tuple[LinearTraction, ...] = ()
     probes: tuple[Probe, ...] = ()
@@ -177,7 +174,7 @@ def model_of_case(model: Model, known: Outline, scene: Scene) -> Model:
     case = problem.with_loads(forces, lifting, c)
     return replace(
         model, scene=scene, problem=case, needed=known.needed, left_out=known.left_out,
-        merged=known.merged, reach=known.reach, linear=known.linear,
+        merged=known.merged, linear=known.linear,
         temperatures=tuple(_temperatures(known, members) for members in _members(model)),
         notes=tuple(_notes(scene, known, case)),
     )  # fmt: skip
@@ -238,7 +235,6 @@ def model_of_outline(
         needed=known.needed,
         left_out=known.left_out,
         merged=known.merged,
-        reach=known.reach,
         node_exchange=NodeExchange(comm, np.concatenate(nodes), partition.nodes),
         linear=known.linear,
         probes=known.probes,

@@ -19,7 +19,7 @@ from contact_app.errors import ConfigurationError
 from contact_app.machine.timings import Timings
 from contact_app.model.assembly import Element
 from contact_app.model.averaged_rows import has_averaged_rows
-from contact_app.model.candidates import Needed, estimated, reaches
+from contact_app.model.candidates import Needed, distinct
 from contact_app.model.conditions import (
     agreed,
     contradiction,
@@ -31,7 +31,7 @@ from contact_app.model.conditions import (
 from contact_app.model.decomposition import choose_split
 from contact_app.model.equilibrium import body_balances, groups_in_contact
 from contact_app.model.friction import always_rough, friction_rows
-from contact_app.model.heat import free_strains, node_temperatures, thermal_loads
+from contact_app.model.heat import node_temperatures, thermal_loads
 from contact_app.model.loads import load_vectors
 from contact_app.model.mean_motions import mean_motion_rows
 from contact_app.model.method import subdomains_of
@@ -91,8 +91,6 @@ class Outline:
         Mask of this rank's candidate rows in `contact`, and the other candidates.
     merged
         Rows that are redundant beside a candidate row of the same node.
-    reach
-        Largest approach of the nodes of each contact, (contacts,).
     elements
         Finite-element forms by the identity of their reference.
     linear
@@ -125,7 +123,6 @@ class Outline:
     needed: NDArray[np.bool_]
     left_out: ContactRows
     merged: ContactRows
-    reach: NDArray[np.float64]
     elements: dict[int, Element]
     linear: tuple[LinearTraction, ...]
     probes: tuple[Probe, ...]
@@ -150,7 +147,7 @@ class Outline:
 
     @property
     def candidates(self) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
-        """Gaps and contacts of all candidate rows of this rank, within reach or not."""
+        """Gaps and contacts of all candidate rows of this rank."""
         parts = (self.contact, self.left_out)
         gaps, sources = (
             np.concatenate([getattr(p, n) for p in parts]) for n in ("gaps", "sources")
@@ -221,16 +218,12 @@ def outline(
     found = _loads(scene, partition, elements, timings)
     friction = friction_rows(scene, partition, exchange, contact, held, tied.rows, merged)
     balances = body_balances(scene, partition, (held, tied.rows), contact, found.loads, friction)
-    reach = np.full(len(scene.touching), np.inf)
-    if not isinstance(needed, str) or needed == "estimated":
-        reach = _reach(scene, partition, contact, found, balances)
     if isinstance(needed, str):
         all_rows = np.ones(len(contact.nodes), bool)
-        needed = all_rows if needed == "all" else estimated(contact, reach)
-        needed |= always_rough(scene, contact)
+        needed = all_rows if needed == "all" else _distinct(scene, contact, balances)
     return Outline(
         partition, surface, exchange, uncut, held, contact.of(needed), needed, contact.of(~needed),
-        merged, reach, elements, found.linear, probes, locate_sections(scene, partition),
+        merged, elements, found.linear, probes, locate_sections(scene, partition),
         found.loads, tied, means, found.temperatures, found.thermal, balances, friction,
     )  # fmt: skip
 
@@ -238,8 +231,7 @@ def outline(
 def outline_of_case(known: Outline, scene: Scene, timings: Timings | None = None) -> Outline | None:
     """The outline of a scene that differs from a known one in the factors of its conditions.
 
-    An estimate for these loads chooses the contact rows among the candidates. Meshes, subdomains
-    and coefficients of rows are shared (collective).
+    Meshes, subdomains and coefficients of rows are shared (collective).
 
     Returns
     -------
@@ -271,11 +263,10 @@ def outline_of_case(known: Outline, scene: Scene, timings: Timings | None = None
     found = _loads(scene, partition, known.elements, timings)
     friction = friction_rows(scene, partition, known.exchange, contact, held, tied.rows, merged)
     balances = body_balances(scene, partition, (held, tied.rows), contact, found.loads, friction)
-    reach = _reach(scene, partition, contact, found, balances)
-    needed = estimated(contact, reach) | always_rough(scene, contact)
+    needed = _distinct(scene, contact, balances)
     return replace(
         known, held=held, contact=contact.of(needed), needed=needed, left_out=contact.of(~needed),
-        merged=merged, reach=reach, linear=found.linear, loads=found.loads,
+        merged=merged, linear=found.linear, loads=found.loads,
         tied=tied, means=means, temperatures=found.temperatures, thermal=found.thermal,
         balances=balances, friction=friction,
     )  # fmt: skip
@@ -343,49 +334,28 @@ def _merged_rows(
     return held, contact, merged
 
 
-def _reach(
-    scene: Scene,
-    partition: Partition,
-    contact: ContactRows,
-    found: _Loads,
-    balances: list[BodyBalance],
-) -> NDArray[np.float64]:
-    """Largest approach of the nodes of each contact, (contacts,) (collective)."""
-    strains = free_strains(scene, partition, found.temperatures)
-    forces, overlaps = np.zeros(len(scene.body_names)), np.zeros(len(scene.touching))
-    strains = np.append(strains, np.zeros(len(scene.moving)))
-    for s, load in zip(partition.subdomains, found.loads, strict=True):
-        if load is not None:
-            forces[s.body] += np.abs(load).sum()
-    np.maximum.at(overlaps, contact.sources, -contact.gaps)
-    forces = partition.comm.allreduce(forces)
-    overlaps = np.max(partition.comm.allgather(overlaps), axis=0)
-    held = np.array([b.steady for b in balances])
-    return reaches(scene, groups_in_contact(scene), (forces, strains), held, overlaps)
+def _distinct(
+    scene: Scene, contact: ContactRows, balances: Sequence[BodyBalance]
+) -> NDArray[np.bool_]:
+    """Mask of the candidate rows that become contact rows, (rows,)."""
+    steady, held = np.array([b.steady for b in balances]), np.zeros(len(scene.body_names), bool)
+    for group in groups_in_contact(scene):
+        held[group] = steady[group].all()
+    of_contacts = np.array([held[item.body] for item in scene.touching], bool)
+    return distinct(contact, of_contacts) | always_rough(scene, contact)
 
 
 def left_out_notes(scene: Scene, known: Outline) -> list[str]:
-    """A sentence on each kind of contact rows that are left out (collective)."""
-    comm, count = known.partition.comm, len(scene.touching)
-    sources = known.left_out.sources
-    unreachable = known.left_out.gaps > known.reach[sources]
+    """A sentence on the contact rows of each contact that are left out (collective)."""
+    count = len(scene.touching)
     numbers = [
-        np.bincount(s, minlength=count) for s in (sources[unreachable], sources[~unreachable])
+        np.bincount(rows.sources, minlength=count) for rows in (known.left_out, known.contact)
     ]
-    numbers.append(np.bincount(known.contact.sources, minlength=count))
-    out, repeated, near = comm.allreduce(np.stack(numbers))
-    held = "; if the answer penetrates them, they get rows and the scene is solved again"
-    notes = []
-    for i, item in enumerate(scene.touching):
-        of = f"of {out[i] + repeated[i] + near[i]:,} candidate nodes"
-        if out[i]:
-            notes.append(
-                f"{item.source}: {out[i]:,} {of} are farther away than they can move "
-                f"({known.reach[i]:.3g} at most, by an estimate) and have no row{held}"
-            )
-        if repeated[i]:
-            notes.append(
-                f"{item.source}: at {repeated[i]:,} {of} another contact is nearer in nearly the "
-                f"same direction, and they have no row{held}"
-            )
-    return notes
+    repeated, used = known.partition.comm.allreduce(np.stack(numbers))
+    return [
+        f"{item.source}: at {repeated[i]:,} of {repeated[i] + used[i]:,} candidate nodes another "
+        "contact is nearer in nearly the same direction, and they have no row; if the answer "
+        "penetrates them, they get rows and the scene is solved again"
+        for i, item in enumerate(scene.touching)
+        if repeated[i]
+    ]

@@ -68,7 +68,7 @@ def outlines_of_cases(
         loaded = scene.under(case)
         try:
             if first is None:
-                first = found[case.name] = outline(loaded, comm, timings, "estimated")
+                first = found[case.name] = outline(loaded, comm, timings, "distinct")
             else:
                 found[case.name] = outline_of_case(first, loaded, timings)
         except NoEquilibriumError as error:

@@ -37,7 +37,7 @@ def report(scene: Scene, comm: MPI.Intracomm = MPI.COMM_WORLD) -> None:
         outlines = {k: v for k, v in outlines_of_cases(scene, comm).items() if v is not None}
         known = next(iter(outlines.values()))
     else:
-        known = outline(scene, comm, needed="estimated")
+        known = outline(scene, comm, needed="distinct")
     refuse_unguaranteed(scene, known.partition)
     lines = describe(scene, known)
     for name, own in outlines.items():

@@ -324,8 +324,6 @@ def _candidates(known: Outline, contact: int, on_boundary: int = 0) -> str:
     if np.isinf(smallest):
         return "no candidate nodes: other conditions determine all nodes of the boundary"
     count = comm.allreduce(int((known.contact.sources == contact).sum()))
-    if count == 0:
-        return f"no node can move that far, smallest gap {smallest:.4g}"
     others = max(on_boundary - comm.allreduce(int((sources == contact).sum())), 0)
     decided = f" and {others:,} that are held or belong to other contacts" if others else ""
     return f"{count:,} candidate nodes{decided}, smallest gap {smallest:.4g}"

@@ -17,7 +17,7 @@ from contact_app.errors import ConfigurationError, NoEquilibriumError
 from contact_app.machine.environment import slow_blas_warning
 from contact_app.machine.memory import give_back
 from contact_app.machine.timings import Timings
-from contact_app.model.candidates import Needed, more_needed
+from contact_app.model.candidates import Needed
 from contact_app.model.method import chosen, is_undecomposed
 from contact_app.model.model import Model, build_model
 from contact_app.model.outline import Tell
@@ -106,7 +106,7 @@ class _Request:
     start: Start | None
     timings: Timings
     spent: Counts = field(default_factory=Counts)
-    needed: Needed = "estimated"
+    needed: Needed = "distinct"
     cases: Shared | None = None
 
     def model(self) -> Model:
@@ -127,7 +127,7 @@ def solve_scene(
     checkpoint: Checkpoint | None = None,
     tell: Tell | None = None,
     start: Start | None = None,
-    needed: Needed = "estimated",
+    needed: Needed = "distinct",
     cases: Shared | None = None,
 ) -> SolvedScene:
     """Solve a scene and summarise the answer; writes no files (collective).
@@ -217,7 +217,7 @@ def _solved(request: _Request) -> SolvedScene:
         if not solution.converged or deepest == 0.0:
             return solved
         needed = model.needed.copy()
-        needed[~needed] = more_needed(model.left_out, model.reach, slack, sizes)
+        needed[~needed] = slack < 0.0
         log.info(
             "the displacements penetrate contacts that were left out, by %.3g: solving again with "
             "%d more contact rows",

@@ -63,7 +63,7 @@ def leaving_in_step(
         loaded = scene.under(scene.loading_at(step, share))
         try:
             if known is None or outline_of_case(known, loaded) is None:
-                known = outline(loaded, comm, needed="estimated")
+                known = outline(loaded, comm, needed="distinct")
             stands = share
         except NoEquilibriumError as earlier:
             leaves, error = share, earlier

@@ -46,7 +46,7 @@ def compare(name: str, path: Path, overrides: Sequence[str] = ()) -> Comparison:
     scene = build_scene(load(path, overrides))
     if scene.symmetry:
         scene = halved(scene).scene
-    cost = estimate(scene, outline(scene, MPI.COMM_SELF, needed="estimated"))
+    cost = estimate(scene, outline(scene, MPI.COMM_SELF, needed="distinct"))
     more = [part for override in overrides for part in ("--set", override)]
     found = python("-m", "contact_app.studies.single_run", str(path), *more)
     return Comparison(

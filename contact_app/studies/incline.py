@@ -52,7 +52,7 @@ def _steepest(scene: Scene) -> float:
         tried = 0.5 * (rests + slides)
         forces = (replace(scene.forces[0], vector=(-tried, -1.0)),)
         try:
-            outline(replace(scene, forces=forces), MPI.COMM_SELF, needed="estimated")
+            outline(replace(scene, forces=forces), MPI.COMM_SELF, needed="distinct")
             rests = tried
         except NoEquilibriumError:
             slides = tried

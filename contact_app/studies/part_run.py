@@ -153,7 +153,7 @@ def _glued(
 ) -> dict[str, Any]:
     """Solve the glued bodies of a scene with a linear method."""
     clock = _Clock()
-    model = build_model(scene, MPI.COMM_WORLD, needed="estimated")
+    model = build_model(scene, MPI.COMM_WORLD, needed="distinct")
     system = merge(model.problem)
     assembling, cpu_assembling = clock.seconds()
     matrix = glued_matrix(system)

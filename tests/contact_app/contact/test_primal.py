@@ -201,7 +201,7 @@ def test_rows_that_hold_a_motion_in_the_mean_do_not_fill_the_coarse_spaces() -> 
     path = CONFIGS / "bolted_flange.yaml"
     values = ["bodies.0.degree=1", "bodies.1.degree=1", "solver.method=primal"]
     scene = build_scene(load(path, values))
-    problem = build_model(scene.under(scene.cases[0]), MPI.COMM_SELF, needed="estimated").problem
+    problem = build_model(scene.under(scene.cases[0]), MPI.COMM_SELF, needed="distinct").problem
     system = merge(problem)
     assert system.means.any()
     hierarchy = build_hierarchy(system)
@@ -215,7 +215,7 @@ def test_rows_that_hold_a_motion_in_the_mean_do_not_fill_the_coarse_spaces() -> 
 def test_coarse_operators_of_an_active_set_are_galerkin_products() -> None:
     """They are made from those without contact and products with few rows."""
     scene = build_scene(load(CONFIGS / "pin_in_lug.yaml", ["solver.method=primal"]))
-    system = merge(build_model(scene, MPI.COMM_SELF, needed="estimated").problem)
+    system = merge(build_model(scene, MPI.COMM_SELF, needed="distinct").problem)
     hierarchy = build_hierarchy(system)
     active = np.arange(len(system.rows)) % 3 > 0
     levels = truncated_levels(hierarchy, Projector(system, active))
@@ -268,7 +268,7 @@ def test_degree_2_has_a_level_of_degree_1(name: str, cell: str) -> None:
 def test_a_part_of_degree_2_takes_few_products() -> None:
     path = CONFIGS / "pillow_block.yaml"
     scene = build_scene(load(path, ["solver.method=primal", "solver.tolerance=1e-8"]))
-    problem = build_model(scene.under(scene.cases[-1]), MPI.COMM_SELF, needed="estimated").problem
+    problem = build_model(scene.under(scene.cases[-1]), MPI.COMM_SELF, needed="distinct").problem
     task = Task(problem, StoppingRule(1e-8), MPRGP(rtol=1e-10, max_iterations=2000))
     found = solve_by_multigrid(task, None, None, MULTIGRID_ALWAYS)
     assert found.converged

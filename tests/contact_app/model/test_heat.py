@@ -251,7 +251,7 @@ def test_bimetal_strip(tmp_path: Path) -> None:
 
 
 def test_contact_that_heat_alone_closes() -> None:
-    """A wall out of reach of the loads gets its rows from the free expansion."""
+    """A wall that is touched by free expansion alone."""
     made = heated("quadrilateral", 1, False)
     made["contacts"] = [
         {"on": "block.x+", "obstacle": scenes.plane("quadrilateral", (1.004, 0, 0), (-1, 0, 0))}

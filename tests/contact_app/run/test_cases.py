@@ -210,30 +210,14 @@ def far_wall() -> Config:
     return named(made, {1: "push"}, {"weak": {"push": 1}, "strong": {"push": 80}})
 
 
-def test_contact_rows_serve_all_cases() -> None:
-    scene = scenes.build(far_wall(), 4)
-    counts = {
-        name: int(known.needed.sum())
-        for name, known in outlines_of_cases(scene, MPI.COMM_WORLD).items()
-        if known is not None
-    }
-    alone = CaseModels(
-        scenes.build({**far_wall(), "cases": {"weak": {"push": 1}}}, 4), MPI.COMM_WORLD
-    )
-    weak = scene.under(scene.cases[0])
-    few = solve_scene(weak, cases=alone).model.needed
-    assert few.sum() == 0  # nothing comes so far
-    assert counts["weak"] == counts["strong"] == len(few)
-
-
 def test_rows_left_out_join_where_a_case_crosses_them() -> None:
     """The answer of a model without contact rows requests the rows that it violates."""
     made = far_wall()
     scene = scenes.build(made, 4)
-    estimated = outlines_of_cases(scene, MPI.COMM_WORLD)
+    outlines = outlines_of_cases(scene, MPI.COMM_WORLD)
     none = {
         name: known and known.with_needed(np.zeros_like(known.needed))
-        for name, known in estimated.items()
+        for name, known in outlines.items()
     }
     models = CaseModels(scene, MPI.COMM_WORLD, none)
     cases = {case.name: solve_scene(scene.under(case), cases=models) for case in scene.cases}
