@@ -14,7 +14,7 @@ from contact_app.scene.scene import Scene
 
 FEWEST = 4
 """Cells along an edge, times the degree, below which estimates are not trusted. On plane random
-scenes with fewer cells (docs/guide/accuracy.md) the error is up to 6 times the estimate."""
+scenes with fewer cells (docs/benchmarks/accuracy.md) the error is up to 6 times the estimate."""
 
 SMALL = 0.1
 """Estimated relative error below which an estimate on few cells is trusted: the cells then

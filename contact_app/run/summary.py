@@ -2,16 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from hashlib import sha1
 from typing import Any
 
 import numpy as np
-from mpi4py import MPI
 
 from contact_app.accuracy.solved_scene import SolvedScene
 from contact_app.machine.environment import environment
-from contact_app.machine.timings import Timings
 from contact_app.model.model import Model
 from contact_app.results.contacts import contact_records
 from contact_app.results.free_motions import free_motions
@@ -28,36 +25,15 @@ from solver.driver import reason_text
 from solver.tfeti.dual import DualProblem
 
 
-@dataclass(frozen=True)
-class Totals:
-    """The numbers of `summary.json` that come from the fields of an answer, over all ranks.
-
-    Attributes
-    ----------
-    max_displacement, mean_displacement
-        Largest and mean |u| over the nodes of the undecomposed mesh, lengths.
-    contact_force : (3,)
-        Resultant force of the obstacles on the bodies.
-    max_contact_pressure
-    """
-
-    max_displacement: float
-    mean_displacement: float
-    contact_force: tuple[float, ...]
-    max_contact_pressure: float
-
-
 def summary_of(solved: SolvedScene) -> dict[str, Any]:
     """`summary.json` of a solved scene (collective)."""
-    comm, nodes, partition = solved.model.comm, solved.nodes, solved.model.partition
-    magnitude = np.linalg.norm(nodes.displacement, axis=1)
-    totals = Totals(
-        comm.allreduce(float(magnitude.max(initial=0.0)), op=MPI.MAX),
-        comm.allreduce(float(magnitude.sum())) / partition.nodes,
-        tuple(float(f) for f in comm.allreduce(nodes.contact_force)),
-        comm.allreduce(float(nodes.contact_pressure.max(initial=0.0)), op=MPI.MAX),
-    )
-    summary = summarise(solved.model, solved.solution, totals, solved.timings)
+    comm, nodes = solved.model.comm, solved.nodes
+    summary = {
+        **summary_of_solution(solved.model, solved.solution),
+        "timings": solved.timings.as_dict(),
+        "environment": environment(comm),
+    }
+    summary["solution"] |= _totals(solved)
     pairs, forces = solved.model.scene.pairs, comm.allreduce(nodes.pair_forces)
     summary["solution"]["pair_forces"] = {
         pair.source: [float(f) for f in force] for pair, force in zip(pairs, forces, strict=True)
@@ -86,9 +62,9 @@ def summary_of(solved: SolvedScene) -> dict[str, Any]:
     return summary
 
 
-def summarise(model: Model, solution: Solution, totals: Totals, timings: Timings) -> dict[str, Any]:
-    """The part of `summary.json` that needs no fields at all nodes and cells (collective)."""
-    problem, scene, comm = model.problem, model.scene, model.comm
+def summary_of_solution(model: Model, solution: Solution) -> dict[str, Any]:
+    """The part of `summary.json` that needs no fields at nodes and cells (collective)."""
+    problem, scene = model.problem, model.scene
     multiplier = solution.multiplier[problem.inequality]
     certificate = solution.certificate.as_dict()
     decides = solution.certificate.deciding(solution.tolerance)
@@ -105,21 +81,27 @@ def summarise(model: Model, solution: Solution, totals: Totals, timings: Timings
         "solver": solver_record(solution),
         "solution": {
             "energy": solution.measures.energy,
-            "max_displacement": totals.max_displacement,
-            "mean_displacement": totals.mean_displacement,
-            "active_contacts": comm.allreduce(int((multiplier > 0.0).sum())),
-            "contact_force": list(totals.contact_force),
-            "max_contact_pressure": totals.max_contact_pressure,
-            **(
-                {"dissipated_work": dissipated_work(problem, solution)}
-                if scene.has_friction
-                else {}
-            ),
+            "active_contacts": model.comm.allreduce(int((multiplier > 0.0).sum())),
         },
         "certificate": certificate,
-        "timings": timings.as_dict(),
-        "environment": environment(comm),
     }
+
+
+def _totals(solved: SolvedScene) -> dict[str, Any]:
+    """The numbers of `solution` that come from the fields of all ranks (collective)."""
+    comm, nodes = solved.model.comm, solved.nodes
+    magnitude = np.linalg.norm(nodes.displacement, axis=1)
+    largest = [magnitude.max(initial=0.0), nodes.contact_pressure.max(initial=0.0)]
+    displacement, pressure = np.max(comm.allgather(largest), axis=0)
+    totals = {
+        "max_displacement": float(displacement),
+        "mean_displacement": comm.allreduce(float(magnitude.sum())) / solved.model.partition.nodes,
+        "contact_force": [float(f) for f in comm.allreduce(nodes.contact_force)],
+        "max_contact_pressure": float(pressure),
+    }
+    if solved.model.scene.has_friction:
+        totals["dissipated_work"] = dissipated_work(solved.model.problem, solved.solution)
+    return totals
 
 
 def decomposition_record(problem: DualProblem, subdomains: int) -> dict[str, Any]:
@@ -149,8 +131,8 @@ def _distinct_classes(problem: DualProblem) -> int:
     found = []
     for cls in problem.classes:
         K = cls.stiffness
-        seen = K @ np.sin(np.arange(K.shape[0])), K.diagonal(), np.asarray(cls.free, float)
-        found.append(sha1(np.concatenate(seen).tobytes(), usedforsecurity=False).digest())
+        parts = K @ np.sin(np.arange(K.shape[0])), K.diagonal(), np.asarray(cls.free, float)
+        found.append(sha1(np.concatenate(parts).tobytes(), usedforsecurity=False).digest())
     return len(set().union(*problem.comm.allgather(found)))
 
 

@@ -19,7 +19,7 @@ Array = NDArray[np.float64]
 NEARLY_INCOMPRESSIBLE = 0.48
 """Poisson's ratio from which on a material counts as nearly incompressible: first-order cells lock,
 and estimates of the error fall short more often (0.5 to 0.7 of the error on quadrilaterals of
-degree 2 at 0.49 to 0.4999, docs/guide/accuracy.md)."""
+degree 2 at 0.49 to 0.4999, docs/benchmarks/accuracy.md)."""
 
 
 @dataclass(frozen=True)

@@ -45,7 +45,6 @@ from contact_app.scene.bodies import BodyMesh, Box
 from contact_app.scene.build import build_scene
 from contact_app.scene.configuration import load
 from contact_app.scene.scene import Scene
-from contact_app.studies.best_mesh import Mesh, graded_meshes, smallest
 from contact_app.studies.fields_on_meshes import interpolation
 from contact_app.studies.reference import Fields
 from contact_app.studies.single_run import fields_of
@@ -291,8 +290,6 @@ def estimated_answer(case: Case, cells: int) -> AnswerOnMesh:
 class AccuracyRun:
     """A run to an accuracy: `error` is measured.
 
-    `best_dofs` are the unknowns of the smallest mesh of the sweep whose measured error meets the
-    target, `knowable_dofs` of the smallest whose estimate from stresses alone meets it.
     `equal_dofs` are the unknowns that equal cells of degree 1 need by the rate of their sweep.
     `all_dofs` is the sum over the levels.
     """
@@ -303,9 +300,6 @@ class AccuracyRun:
     levels: int
     dofs: int
     degree: int
-    best_dofs: int
-    best: str
-    knowable_dofs: int
     equal_dofs: int
     estimate: float
     error: float
@@ -317,12 +311,6 @@ class AccuracyRun:
 
 START = {2: 8, 3: 4}
 """Cells along an edge at the start of runs to an accuracy, by dimension."""
-
-LAYERS = {
-    2: (3, 4, 5, 6, 7, 8, 9, 10, 12, 14, 16, 20, 24, 28, 32),
-    3: (2, 3, 4, 5, 6, 7, 8, 10, 12, 14, 16),
-}
-"""Cells along an edge of graded meshes of the sweep, by dimension."""
 
 
 def measured(case: Case, solved: SolvedScene, known: Sweep) -> float:
@@ -342,24 +330,8 @@ def measured(case: Case, solved: SolvedScene, known: Sweep) -> float:
     return float(error / answer.norm)
 
 
-def all_meshes(case: Case, sweeps: dict[Case, Sweep]) -> list[Mesh]:
-    """The meshes of equal cells of degree 1 and 2 of the sweeps, and graded ones of degree 2."""
-    meshes = [
-        Mesh(f"{row.cells} {row.element}s", row.dofs, row.error, row.estimate)
-        for other, found in sweeps.items()
-        if (other.scene, other.cell, other.mean_dilatation) == (case.scene, case.cell, False)
-        for row in found.rows
-    ]
-    dimension = case.scene_of(2).dimension
-    start = case.scene_of(START[dimension], "accuracy=0.1")
-    for cells in LAYERS[dimension]:
-        scene = replace(case, degree=2).scene_of(cells, "accuracy=0.1")
-        meshes += graded_meshes(start, scene, cells, lambda s: measured(case, s, sweeps[case]))
-    return meshes
-
-
-def reach(case: Case, target: float, known: Sweep, meshes: list[Mesh]) -> AccuracyRun:
-    """Run to an accuracy, measure the error, and compare with the best of all meshes."""
+def reach(case: Case, target: float, known: Sweep) -> AccuracyRun:
+    """Run to an accuracy and measure the error."""
     dimension = case.scene_of(2).dimension
     scene = case.scene_of(START[dimension], f"accuracy={target}")
     found = solve_to_accuracy(scene, partial(solve_scene, comm=MPI.COMM_SELF))
@@ -367,11 +339,9 @@ def reach(case: Case, target: float, known: Sweep, meshes: list[Mesh]) -> Accura
     solved = found.solved
     finest = known.rows[-1]
     cells = finest.cells * (finest.estimate / target) ** (1.0 / known.rate)
-    best = smallest(meshes, target)
     return AccuracyRun(
         case.scene, case.cell, target, len(levels), last.dofs,
-        solved.model.scene.bodies[0].degree, best.dofs, best.name,
-        smallest(meshes, target, by_estimate=True).dofs,
+        solved.model.scene.bodies[0].degree,
         round(dimension * (cells + 1) ** dimension), last.total, measured(case, solved, known),
         sum(level.dofs for level in levels),
         sum(level.hessian_multiplications for level in levels),
@@ -396,7 +366,7 @@ def _halved_cells(scene: Scene) -> Scene:
 
 
 def effectivity(directory: Path, cases: tuple[Case, ...] = CASES) -> Iterator[str]:
-    """Write ``effectivity.csv``, ``meshes.csv`` and ``targets.csv``; yields tables for a page."""
+    """Write ``effectivity.csv`` and ``targets.csv``; yields tables for a page."""
     rows: list[Row] = []
     reached: list[AccuracyRun] = []
     yield "| scene | cell | cells | unknowns | error | estimate | effectivity | error known to |"
@@ -413,29 +383,22 @@ def effectivity(directory: Path, cases: tuple[Case, ...] = CASES) -> Iterator[st
             )
     yield ""
     yield (
-        "| scene | target | levels | unknowns | best by estimate | ratio | best by error | "
-        "ratio | equal cells of degree 1 | estimate | error | unknowns of all levels | "
-        "Hessian multiplications | seconds |"
+        "| scene | target | levels | unknowns | equal cells of degree 1 | estimate | error | "
+        "unknowns of all levels | Hessian multiplications | seconds |"
     )
-    yield "|---|---|---|---|---|---|---|---|---|---|---|---|---|---|"
-    every: list[Any] = []
+    yield "|---" * 10 + "|"
     for case, known in sweeps.items():
-        meshes = all_meshes(case, sweeps) if case.targets else []
-        every += [{"scene": case.scene, **asdict(mesh)} for mesh in meshes]
         for target in case.targets:
-            run = reach(case, target, known, meshes)
+            run = reach(case, target, known)
             reached.append(run)
             yield (
                 f"| {run.scene} | {100 * run.target:g} % | {run.levels} | {run.dofs:,} | "
-                f"{run.knowable_dofs:,} | {run.dofs / run.knowable_dofs:.2f} | "
-                f"{run.best_dofs:,} ({run.best}) | {run.dofs / run.best_dofs:.2f} | "
                 f"{run.equal_dofs:,} | {100 * run.estimate:.2f} % | {100 * run.error:.2f} % | "
                 f"{run.all_dofs:,} | {run.hessian_multiplications} | {run.seconds:.1f} | "
                 f"{run.missed}"
             )
     directory.mkdir(parents=True, exist_ok=True)
     tables: dict[str, list[Any]] = {"effectivity": [asdict(row) for row in rows],
-                                    "meshes": every,
                                     "targets": [asdict(run) for run in reached]}  # fmt: skip
     for name, table in tables.items():
         write(table, list(table[0]), directory / f"{name}.csv")

@@ -3,7 +3,7 @@
 It is solved twice and certified both times: with the paper's rule (projcg, SMALBE-M with ρ = 1.1‖F‖
 and M = 100‖F‖ divided by 10) and with this solver's own rule. All subdomains share one stiffness
 matrix, whose reflections split the inverse on the interface into eight small blocks. No mesh of the
-whole cube is built. The solution on the surface is written. An interrupted run continues from its
+whole cube is built. An interrupted run continues from its
 last outer iteration.
 """
 
@@ -18,15 +18,15 @@ from typing import Any
 import numpy as np
 from mpi4py import MPI
 
+from contact_app.machine.environment import environment
 from contact_app.machine.timings import Timings
 from contact_app.model.model import Model, build_model
 from contact_app.results.history import History
 from contact_app.results.report import write_summary
 from contact_app.run.progress import Interruption, Progress, together
-from contact_app.run.summary import Totals, summarise
+from contact_app.run.summary import summary_of_solution
 from contact_app.scene.scene import Scene
 from contact_app.studies.cube import RTOL, equality
-from contact_app.studies.surface import surface_fields, write_surface
 from solver import MPRGP, SMALBE, BoxQP, Reason
 from solver.contact.checkpoint import Attention, Checkpoint, Saver
 from solver.contact.solution import Solution
@@ -106,17 +106,11 @@ def _run(model: Model, setting: Settings, directory: Path, timings: Timings) -> 
             checkpoint.save_held()
         else:
             checkpoint.remove()
-        progress.stage("writing")
-        with timings.measure("output"):
-            fields = surface_fields(model, solution)
-            write_surface(fields, directory / "surface.xdmf", comm)
-    totals = Totals(
-        fields.largest_displacement,
-        fields.mean_displacement,
-        tuple(fields.contact_force),
-        comm.allreduce(float(fields.contact_pressure.max(initial=0.0)), op=MPI.MAX),
-    )
-    summary = summarise(model, solution, totals, timings)
+    summary = {
+        **summary_of_solution(model, solution),
+        "timings": timings.as_dict(),
+        "environment": environment(comm),
+    }
     summary["scene"]["title"] = f"{model.scene.title}: {setting.value}"
     if first:
         write_summary(directory / "summary.json", summary)

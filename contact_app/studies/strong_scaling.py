@@ -1,6 +1,6 @@
 """Strong scaling: the same cube on one rank and on several, with one thread each.
 
-``python -m contact_app.studies.strong_scaling [SERIES [CELLS [RANKS…]]]`` prints the tables of
+``python -m contact_app.studies.strong_scaling [SERIES [CELLS [RANKS…]]]`` prints the table of
 docs/benchmarks/scaling.md: a series of `contact-app bench` (hexahedra), cells along an edge of the
 cube (60) and numbers of ranks (1 2). Every run is a process of its own. Seconds count from the mesh
 to the certified solution; they are the minimum of `REPEATS` runs, or of the runs that begin within
@@ -73,10 +73,6 @@ def main() -> None:
             f"| {first / row['seconds']:.2f} | {row['applications']} | {row['peak_rss_gb']:.2g} |",
             flush=True,
         )
-    print("\n| ranks | dense products (10⁹/s) | vectors from memory (GB/s) |\n|---:|---:|---:|")
-    for n in counts:
-        found = python("-m", "contact_app.studies.machine_speed", ranks=n, threads=1)
-        print(f"| {n} | {found['dense']:.0f} | {found['memory']:.0f} |", flush=True)
 
 
 if __name__ == "__main__":

@@ -14,7 +14,7 @@ singularities both have errors of the same size. The distance then contains the 
     η² = Σ_K ∫_K |σ* - σ_h|² - ½ |Π(σ* - σ_h)|² dx   in the norm of C⁻¹.
 
 Where stresses are smooth the misfit is of higher order. It is an estimate, not a bound;
-docs/guide/accuracy.md compares it with known errors.
+docs/benchmarks/accuracy.md compares it with known errors.
 
 The solver. The duality gap bounds the distance from the exact solution u_h on the mesh to the
 admissible û that the answer stands for, ½ ‖û - u_h‖² ≤ J(û) - J(u_h) ≤ gap. It assumes K u = f - Bᵀ

@@ -9,7 +9,7 @@ preserves these nodes: a scene with such a boundary is refined by whole numbers 
 
 If the file names no degree, meshes after the first have degree 2: smooth solutions converge faster,
 singular ones have a smaller error for the same number of nodes, and a far smaller one on graded
-cells (docs/guide/accuracy.md).
+cells (docs/benchmarks/accuracy.md).
 
 Cells are graded if the layers of cells of degree 2 have very unequal errors, or if two levels show
 that a singularity reduces the rate. From then on the grid lines of each box are placed by the error

@@ -56,7 +56,7 @@ def test_an_obstacle_that_is_nearly_repeated(angle: float, split: int) -> None:
 
 
 def test_a_body_held_by_contact_alone_has_all_rows() -> None:
-    """Of a held body the row of the nearly repeated obstacle is left out, of a floating one not."""
+    """Rows of a nearly repeated obstacle are left out on a held body, not on a floating one."""
     for made, left_out in (
         (scenes.wall("hexahedron", 3), 12),
         (scenes.floating_in_corner("hexahedron", 3), 0),

@@ -9,9 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from contact_app.run.solve import solve_scene
 from contact_app.studies import effectivity as study
-from contact_app.studies.best_mesh import Mesh, graded_meshes, smallest
 
 
 @pytest.mark.parametrize("cell", ["quadrilateral", "triangle", "hexahedron", "tetrahedron"])
@@ -19,27 +17,6 @@ def test_a_function_keeps_its_energy_on_a_finer_mesh(cell: str) -> None:
     case = replace(study.CASES[0 if cell in ("hexahedron", "tetrahedron") else 2], cell=cell)
     coarse, fine = (study.estimated_answer(case, n) for n in (4, 8))
     assert fine.product(coarse.on(fine)) == pytest.approx(coarse.square, rel=1e-9)
-
-
-def test_the_smallest_mesh_that_meets_a_target() -> None:
-    meshes = [Mesh("a", 10, 0.2, 0.3), Mesh("b", 20, 0.09, 0.15), Mesh("c", 30, 0.05, 0.09)]
-    assert smallest(meshes, 0.1).name == "b"
-    assert smallest(meshes, 0.1, by_estimate=True).name == "c"
-    with pytest.raises(ValueError, match="empty"):
-        smallest(meshes, 0.01)
-
-
-def test_lines_laid_anew_leave_less_error() -> None:
-    """Hertz on ten layers: the study's measure falls with the estimate as lines settle."""
-    case = next(c for c in study.CASES if c.scene == "hertz" and c.targets)
-    known = study.Sweep((), 0.0, 1.0)
-    second = replace(case, degree=2)
-    start, scene = (c.scene_of(n, "accuracy=0.1") for c, n in ((case, 8), (second, 10)))
-    equal = study.measured(second, solve_scene(scene), known)
-    meshes = graded_meshes(start, scene, 10, lambda s: study.measured(case, s, known))
-    assert meshes[0].error < 0.7 * equal
-    assert meshes[-1].error < 0.3 * equal
-    assert all(0.9 < m.estimate / m.error < 2.0 for m in meshes)
 
 
 def test_extrapolations_find_their_limits() -> None:
@@ -78,5 +55,4 @@ def test_all_sweeps_and_targets(tmp_path: Path) -> None:
         for row in csv.DictReader(file):
             assert not row["missed"]
             assert float(row["error"]) <= float(row["target"]), row
-            assert float(row["dofs"]) <= 1.5 * float(row["knowable_dofs"]), row
-            assert float(row["dofs"]) <= 1.5 * float(row["best_dofs"]), row
+            assert float(row["dofs"]) < float(row["equal_dofs"]), row

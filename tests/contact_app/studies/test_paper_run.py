@@ -24,10 +24,10 @@ def test_the_papers_run_in_small(tmp_path: Path) -> None:
     for summary, name in zip(summaries, ("paper", "ours"), strict=True):
         assert summary["certificate"]["passed"]
         left = {p.name for p in (tmp_path / name).iterdir()}
-        assert {"surface.xdmf", "history.csv", "summary.json"} <= left
+        assert {"history.csv", "summary.json"} <= left
         assert not any(file.startswith("checkpoint") for file in left)
     paper, ours = (s["solution"] for s in summaries)
     assert ours["energy"] == pytest.approx(paper["energy"], rel=1e-6)
-    assert ours["mean_displacement"] == pytest.approx(paper["mean_displacement"], rel=1e-4)
+    assert ours["active_contacts"] == paper["active_contacts"] > 0
     fewer, more = (s["solver"]["hessian_multiplications"] for s in reversed(summaries))
     assert fewer < 0.6 * more

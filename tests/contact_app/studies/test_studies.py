@@ -4,14 +4,11 @@ from __future__ import annotations
 
 import csv
 import json
-import time
 
 import pytest
 import typer
-from mpi4py import MPI
 from typer.testing import CliRunner
 
-from contact_app.studies import machine_speed as machine
 from contact_app.studies.commands import register
 from contact_app.studies.paper import COLUMNS, paper_rows
 from contact_app.studies.safeguard import draw_figure_1
@@ -74,14 +71,3 @@ def test_bad_input_is_exit_code_2_with_a_message(tmp_path, arguments, monkeypatc
     done = CliRunner().invoke(application, arguments)
     assert done.exit_code == 2
     assert "error: no-such" in done.output
-
-
-def test_what_the_machine_gives():
-    found = machine.measure(MPI.COMM_SELF)
-    assert 0.1 < found["dense"] < 1e5
-    assert 0.1 < found["memory"] < 1e5
-
-
-def test_a_rate_is_work_over_the_fastest_time():
-    rate = machine.rate(MPI.COMM_SELF, 1.0, lambda: time.sleep(0.002))
-    assert 100.0 < rate < 500.0
