@@ -76,8 +76,9 @@ def _modelled(scene: Scene, known: Outline) -> list[str]:
         if body.mean_dilatation:
             element = ", change of volume as its mean over cells"
         lines.append(f"body {body.name}: {body.mesh.describe()}{element}, {materials}")
-        ends = (_vector(corner) for corner in (body.mesh.lower, body.mesh.upper))
-        lines.append("  from {} to {}".format(*ends))
+        corners = np.array([body.mesh.lower, body.mesh.upper])
+        corners[np.abs(corners) < 1e-12 * np.ptp(corners, axis=0).max()] = 0.0
+        lines.append("  from {} to {}".format(*(_vector(tuple(corner)) for corner in corners)))
         lines += [f"  {note}" for note in body.mesh.notes]
         if not scene.loadings:
             lines.append(f"  total load {_vector(_resultant(known, i, scene.dimension))}")
