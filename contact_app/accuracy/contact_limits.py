@@ -23,6 +23,7 @@ from contact_app.model.boundaries import boundary_nodes, facets_of, surface_face
 from contact_app.model.facets import moments, shapes_on_lattice
 from contact_app.model.model import Model
 from contact_app.results.fields import NodeFields
+from contact_app.results.percent import percent
 from contact_app.scene.conditions import Contact
 from solver.contact.solution import Solution
 
@@ -192,7 +193,7 @@ def slipped_through(
         if depth > (BETWEEN if felt[number] else unpressed_depth) * moved:
             share = "of a body that does not move"
             if moved > 0.0:
-                share = f"{100.0 * depth / moved:.2g} % of the largest displacement"
+                share = f"{percent(depth / moved)} of the largest displacement"
             warnings.append(
                 f"{contact.source}: between the nodes of {scene.bodies[contact.body].name} the "
                 f"obstacle enters by up to {depth:.2g}, {share}: contact is narrower than a facet; "

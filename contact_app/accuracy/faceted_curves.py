@@ -14,6 +14,7 @@ from scipy.spatial import cKDTree
 
 from contact_app.model.model import Model
 from contact_app.results.fields import NodeFields
+from contact_app.results.percent import percent
 from contact_app.scene.bodies import Body
 from contact_app.scene.conditions import Contact
 from contact_app.scene.scene import Scene
@@ -64,7 +65,7 @@ def polygon_solved(model: Model, solution: Solution, nodes: NodeFields) -> str:
         if sagitta > LARGE_SAGITTA * largest > 0.0:
             return (
                 f"{pair.source}: finer cells stay on the flat facets of the mesh file, which lie "
-                f"up to {sagitta:.2g} off the round surface, {100.0 * sagitta / largest:.2g} % of "
+                f"up to {sagitta:.2g} off the round surface, {percent(sagitta / largest)} of "
                 "the largest displacement; give a mesh file of second order and degree: 2, or a "
                 "finer one"
             )
@@ -95,9 +96,9 @@ def beside(sagitta: float, moved: float, gap: float) -> str:
         Largest displacement of the bodies, and median gap of the contact.
     """
     if sagitta > LARGE_SAGITTA * moved > 0.0:
-        return f"{100.0 * sagitta / moved:.2g} % of the largest displacement"
+        return f"{percent(sagitta / moved)} of the largest displacement"
     if sagitta > LARGE_SAGITTA * gap and gap > FITTED * sagitta:
-        return f"{100.0 * sagitta / gap:.2g} % of the gap or overlap of {gap:.2g} in the mesh"
+        return f"{percent(sagitta / gap)} of the gap or overlap of {gap:.2g} in the mesh"
     return ""
 
 

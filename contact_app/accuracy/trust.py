@@ -9,6 +9,7 @@ gives this warning.
 
 from __future__ import annotations
 
+from contact_app.results.percent import percent
 from contact_app.scene.bodies import Body, Box
 from contact_app.scene.scene import Scene
 
@@ -39,7 +40,7 @@ def few_cells(scene: Scene, estimate: float) -> list[str]:
             warnings.append(
                 f"{body.name}: its cells are few, {counts}: so few may be far too stiff in "
                 f"bending and near ν = 0.5 (they lock), and the estimated error of the mesh, "
-                f"{100.0 * estimate:.2g} %, may be far too small; use at least "
+                f"{percent(estimate)}, may be far too small; use at least "
                 f"{FEWEST // body.degree} along every edge, or accuracy: to refine until two "
                 "meshes agree"
             )

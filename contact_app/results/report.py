@@ -21,6 +21,7 @@ from rich.text import Text
 
 from contact_app.machine.atomic_file import atomic
 from contact_app.machine.exits import is_own_failure, mark_logged, message_of, tell
+from contact_app.results.percent import percent
 from contact_app.results.report_rows import named_rows, number, vector
 
 log = logging.getLogger("contact_app")
@@ -355,7 +356,7 @@ def cases_table(summary: Mapping[str, Any]) -> Table:
 
 
 def _percent(value: float | None) -> str:
-    return "unknown" if value is None else f"{100.0 * value:.2g} %"
+    return "unknown" if value is None else percent(value)
 
 
 def at_most(value: float) -> str:

@@ -29,6 +29,7 @@ from numpy.typing import NDArray
 from contact_app.accuracy.solved_scene import SolvedScene
 from contact_app.machine.timings import Timings
 from contact_app.results.friction import closing_points
+from contact_app.results.percent import percent
 from contact_app.run.increment_models import IncrementModels
 from contact_app.run.progress import together
 from contact_app.scene.scene import Scene
@@ -142,8 +143,8 @@ class CoarseIncrements:
         if not change.matters:
             return ""
         return (
-            f"halving this increment changes friction forces by {100 * change.forces:.2g} % of "
-            f"their limits and displacements by {100 * change.displacements:.2g} % of the "
+            f"halving this increment changes friction forces by {percent(change.forces)} of "
+            f"their limits and displacements by {percent(change.displacements)} of the "
             f"largest ({seen}): give the step more increments"
         )
 

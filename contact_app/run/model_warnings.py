@@ -38,6 +38,7 @@ from contact_app.model.model import Model
 from contact_app.results.fields import CellFields, NodeFields
 from contact_app.results.free_motions import free_motions
 from contact_app.results.friction import approach_of_held, closing_points
+from contact_app.results.percent import percent
 from contact_app.results.sliding import largest_sliding, sliding_on_each_other
 from contact_app.results.undetermined import undetermined
 from contact_app.run.repeated_sentences import without_repetitions
@@ -294,7 +295,7 @@ def _stresses_beside_expansion(answer: Answer) -> Iterator[str]:
     elif accuracy.algebraic > SMALL_PART:
         yield (
             f"stresses are small beside those that would stop the thermal expansion, and the "
-            f"solver's part of their error may reach {100.0 * accuracy.algebraic:.2g} %: lower "
+            f"solver's part of their error may reach {percent(accuracy.algebraic)}: lower "
             "solver.tolerance"
         )
 
@@ -447,7 +448,7 @@ def _moved_far(answer: Answer) -> list[str]:
         if share > ROUNDED_STRAINS:
             sentences.append(
                 f"{body.name} moves by {moved:.3g} and is hardly strained: rounding errors of its "
-                f"displacements reach {100.0 * share:.2g} % of its strains; draw the body nearer "
+                f"displacements reach {percent(share)} of its strains; draw the body nearer "
                 "to its final place"
             )
         elif scale == 0.0 and force > 0.0:

@@ -8,6 +8,7 @@ from dataclasses import asdict, dataclass
 from typing import Any
 
 from contact_app.accuracy.solved_scene import SolvedScene
+from contact_app.results.percent import percent
 
 
 @dataclass(frozen=True)
@@ -64,9 +65,9 @@ class Level:
         corrected = ""
         if self.calibration != 1.0:
             how = "lowered" if self.calibration < 1.0 else "raised"
-            corrected = f" (estimate {100 * self.estimate:.2g} %, {how})"
+            corrected = f" (estimate {percent(self.estimate)}, {how})"
         return (
-            f"{self.dofs:,} degrees of freedom: error {100 * self.error:.2g} %{corrected}, "
+            f"{self.dofs:,} degrees of freedom: error {percent(self.error)}{corrected}, "
             f"{self.hessian_multiplications} Hessian multiplications, {self.seconds:.1f} s"
             f"{', started from the last level' if self.warm else ''}"
         )

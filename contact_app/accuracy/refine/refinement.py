@@ -67,6 +67,7 @@ from contact_app.accuracy.solved_scene import SolvedScene
 from contact_app.errors import ContactError
 from contact_app.machine.memory import available_bytes, needed_bytes
 from contact_app.results.friction import dissipated_work
+from contact_app.results.percent import percent
 from contact_app.scene.bodies import Box
 from contact_app.scene.scene import Scene
 from solver import Reason
@@ -247,7 +248,7 @@ class _Levels:
         crossed = _crossed(solved)
         error = self.levels[-1].error
         if not unseen and math.hypot(error, crossed) > self._enough >= error:
-            unseen = [f"contact on a few facets may add {100 * crossed:.2g} %"]
+            unseen = [f"contact on a few facets may add {percent(crossed)}"]
             verdict = Verdict(1.0, unseen[0])
         ended = not solved.solution.converged or solved.solution.reason is Reason.STOPPED
         if error <= self._enough and not (ended or unseen or self._is_confirmed(verdict)):
@@ -368,7 +369,7 @@ def _no_room(following: Scene, assessed: _AssessedLevel, memory: float | None) -
 
 def unconfirmed(error: float, verdict: Verdict) -> str:
     """The reason why a level with an estimate below the target is not accepted."""
-    return f"its error is estimated at {100 * error:.2g} %, but {verdict.doubt}"
+    return f"its error is estimated at {percent(error)}, but {verdict.doubt}"
 
 
 def _measured(solved: SolvedScene) -> Measured:
