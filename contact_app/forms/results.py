@@ -172,7 +172,7 @@ def contact_at_nodes(
     moments = force[:, None] * rows.moments[mine] + rough.moments[mine]
     carriers = shares > 0.0 if at_nodes else at_owned(np.ones(len(force))) > 0.0
     status = np.where(closed | rough.rubs[mine], np.where(rough.sticks[mine], 1, 2), 0)
-    smoothed = _smoothed(model, owners, number, pressure, shares)
+    smoothed = _smoothed(model, owners, number, (pressure, shares), at_nodes)
     return ContactAtNodes(
         pressure, smoothed, gap, shares, carriers,
         at_owned(closed.astype(float)) > 0.0, at_owned(np.where(closed, area, 0.0)),
@@ -182,16 +182,22 @@ def contact_at_nodes(
 
 
 def _smoothed(
-    model: FormModel, owners: Owners, number: int, pressure: Array, shares: Array
+    model: FormModel, owners: Owners, number: int, known: tuple[Array, Array], at_nodes: bool
 ) -> Array:
-    """The pressure of a contact without what facets make of it, (owned,) (collective)."""
+    """The pressure of a contact without what facets make of it, (owned,) (collective).
+
+    Parameters
+    ----------
+    known : (owned,), (owned,)
+        The pressure, and the integrals of shape functions.
+    """
     parts, sides = model.parts, model.sides[number]
     marks = np.zeros(len(parts.points))
     marks[sides.facets.copies.ravel()] = 1.0
     on = np.flatnonzero(owners.sums(marks) > 0.0)
-    known = model.exchange.first + on, pressure[on], shares[on]
+    at_on = model.exchange.first + on, known[0][on], known[1][on]
     result = np.zeros(owners.count)
-    result[on] = smoothed_on(parts.comm, sides.surfaces, known, parts.nodes)
+    result[on] = smoothed_on(parts.comm, sides.surfaces, at_on, parts.nodes, at_nodes)
     return result
 
 

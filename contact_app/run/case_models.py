@@ -12,7 +12,7 @@ begin with that combination.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from mpi4py import MPI
@@ -29,6 +29,7 @@ from contact_app.run.step_equilibrium import leaving_in_step
 from contact_app.scene.scene import Scene
 from solver.contact.solution import Solution
 from solver.tfeti.constraints.matrix import ConstraintMatrix
+from solver.tfeti.directions import Directions
 
 Array = NDArray[np.float64]
 
@@ -121,6 +122,7 @@ class CaseModels:
         self._model: Model | None = None
         self._patches: Patches | None = None
         self._earlier: list[_Earlier] = []
+        self._directions: Directions | None = None
 
     def model(self, scene: Scene, timings: Timings, needed: Needed, tell: Tell | None) -> Model:
         """The model of the scene of a loading; parameters as in `build_model`.
@@ -128,6 +130,15 @@ class CaseModels:
         A loading gets a model of its own if it has other subdomains or rigid bodies (whose
         placements differ), or if other rows are redundant.
         """
+        model = self._model_of(scene, timings, needed, tell)
+        problem = model.problem
+        if not problem.factored or problem.coarse is None:
+            return model
+        problem = problem.recycling(self._directions)
+        self._directions = problem.known.directions
+        return replace(model, problem=problem)
+
+    def _model_of(self, scene: Scene, timings: Timings, needed: Needed, tell: Tell | None) -> Model:
         with timings.measure("setup"):
             if not self._outlines:
                 self._outlines = outlines_of_cases(self._scene, self._comm, timings)
@@ -177,6 +188,8 @@ class CaseModels:
     def add(self, model: Model, solution: Solution) -> None:
         """Store the answer of a case as initial guess for later ones."""
         problem = model.problem
+        if solution.method == "smalbe":  # from sets that did not settle
+            self._directions = None
         self._earlier.append(_Earlier(problem.B, problem.effect_of_loads, solution.multiplier))
 
     def on(self, model: Model) -> Array | None:

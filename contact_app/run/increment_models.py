@@ -28,7 +28,6 @@ from contact_app.results.friction import approach_of_held
 from contact_app.run.case_models import CaseModels
 from contact_app.scene.scene import Scene
 from solver.tfeti.derived import beside_moved
-from solver.tfeti.directions import Directions
 
 Displacements = list[NDArray[np.float64]]
 """One (n, members) array per class."""
@@ -41,7 +40,6 @@ class IncrementModels:
         self._models = CaseModels(scene, comm)
         self._rough = scene.has_friction
         self._displacements: Displacements | None = None
-        self._directions: Directions | None = None
         self._earlier: Callable[[list[tuple[int, int]]], Displacements] | None = None
         self._multiplier: NDArray[np.float64] | None = None
         self._last: Scene | None = None
@@ -73,9 +71,6 @@ class IncrementModels:
         """The model of an increment, with slip measured from the last one."""
         model = self._models.model(scene, timings, needed, tell)
         problem = model.problem
-        if problem.factored and problem.coarse is not None:
-            problem = problem.recycling(self._directions)
-            self._directions = problem.known.directions
         if self._earlier is not None:
             self._displacements = self._earlier([(len(f), f.shape[1]) for f in problem.forces])
             self._earlier = None
@@ -106,8 +101,6 @@ class IncrementModels:
     def add(self, solved: SolvedScene) -> None:
         """Store an answer: the next increment begins with it."""
         self._last, self._displacements = solved.model.scene, solved.solution.displacements
-        if solved.solution.method == "smalbe":  # from sets that did not settle
-            self._directions = None
         self._multiplier = solved.solution.multiplier
         self._models.add(solved.model, solved.solution)
 

@@ -24,9 +24,10 @@ from mpi4py import MPI
 from numpy.typing import NDArray
 
 from contact_app.accuracy.contact_limits import (
-    FEWEST_ALONG,
+    ENOUGH_FACETS,
     FEWEST_FACETS,
     entered_beside,
+    expected_error,
     pressed_facets,
     slipped_through,
 )
@@ -49,10 +50,10 @@ from solver.contact.sizes import STRAINLESS
 from solver.contact.solution import Solution
 from solver.driver import reason_text
 
-SMOOTHED = "and max_smoothed_pressure may be a fifth off, too"
-"""Sentence on the smoothed pressure in warnings of few facets across a contact: with 2.2 to 2.7
-across Hertz's ellipse (ball_in_grooves.yaml, its ball turned by five angles) it is 2 % to 22 % too
-low, with 3.5 to 4.3 it is 3 % to 7 % too high (`contact_app.studies.smoothed_peaks`)."""
+SMOOTHED = "and max_smoothed_pressure may be a third off, too"
+"""Sentence on the smoothed pressure in warnings of fewer than three facets across a contact. With
+2.2 to 2.7 across Hertz's ellipse (ball_in_grooves.yaml, its ball turned by random angles) it is 2 %
+to 22 % too low, with 2.8 across Hertz's circle up to 31 %."""
 
 SMALL_STRAIN, SMALL_ROTATION = 0.05, 0.1
 """Strain, and rotation in radians, above which a warning says that they are not small."""
@@ -206,19 +207,26 @@ def _coarse_pressures(answer: Answer) -> Iterator[str]:
     every = pressed_facets(answer.model, answer.nodes)
     for item, facets in zip(scene.touching, every, strict=True):
         across = facets.across(comm, scene.dimension)
-        axes = facets.along_axes(comm) if scene.dimension == 3 else (np.inf,)
-        if across >= FEWEST_FACETS and min(axes) < FEWEST_ALONG:
-            short, long = sorted(axes)[0], sorted(axes)[-1]
-            yield (
-                f"{item.source}: the pressure varies within single facets: about {short:.1f} "
-                f"facets lie across the narrow side of the contact and {long:.0f} along it; the "
-                f"largest pressure depends on the mesh, {SMOOTHED}; use smaller cells there"
-            )
+        narrow = facets.across_narrow_side(comm, scene.dimension)
         if across < FEWEST_FACETS:
             yield (
                 f"{item.source}: the pressure varies within single facets: only about "
                 f"{max(across, 1.0):.0f} across carry the contact; the largest pressure depends on "
                 f"the mesh, {SMOOTHED}; use smaller cells there"
+            )
+        elif narrow < FEWEST_FACETS:
+            yield (
+                f"{item.source}: the pressure varies within single facets: about {narrow:.1f} "
+                "facets lie across the narrow side of the contact and "
+                f"{max(facets.along_axes(comm)):.0f} along it; the largest pressure depends on the "
+                f"mesh, {SMOOTHED}; use smaller cells there"
+            )
+        elif narrow < ENOUGH_FACETS:
+            yield (
+                f"{item.source}: the pressure varies as that of Hertz's contact with only about "
+                f"{narrow:.1f} facets across: max_smoothed_pressure may be "
+                f"{100.0 * expected_error(narrow):.0f} % off, more where the pressure is singular, "
+                "and the pressure of single nodes more; use smaller cells there"
             )
 
 

@@ -30,8 +30,11 @@ def roller(solved: SolvedScene) -> list[Quantity]:
 
 
 def rough_roller(found: Sequence[SolvedIncrement]) -> list[Quantity]:
-    """The roller with friction at the end of its increments: the numbers of `roller`."""
-    return roller(found[-1].solved)
+    """The roller with friction at the end of its increments: `roller`, and the smoothed peak."""
+    solved = found[-1].solved
+    numbers, (contact,) = roller(solved), solved.summary["contacts"]
+    peak = numbers[1].theory
+    return [*numbers, Quantity("largest smoothed", contact["max_smoothed_pressure"], peak)]
 
 
 def punch(solved: SolvedScene) -> list[Quantity]:

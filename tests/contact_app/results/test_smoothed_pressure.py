@@ -6,13 +6,16 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from mpi4py import MPI
 
 from contact_app.accuracy.solved_scene import SolvedScene
 from contact_app.errors import ConfigurationError
 from contact_app.model.symmetry import halved
+from contact_app.results.smoothed_pressure import smoothed_on
 from contact_app.run.solve import solve_scene
 from contact_app.scene.build import build_scene
 from contact_app.scene.configuration import load
+from meshes.contact_surface import Surface
 from tests import scenes
 from tests.contact_app.model.test_symmetry import pressed
 
@@ -35,15 +38,26 @@ def smooth() -> SolvedScene:
 
 
 def test_polygons_press_as_circles(straight: SolvedScene, smooth: SolvedScene) -> None:
-    """Lamé's pressure in the mean to 0.5 %, in the peak to 2 %; of polygons neither is right."""
+    """Lamé's pressure in the mean to 0.5 %, in the peak to 3 %; of polygons neither is right."""
     (polygon,), (circle,) = straight.summary["contacts"], smooth.summary["contacts"]
     assert circle["force"][0] / 10.0 == pytest.approx(LAME, rel=5e-3)
-    assert circle["max_smoothed_pressure"] == pytest.approx(LAME, rel=0.02)
+    assert circle["max_smoothed_pressure"] == pytest.approx(LAME, rel=0.03)
     assert circle["nodes"]["open"] == 0
     assert abs(polygon["force"][0] / 10.0 - LAME) > 0.05 * LAME
     assert polygon["max_pressure"] > 2.5 * LAME
-    assert polygon["max_smoothed_pressure"] < 0.6 * polygon["max_pressure"]
+    assert polygon["max_smoothed_pressure"] < 0.75 * polygon["max_pressure"]
     assert smooth.summary["certificate"]["passed"]
+
+
+def test_a_pressure_that_rises_towards_an_end_stays() -> None:
+    """A linear pressure is met by the linear fit, also where nodes lie on one side alone."""
+    points = np.array([[0.1 * i, 0.0, 0.0] for i in range(11)])
+    nodes = np.array([[i, i + 1] for i in range(10)])
+    side = Surface.of(2, nodes, points[nodes], np.tile([0.5, -1.0, 0.0], (10, 1)))
+    pressure, shares = 1.0 + points[:, 0], np.full(11, 0.1)
+    shares[[0, -1]] = 0.05
+    known = np.arange(11), pressure, shares
+    np.testing.assert_allclose(smoothed_on(MPI.COMM_SELF, [side], known, 11), pressure, rtol=1e-9)
 
 
 def test_the_integral_stays(straight: SolvedScene) -> None:

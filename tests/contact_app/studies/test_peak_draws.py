@@ -1,0 +1,41 @@
+"""The study of peaks at random positions: Hertz's peak, and the error that the warning tells."""
+
+from __future__ import annotations
+
+import re
+
+import numpy as np
+import pytest
+
+from contact_app.accuracy.contact_limits import expected_error
+from contact_app.run.solve import solve_scene
+from contact_app.studies.peak_draws import KINDS, draws, hertz_scene
+from tests import scenes
+
+
+@pytest.mark.parametrize("cell", ["quadrilateral", "triangle", "hexahedron"])
+def test_three_to_six_facets_across_are_told_with_the_error_to_expect(cell: str) -> None:
+    """A ball and a roller with four facets across: the peak is off by less than is told."""
+    kind = KINDS[f"{cell} 1"]
+    made, right = hertz_scene(kind, 4.0, [0.3 / kind.cells] * (kind.dimension - 1))
+    found = solve_scene(scenes.build(made)).summary
+    told = " ".join(found["certificate"]["warnings"])
+    words = re.search(
+        r"with only about ([\d.]+) facets across: max_smoothed_pressure may be (\d+) % off", told
+    )
+    assert words is not None
+    assert float(words[1]) == pytest.approx(4.0, abs=0.5)
+    assert int(words[2]) == pytest.approx(100.0 * expected_error(float(words[1])), abs=2.0)
+    (contact,) = found["contacts"]
+    assert abs(contact["max_smoothed_pressure"] / right - 1.0) < 0.01 * int(words[2])
+    made, _ = hertz_scene(kind, 9.0, [0.0] * (kind.dimension - 1))
+    assert "facets across" not in " ".join(
+        solve_scene(scenes.build(made)).summary["certificate"]["warnings"]
+    )
+
+
+def test_a_fine_mesh_has_the_peak_of_hertz() -> None:
+    (found,) = draws(KINDS["quadrilateral 1"], 9.0, 1, np.random.default_rng(2))
+    assert found.across == pytest.approx(9.0, rel=0.05)
+    assert found.nodal == pytest.approx(0.0, abs=0.015)
+    assert found.smoothed == pytest.approx(0.0, abs=0.015)
