@@ -213,9 +213,6 @@ class Backend(Protocol[S]):
             Whether thin bodies get coarser levels; else there is one level with all rows.
         """
 
-    def mirror_image(self, active: Mask, leaving: Mask) -> Mask:
-        """Active rows in the mirror image of leaving ones across the contact edge (collective)."""
-
     def closing_share(self, state: S, penetrated: Mask) -> Array:
         """Share of the load at which each penetrated row closes, ∞ elsewhere, (rows,).
 

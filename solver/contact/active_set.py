@@ -4,9 +4,9 @@ The contact rows of the active set hold with equality, and the multipliers of th
 prescribed; a backend (`solver.backend`) solves this problem. The solution of the right active set
 is the solution of the contact problem. `active_set_loop` looks for this set. It solves on an active
 set only as accurately as the next decision needs. Rows whose tensile multiplier exceeds the error
-leave the set together with their mirror image across the edge of contact. Rows that are penetrated
-by more than the error join it (Hintermüller, Ito, Kunisch, *The primal-dual active set strategy as
-a semismooth Newton method*, 2002). Only a set that needs no change is solved to the end.
+leave the set, and rows that are penetrated by more than the error join it (Hintermüller, Ito,
+Kunisch, *The primal-dual active set strategy as a semismooth Newton method*, 2002). Only a set that
+needs no change is solved to the end.
 """
 
 from __future__ import annotations
@@ -120,8 +120,8 @@ class Outcome(Generic[S]):
     counts
         Work of the set, or of all of them.
     released : (rows,)
-        Rows that left as mirror images across the contact edge, although the law would let them
-        stay.
+        Tangential rows of points that the law released before the state showed that they slide;
+        None if the set was not changed.
     """
 
     reason: Reason | None
@@ -225,7 +225,7 @@ class _Run(Generic[S]):
         coarsened = multiplier is not None or not law.settles
         flat, turnovers = True, list[Turnover]()
         hierarchy, ahead = backend.hierarchy(coarsened=False), options.looks_ahead
-        update = ActiveSetUpdate(backend, hierarchy, law, options, options.release_at_edge, ahead)
+        update = ActiveSetUpdate(backend, hierarchy, law, options, ahead)
         seen, counts, reduction = set[int](), self.spent, options.first_reduction
         statuses = start.statuses or law.initial(start.active, start.multiplier, ahead)
         released, again = np.zeros_like(start.active), np.zeros_like(start.active)
@@ -242,7 +242,7 @@ class _Run(Generic[S]):
                 seen.clear()
             elif fingerprint in seen:  # decided too early, or the sets do not settle
                 reduction *= options.deeper
-                update = replace(update, release_at_edge=False, looks_ahead=False)
+                update = replace(update, looks_ahead=False)
                 seen.clear()
             seen.add(fingerprint)
             if options.patience and number and number % options.patience == 0:
@@ -281,7 +281,7 @@ class _Run(Generic[S]):
             multiplier, statuses = found.state.multiplier, following
             if not law.settles and start.multiplier is None and options.is_unsettled(turnovers):
                 return replace(found, counts=counts), _Failure.UNSETTLED
-        early = bool(comm.allreduce(int((released & ~backend.contact_rows).any())))
+        early = bool(comm.allreduce(int(released.any())))
         failed_ahead = found.reason is None and (
             early or (ahead and _begins_ahead(comm, start, law))
         )
@@ -353,15 +353,14 @@ class ActiveSetUpdate(Generic[S]):
     hierarchy
         Constraint hierarchy: the open rows that may join. Where no row changes, it goes to its next
         level.
-    release_at_edge
-        Whether rows leave together with their mirror image across the edge of contact.
+    looks_ahead
+        Whether the law may release points before a state shows that they slide.
     """
 
     backend: Backend[S]
     hierarchy: Hierarchy
     law: ContactLaw
     options: ActiveSetOptions
-    release_at_edge: bool = True
     looks_ahead: bool = True
 
     @classmethod
@@ -370,16 +369,12 @@ class ActiveSetUpdate(Generic[S]):
         return cls(backend, backend.hierarchy(coarsened=False), Frictionless(), ActiveSetOptions())
 
     def following(self, on_set: SetSolve[S], state: S) -> tuple[Statuses, Mask]:
-        """The next statuses, and the rows released as mirror images, (rows,) (collective)."""
+        """The next statuses, and the tangential rows released early, (rows,) (collective)."""
         backend, before = self.backend, on_set.statuses
         active = before.active & backend.contact_rows
         error = self.options.significant * on_set.error(state.strained)
         found = Found.of(backend.comm, state, before.active, error)
         stays = self.law.may_stay_active(state.multiplier, found.force)
-        released = np.zeros_like(active)
-        if self.release_at_edge:
-            released = stays & backend.mirror_image(active, active & ~stays)
-            stays &= ~released
         for _ in range(2):
             joins = self.hierarchy.allowed & self.law.closes(state.distance, error)
             if not backend.comm.allreduce(int(active.sum())):
@@ -389,7 +384,7 @@ class ActiveSetUpdate(Generic[S]):
             if self.hierarchy.finest or _changes(backend.comm, before, following):
                 break
             self.hierarchy.refine()
-        return following, released | early
+        return following, early
 
     def on_levels(self, statuses: Statuses) -> tuple[ActiveSetUpdate[S], Statuses]:
         """The update from the coarsest level on, and the statuses on this level (collective)."""
@@ -406,15 +401,9 @@ class ActiveSetUpdate(Generic[S]):
         return replace(self, options=replace(self.options, largest_error=largest))
 
     def without_failed(self, again: Mask, released: Mask) -> ActiveSetUpdate[S]:
-        """The update without rules whose released rows became active too often (collective)."""
-        rows, comm, most = self.backend.contact_rows, self.backend.comm, self.options.rejoining
-        edge = _share(comm, again & rows, released & rows) <= most
-        ahead = _share(comm, again & ~rows, released & ~rows) <= self.options.returning
-        return replace(
-            self,
-            release_at_edge=self.release_at_edge and edge,
-            looks_ahead=self.looks_ahead and ahead,
-        )
+        """The update without early release if too many of its rows stick again (collective)."""
+        good = _share(self.backend.comm, again, released) <= self.options.returning
+        return replace(self, looks_ahead=self.looks_ahead and good)
 
     def _first_to_close(self, state: S, penetrated: Mask) -> Mask:
         """Penetrated rows that a growing load closes first; the other rows may then stay open."""

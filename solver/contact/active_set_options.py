@@ -84,12 +84,6 @@ class ActiveSetOptions:
     peeled
         Share of the active rows that leave in two sets in a row, from which on the contact is said
         to peel off.
-    release_at_edge
-        Whether rows leave together with their mirror image across the edge of contact.
-    rejoining
-        Share of the rows released as mirror images that may join later sets again. A larger share
-        shows that the contact edge is not where the rule expects it, for example where most of a
-        base lifts off. The sets would nearly cycle, so the rule is switched off.
     settling, unsettled
         With friction the loop begins anew from the contact without friction if at least this many
         sets did not settle, each of the last three changed this share of the closed rows, and as
@@ -122,8 +116,6 @@ class ActiveSetOptions:
     patience: int = 0
     careful: float = 0.1
     peeled: float = 0.1
-    release_at_edge: bool = True
-    rejoining: float = 0.25
     settling: int = 8
     unsettled: float = 0.25
     looks_ahead: bool = True

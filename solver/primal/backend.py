@@ -215,10 +215,6 @@ class Multigrid:
         """
         return self.thin and self.direct and self.problem.held_without_contact
 
-    def mirror_image(self, active: Mask, leaving: Mask) -> Mask:
-        """An empty mask: the sets settle without this rule."""
-        return np.zeros_like(active)
-
     def closing_share(self, state: PrimalState, penetrated: Mask) -> Array:
         """Share of the load at which each penetrated row closes: B u grows with the load."""
         gaps = np.maximum(self.problem.c, 0.0)

@@ -97,7 +97,6 @@ def _solve(
     options = replace(
         task.active_sets,
         first_reduction=FIRST_REDUCTION,
-        release_at_edge=False,
         sets_before_levels=SETS_BEFORE_LEVELS,
     )
     near = restart.x if restart is not None else guess

@@ -11,7 +11,6 @@ from petsc4py import PETSc
 
 from solver.backend import Statuses
 from solver.tfeti.active_set_problem import ActiveSetProblem, State
-from solver.tfeti.constraints.contact_edge import mirror_image
 from solver.tfeti.constraints.hierarchy import ConstraintHierarchy
 from solver.tfeti.coupled import CoupledRows, coupled_rows
 from solver.tfeti.directions import Directions, RecyclingOptions
@@ -61,10 +60,6 @@ class TotalFeti:
     def hierarchy(self, coarsened: bool) -> ConstraintHierarchy:
         """The constraint hierarchy; several levels for thin bodies if wanted (collective)."""
         return ConstraintHierarchy(self.problem, coarsened and self.problem.held_without_contact)
-
-    def mirror_image(self, active: Mask, leaving: Mask) -> Mask:
-        """Active rows in the mirror image of leaving ones (collective)."""
-        return mirror_image(self.problem, active, leaving)
 
     def closing_share(self, state: State, penetrated: Mask) -> Array:
         """Share of the load at which each penetrated row closes: B u grows with the load."""

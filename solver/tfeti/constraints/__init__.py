@@ -2,6 +2,6 @@
 
 `conditions` are the conditions at nodes, `merge` joins equal conditions into one row, `rows` writes
 B, `cross_points` glues nodes of many subdomains, `exchange` sends data of the copies of a node to
-the rank that owns the node, and `matrix` is B itself. `hierarchy` has levels of contact rows for
-initial guesses, and `contact_edge` releases rows in pairs at the edge of contact.
+the rank that owns the node, and `matrix` is B itself. `hierarchy` has levels of contact rows, from
+coarse to fine, for contact that peels off.
 """

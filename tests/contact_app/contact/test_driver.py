@@ -241,9 +241,6 @@ def test_active_sets_that_come_back_are_decided_later() -> None:
                 multiplier = None
             return Recorded(self.problem, statuses, multiplier)
 
-        def mirror_image(self, active: Any, leaving: Any) -> Any:
-            return np.zeros_like(active)
-
     problem = cube_problem()
     found = loop(Hasty(problem))
     assert found.reason is Reason.ACCEPTED
