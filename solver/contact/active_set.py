@@ -21,8 +21,14 @@ import numpy as np
 from mpi4py import MPI
 from numpy.typing import NDArray
 
-from solver.backend import Backend, Hierarchy, S, SetSolve, Statuses
+from solver.backend import Backend, S, SetSolve, Statuses
 from solver.contact.active_set_options import ActiveSetOptions, Turnover
+from solver.contact.active_set_update import (
+    ActiveSetUpdate,
+    EarlyReleases,
+    SetRules,
+    changed_rows,
+)
 from solver.contact.law import ContactLaw, Found, Frictionless
 from solver.contact.monitoring import on_active_set
 from solver.errors import QPError
@@ -98,11 +104,11 @@ class StateSaver(Generic[S]):
     def watch(self, on_set: SetSolve[S]) -> Watch:
         """Sees the iterates of a set."""
 
-        def saw(it: Iterate) -> None:
+        def save_if_due(it: Iterate) -> None:
             if self.due():
                 self.save(on_set.state(), self.before + on_set.counts)
 
-        return saw
+        return save_if_due
 
 
 @dataclass(frozen=True, eq=False)
@@ -181,7 +187,9 @@ class _Run(Generic[S]):
 
     Attributes
     ----------
-    spent
+    backend, test, inner, monitor, saver, options
+        Arguments of `active_set_loop`.
+    work_before
         Work of earlier runs.
     """
 
@@ -191,11 +199,11 @@ class _Run(Generic[S]):
     monitor: Monitor | None
     saver: StateSaver[S] | None
     options: ActiveSetOptions
-    spent: Counts = field(default_factory=Counts)
+    work_before: Counts = field(default_factory=Counts)
 
     def after(self, found: Outcome[S]) -> _Run[S]:
         """The run after another one."""
-        return replace(self, spent=found.counts)
+        return replace(self, work_before=found.counts)
 
     def contact_without_friction(
         self, start: Start, law: ContactLaw
@@ -221,77 +229,71 @@ class _Run(Generic[S]):
         The last outcome with the work of all runs, and the reason if the sets failed.
         """
         backend, options, multiplier = self.backend, self.options, start.multiplier
-        comm = backend.comm
-        coarsened = multiplier is not None or not law.settles
-        flat, turnovers = True, list[Turnover]()
-        hierarchy, ahead = backend.hierarchy(coarsened=False), options.looks_ahead
-        update = ActiveSetUpdate(backend, hierarchy, law, options, ahead)
-        seen, counts, reduction = set[int](), self.spent, options.first_reduction
-        statuses = start.statuses or law.initial(start.active, start.multiplier, ahead)
-        released, again = np.zeros_like(start.active), np.zeros_like(start.active)
+        ahead = options.looks_ahead
+        update = ActiveSetUpdate(backend, backend.hierarchy(coarsened=False), law, options, ahead)
+        rules = SetRules(update, options.first_reduction, multiplier is not None or not law.settles)
+        statuses = start.statuses or law.initial(start.active, multiplier, ahead)
+        early = EarlyReleases.none(start.active)
+        turnovers, counts = list[Turnover](), self.work_before
         found: Outcome[S] = Outcome(None, None, statuses, counts)
         for number in range(options.most_sets):
-            if not coarsened and (number == options.sets_before_levels or options.peels(turnovers)):
-                update, statuses = update.on_levels(statuses)
-                coarsened = True
-                if not update.hierarchy.finest:
-                    reduction = options.coarse_reduction
-            fingerprint = statuses.fingerprint(comm)
-            if fingerprint in seen and not update.hierarchy.finest:  # the next level decides
-                update.hierarchy.refine()
-                seen.clear()
-            elif fingerprint in seen:  # decided too early, or the sets do not settle
-                reduction *= options.deeper
-                update = replace(update, looks_ahead=False)
-                seen.clear()
-            seen.add(fingerprint)
-            if options.patience and number and number % options.patience == 0:
-                first = number == options.patience
-                reduction *= options.tighten if first else options.careful
-                update = update if first else update.with_error(options.careful)
-            try:
-                on_set = backend.on_set(statuses, multiplier)
-            except ArithmeticError:  # a body is held by rows that have left the set
+            rules, statuses = rules.for_set(number, statuses, turnovers)
+            solved = self._solve(number, statuses, multiplier, rules, counts)
+            if solved is None:
                 break
-            left = replace(self.inner, max_iterations=self.inner.max_iterations - counts.inner)
-            saver = self.saver
-            watch = replace(saver, before=saver.before + counts).watch(on_set) if saver else None
-            active = comm.allreduce(int(statuses.active.sum()))
-            tells = on_active_set(self.monitor, number + 1, active, counts.inner)
-            try:
-                found = solve_on_set(on_set, update, self.test, left, tells, watch, reduction)
-            except QPError:  # the active rows hold a body so badly that rounding lets it go
-                counts = counts + on_set.counts
-                found = Outcome(None, None, statuses, counts)
-                break
-            counts = counts + found.counts
-            del on_set, watch  # their memory is free before the next set allocates its own
+            found, counts = solved, counts + solved.counts
             backend.release()
-            if found.reason is not None or found.state is None:
+            if found.reason is not None or found.state is None or found.released is None:
                 break
-            following = found.following
-            turnovers.append(_turnover(backend, statuses, following))
-            flat = flat and turnovers[-1].peeled > options.peeled * turnovers[-1].closed
-            if flat and number == 1 and start.alternative is not None:
-                fewer = following.active & (start.alternative() | ~backend.contact_rows)
-                following = law.consistent(replace(following, active=fewer))
-            again |= released & following.active
-            released |= found.released if found.released is not None else False
-            update = update.without_failed(again, released)
-            multiplier, statuses = found.state.multiplier, following
+            turnovers.append(_turnover(backend, statuses, found.following))
+            early = early.after(found.following.active, found.released)
+            rules = rules.with_ahead(early.are_right(backend.comm, options.returning))
+            multiplier, statuses = found.state.multiplier, found.following
+            if number == 1 and start.alternative is not None and options.all_peel(turnovers):
+                fewer = statuses.active & (start.alternative() | ~backend.contact_rows)
+                statuses = law.consistent(replace(statuses, active=fewer))
             if not law.settles and start.multiplier is None and options.is_unsettled(turnovers):
                 return replace(found, counts=counts), _Failure.UNSETTLED
-        early = bool(comm.allreduce(int(released.any())))
         failed_ahead = found.reason is None and (
-            early or (ahead and _begins_ahead(comm, start, law))
+            early.any(backend.comm) or (ahead and _begins_ahead(backend.comm, start, law))
         )
         return replace(found, counts=counts), _Failure.AHEAD if failed_ahead else _Failure.OTHER
+
+    def _solve(
+        self,
+        number: int,
+        statuses: Statuses,
+        multiplier: NDArray[np.float64] | None,
+        rules: SetRules[S],
+        before: Counts,
+    ) -> Outcome[S] | None:
+        """Solve on one set, after the work of earlier sets (collective).
+
+        Returns
+        -------
+        The outcome with the work on this set; without a state where the active rows hold a body so
+        badly that rounding errors let it go. None where they do not hold some body at all.
+        """
+        try:
+            on_set, saver = self.backend.on_set(statuses, multiplier), self.saver
+        except ArithmeticError:
+            return None
+        inner = replace(self.inner, max_iterations=self.inner.max_iterations - before.inner)
+        watch = replace(saver, before=saver.before + before).watch(on_set) if saver else None
+        active = self.backend.comm.allreduce(int(statuses.active.sum()))
+        monitor = on_active_set(self.monitor, number + 1, active, before.inner)
+        try:
+            return solve_on_set(
+                on_set, rules.update, self.test, inner, monitor, watch, rules.reduction
+            )
+        except QPError:
+            return Outcome(None, None, statuses, on_set.counts)
 
 
 def _begins_ahead(comm: MPI.Intracomm, start: Start, law: ContactLaw) -> bool:
     """Whether the law lets points slide in the first set that it could let stick (collective)."""
     one, other = (law.initial(start.active, start.multiplier, ahead) for ahead in (True, False))
-    return _changes(comm, one, other) > 0
+    return changed_rows(comm, one, other) > 0
 
 
 def solve_on_set(
@@ -311,116 +313,37 @@ def solve_on_set(
         Reduction of the residual before the first evaluation; that of the options if None.
     """
     options, comm = update.options, update.backend.comm
-    wanted = (first_reduction or options.first_reduction) * on_set.residual
+    tolerance = (first_reduction or options.first_reduction) * on_set.residual
     evaluations = 0
     while True:
-        ended = on_set.solve(inner, wanted, monitor, watch)
+        ended = on_set.solve(inner, tolerance, monitor, watch)
         state = on_set.state()
         if (
             ended.converged
             and not on_set.at_round_off  # without strains the relative error is one and stays one
             and on_set.error(state.strained) > options.largest_error
         ):
-            wanted *= options.tighten
+            tolerance *= options.tighten
             continue
         following, released = update.following(on_set, state)
         if not (ended.converged or ended is Reason.ROUND_OFF):
             return Outcome(ended, state, following, on_set.counts)
-        changes = _changes(comm, on_set.statuses, following)
-        asks = test.may_end_early or not changes or not update.law.settles
-        lack = test.required_reduction(state) if asks else math.inf
+        changes = changed_rows(comm, on_set.statuses, following)
+        is_tested = test.may_end_early or not changes or not update.law.settles
+        required = test.required_reduction(state) if is_tested else math.inf
         at_end = not changes and on_set.at_round_off
-        if lack <= 1.0 or at_end:
+        if required <= 1.0 or at_end:
             if test.accept(state):
                 return Outcome(Reason.ACCEPTED, state, following, on_set.counts)
             if at_end:
                 return Outcome(Reason.ROUND_OFF, state, following, on_set.counts)
-            lack = max(test.required_reduction(state), options.margin / options.tighten)
+            required = max(test.required_reduction(state), options.margin / options.tighten)
         if changes:
             return Outcome(None, state, following, on_set.counts, released)
         evaluations += 1
-        wanted = options.margin * on_set.residual / max(lack, 1.0)
+        tolerance = options.margin * on_set.residual / max(required, 1.0)
         if test.may_end_early or evaluations < options.evaluations:
-            wanted = max(wanted, options.next_reduction * on_set.residual)
-
-
-@dataclass(frozen=True, eq=False)
-class ActiveSetUpdate(Generic[S]):
-    """The primal-dual update: the KKT residuals of a state decide on the next active set.
-
-    Attributes
-    ----------
-    hierarchy
-        Constraint hierarchy: the open rows that may join. Where no row changes, it goes to its next
-        level.
-    looks_ahead
-        Whether the law may release points before a state shows that they slide.
-    """
-
-    backend: Backend[S]
-    hierarchy: Hierarchy
-    law: ContactLaw
-    options: ActiveSetOptions
-    looks_ahead: bool = True
-
-    @classmethod
-    def simple(cls, backend: Backend[S]) -> ActiveSetUpdate[S]:
-        """All rows on one level, the frictionless law and default options."""
-        return cls(backend, backend.hierarchy(coarsened=False), Frictionless(), ActiveSetOptions())
-
-    def following(self, on_set: SetSolve[S], state: S) -> tuple[Statuses, Mask]:
-        """The next statuses, and the tangential rows released early, (rows,) (collective)."""
-        backend, before = self.backend, on_set.statuses
-        active = before.active & backend.contact_rows
-        error = self.options.significant * on_set.error(state.strained)
-        found = Found.of(backend.comm, state, before.active, error)
-        stays = self.law.may_stay_active(state.multiplier, found.force)
-        for _ in range(2):
-            joins = self.hierarchy.allowed & self.law.closes(state.distance, error)
-            if not backend.comm.allreduce(int(active.sum())):
-                joins &= self._first_to_close(state, joins)
-            normals = backend.contact_rows & np.where(active, stays, joins)
-            following, early = self.law.following(normals, found, before, self.looks_ahead)
-            if self.hierarchy.finest or _changes(backend.comm, before, following):
-                break
-            self.hierarchy.refine()
-        return following, early
-
-    def on_levels(self, statuses: Statuses) -> tuple[ActiveSetUpdate[S], Statuses]:
-        """The update from the coarsest level on, and the statuses on this level (collective)."""
-        hierarchy = self.backend.hierarchy(coarsened=True)
-        if hierarchy.finest:
-            return self, statuses
-        active = statuses.active & (hierarchy.allowed | ~self.backend.contact_rows)
-        statuses = self.law.consistent(replace(statuses, active=active))
-        return replace(self, hierarchy=hierarchy), statuses
-
-    def with_error(self, factor: float) -> ActiveSetUpdate[S]:
-        """The update from states whose largest error is this factor of the present one."""
-        largest = factor * self.options.largest_error
-        return replace(self, options=replace(self.options, largest_error=largest))
-
-    def without_failed(self, again: Mask, released: Mask) -> ActiveSetUpdate[S]:
-        """The update without early release if too many of its rows stick again (collective)."""
-        good = _share(self.backend.comm, again, released) <= self.options.returning
-        return replace(self, looks_ahead=self.looks_ahead and good)
-
-    def _first_to_close(self, state: S, penetrated: Mask) -> Mask:
-        """Penetrated rows that a growing load closes first; the other rows may then stay open."""
-        share = self.backend.closing_share(state, penetrated)
-        first = self.backend.comm.allreduce(float(share.min(initial=np.inf)), op=MPI.MIN)
-        return np.asarray(share <= first + self.options.first_share * (1.0 - first))
-
-
-def _changes(comm: MPI.Intracomm, statuses: Statuses, following: Statuses) -> int:
-    """Rows whose status changes (collective)."""
-    return int(comm.allreduce(int(statuses.changed(following).sum())))
-
-
-def _share(comm: MPI.Intracomm, part: Mask, whole: Mask) -> float:
-    """Number of rows of `part`, over the number of rows of `whole`, on all ranks (collective)."""
-    few, all_rows = comm.allreduce(np.array([part.sum(), whole.sum()]))
-    return float(few) / max(float(all_rows), 1.0)
+            tolerance = max(tolerance, options.next_reduction * on_set.residual)
 
 
 def _turnover(backend: Backend[S], statuses: Statuses, following: Statuses) -> Turnover:

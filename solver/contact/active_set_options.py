@@ -79,7 +79,7 @@ class ActiveSetOptions:
     careful
         After as many sets more, repeatedly, factor on `first_reduction` and on `largest_error`: a
         thin tube that two plates press and friction alone holds took 3,609 operator applications
-        without, and takes 755. Used after the first patience, too, it cost other scenes up to
+        without, and takes 820. Used after the first patience, too, it cost other scenes up to
         12 %.
     peeled
         Share of the active rows that leave in two sets in a row, from which on the contact is said
@@ -127,6 +127,10 @@ class ActiveSetOptions:
             return False
         before, last = sets[-2].peeled, sets[-1].peeled
         return 0 < self.steady * before <= last and last > self.few
+
+    def all_peel(self, sets: Sequence[Turnover]) -> bool:
+        """Whether many rows left in each set, and no row joined."""
+        return all(t.peeled > self.peeled * t.closed for t in sets)
 
     def is_unsettled(self, sets: Sequence[Turnover]) -> bool:
         """Whether contact does not settle: many rows change in each set, and many join."""

@@ -258,11 +258,11 @@ def certificate_of(
     # forces on a body that moves rigidly are rounding errors: relative to forces that would move it
     moving = rounded / np.finfo(np.float64).eps
     load = sizes(bodies, np.where(measures.scales > 0.0, measures.loads, moving))
-    away = np.abs(slack) / bodies.of_rows(lengths)
+    distance = np.abs(slack) / bodies.of_rows(lengths)
     pulls = np.where(contact, np.maximum(-force, 0.0), 0.0) / bodies.of_rows(load)
     found = {
-        "max_penetration": _worst_rows(problem, np.where(slack > 0.0, away, 0.0), contact),
-        "max_gluing_jump": _worst_rows(problem, away, ~problem.conditional),
+        "max_penetration": _worst_rows(problem, np.where(slack > 0.0, distance, 0.0), contact),
+        "max_gluing_jump": _worst_rows(problem, distance, ~problem.conditional),
         "min_multiplier": _worst_rows(problem, pulls, contact),
         "complementarity": idle / (load * lengths),
         "equilibrium": state.imbalance / load,
@@ -314,13 +314,15 @@ def friction_numbers(
     forces, slips = points.forces(multiplier), points.slips(residual)
     size, limit, slip = points.sizes(forces), points.slip_limits(multiplier), points.sizes(slips)
     excess = at_rows(np.maximum(size - limit, 0.0)) / bodies.of_rows(load)
-    askew = points.sizes(limit[points.point] * slips - slip[points.point] * forces)
+    misaligned = points.sizes(limit[points.point] * slips - slip[points.point] * forces)
     rests = ~points.sliding(multiplier)[rows]
     moved = at_rows(np.where(rests, slip, 0.0)) / bodies.of_rows(lengths)
-    astray = problem.comm.allreduce(bodies.sum_rows(at_rows(askew), here)) / (load * lengths)
+    misalignment = problem.comm.allreduce(bodies.sum_rows(at_rows(misaligned), here)) / (
+        load * lengths
+    )
     return {
         "friction_cone": _worst_rows(problem, excess, here),
-        "slip_alignment": np.maximum(astray, _worst_rows(problem, moved, here)),
+        "slip_alignment": np.maximum(misalignment, _worst_rows(problem, moved, here)),
     }
 
 
@@ -340,11 +342,11 @@ def _certificate(
     A body whose residual of equilibrium exceeds its rounding errors counts as worse than other
     bodies.
     """
-    blame = dict(found)
+    ranked = dict(found)
     excess = found["equilibrium"] > np.minimum(rounded, ROUNDED_LIMIT)
     if excess.any():
-        blame["equilibrium"] = np.where(excess, found["equilibrium"], 0.0)
-    worst = {name: int(np.argmax(values)) for name, values in blame.items()}
+        ranked["equilibrium"] = np.where(excess, found["equilibrium"], 0.0)
+    worst = {name: int(np.argmax(values)) for name, values in ranked.items()}
     numbers = {name: float(values[worst[name]]) for name, values in found.items()}
     several = len(rounded) > 1
     return Certificate(

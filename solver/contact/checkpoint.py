@@ -141,21 +141,24 @@ class Checkpoint:
         except (OSError, KeyError, TypeError, ValueError) as error:
             raise CheckpointError(self._unreadable(error)) from error
 
-    def _read(self, here: dict[str, float]) -> dict[str, Any] | CheckpointError | None:
+    def _read(self, description: dict[str, float]) -> dict[str, Any] | CheckpointError | None:
         """Rank 0: the scalars of the checkpoint, or why they cannot be used."""
         if not self.found:
             return None
         try:
             saved: dict[str, Any] = json.loads(self.path.read_text(encoding="utf-8"))
-            there, ranks = saved["problem"], saved["ranks"]
+            saved_description, ranks = saved["problem"], saved["ranks"]
             if ranks != self.comm.size:
                 return CheckpointError(
                     f"{self.path}: the checkpoint was written on {ranks} ranks, and on "
                     f"{self.comm.size} its rows have another order; resume on as many ranks, or "
                     "run without --resume"
                 )
-            if set(here) == set(there) and all(
-                math.isclose(here[name], there[name], rel_tol=SAME, abs_tol=1e-300) for name in here
+            if set(description) == set(saved_description) and all(
+                math.isclose(
+                    description[name], saved_description[name], rel_tol=SAME, abs_tol=1e-300
+                )
+                for name in description
             ):
                 return saved
         except (OSError, KeyError, TypeError, ValueError) as error:

@@ -269,11 +269,13 @@ def loose_motions(
         How the two sides of each contact row move relative to each other.
     """
     allowed = _null_space(comm.allreduce(held.T @ held))
-    seen, size = (allowed.T @ comm.allreduce(rows.T @ rows) @ allowed for rows in (contact, moved))
-    if allowed.shape[1] == 0 or not size.any():
+    resisted, motion = (
+        allowed.T @ comm.allreduce(rows.T @ rows) @ allowed for rows in (contact, moved)
+    )
+    if allowed.shape[1] == 0 or not motion.any():
         return allowed[:, :0]
-    size += 1e-9 * np.trace(size) * np.eye(len(size))
-    values, vectors = eigh(seen, size)
+    motion += 1e-9 * np.trace(motion) * np.eye(len(motion))
+    values, vectors = eigh(resisted, motion)
     return np.linalg.qr(allowed @ vectors[:, values <= SLIDING**2])[0]
 
 
@@ -361,7 +363,7 @@ def _residual(
         fresh = [row for row in offers if not (np.abs(chosen - row).max(axis=1) < 1e-14).any()]
         pull = np.zeros((0, len(load)))
         if friction is not None:
-            pull = _more(comm, friction.given(residual, len(rows)), bounded, residual)
+            pull = _new_friction_sum(comm, friction.given(residual, len(rows)), bounded, residual)
         if not fresh and not len(pull):
             return residual
         chosen, bounded = np.vstack([chosen, *fresh]), np.vstack([bounded, pull])
@@ -369,7 +371,7 @@ def _residual(
     return residual if friction is None else None
 
 
-def _more(
+def _new_friction_sum(
     comm: MPI.Intracomm,
     own: NDArray[np.float64],
     bounded: NDArray[np.float64],

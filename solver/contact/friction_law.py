@@ -76,10 +76,10 @@ class Friction(Frictionless):
         This rank's contact points with friction.
     comm
         Communicator of all ranks.
-    give : (k,)
+    shared_compliance : (k,)
         Compliance of each tangential row where its node is closed in another contact; None on all
         ranks where no node is in several.
-    apart : (points,)
+    has_gap : (points,)
         Points that have a gap before any load; None for none.
     front
         Finds the points to release ahead of the set that would show that they slide; None for no
@@ -90,8 +90,8 @@ class Friction(Frictionless):
     settles: bool = False
     points: FrictionPoints
     comm: MPI.Intracomm
-    give: Array | None = None
-    apart: Mask | None = None
+    shared_compliance: Array | None = None
+    has_gap: Mask | None = None
     front: SlipFront | None = None
     options: FrictionOptions = FrictionOptions()
 
@@ -106,8 +106,8 @@ class Friction(Frictionless):
         closed = active[points.normals[points.first]]
         touching = closed | (points.limits > 0.0)
         sticks, forces = touching, np.zeros(len(points.rows))
-        if ahead and self.apart is not None:
-            sticks = touching & (closed | ~self.apart)
+        if ahead and self.has_gap is not None:
+            sticks = touching & (closed | ~self.has_gap)
         if multiplier is not None:
             forces = points.forces(multiplier)
             size, limit = points.sizes(forces), points.slip_limits(multiplier)
@@ -137,13 +137,15 @@ class Friction(Frictionless):
         limit = points.coefficients * np.where(touching, points.pressing(multiplier), 0.0)
         limit = limit + points.limits
         spread = points.spread[points.first]
-        slack = found.force * spread
+        slack = found.zero_force * spread
 
         direction = self._units(forces)
         relative = found.distance[points.rows]
         back = points.dots(relative, direction)
-        still = np.where(size > 0.0, back < -found.away, points.sizes(relative) <= found.away)
-        sticks = (limit > 0.0) & np.where(stuck, size <= limit + slack, still)
+        sticks_again = np.where(
+            size > 0.0, back < -found.zero_distance, points.sizes(relative) <= found.zero_distance
+        )
+        sticks = (limit > 0.0) & np.where(stuck, size <= limit + slack, sticks_again)
         early = np.zeros(len(sticks), bool)
         if ahead and self.front is not None:
             early, shed = self.front.sliding(forces, limit + slack, stuck & (limit > 0.0))
@@ -151,20 +153,22 @@ class Friction(Frictionless):
             sticks &= ~early
         wanted = direction * limit[points.point]
         turning = np.where(stuck, 0.0, self._rho(limit, length, stuck))
-        wanted = self._cut(wanted + turning[points.point] * slips, limit)
+        wanted = self._at_limits(wanted + turning[points.point] * slips, limit)
         given = self._prescribed(before)
         least = self.options.round_off * found.strongest * spread
         wanted = np.where(sticks[points.point], forces, wanted)
-        kept = (stuck == sticks) & (points.sizes(wanted - given) <= np.maximum(slack, least))
-        if self._differs(~kept, touching, before):
-            kept[points.planar] = False
-        give = np.divide(length, limit, out=np.zeros(len(limit)), where=(limit > 0.0) & ~stuck)
-        after = self._statuses(normals, sticks, wanted, give)
+        unchanged = (stuck == sticks) & (points.sizes(wanted - given) <= np.maximum(slack, least))
+        if self._changes_set(~unchanged, touching, before):
+            unchanged[points.planar] = False
+        slip_compliance = np.divide(
+            length, limit, out=np.zeros(len(limit)), where=(limit > 0.0) & ~stuck
+        )
+        after = self._statuses(normals, sticks, wanted, slip_compliance)
         guessed = np.zeros(len(normals), bool)
         guessed[points.rows[points.first]] = early
-        return self._keeping(after, before, kept), guessed
+        return self._with_former_tractions(after, before, unchanged), guessed
 
-    def _differs(self, points: Mask, touching: Mask, before: Statuses) -> bool:
+    def _changes_set(self, points: Mask, touching: Mask, before: Statuses) -> bool:
         """Whether the set changes at points, or in which points are closed (collective)."""
         closed = before.active[self.points.normals[self.points.first]]
         return bool(self.comm.allreduce(int((points | (touching != closed)).sum())))
@@ -174,7 +178,7 @@ class Friction(Frictionless):
         size = self.points.sizes(forces)[self.points.point]
         return np.divide(forces, size, out=np.zeros(len(forces)), where=size > 0.0)
 
-    def _cut(self, forces: Array, limit: Array) -> Array:
+    def _at_limits(self, forces: Array, limit: Array) -> Array:
         """Forces (k,) in the directions of given forces, as large as their limits (points,)."""
         size = self.points.sizes(forces)
         share = np.divide(limit, size, out=np.zeros(len(limit)), where=size > 0.0)
@@ -199,7 +203,9 @@ class Friction(Frictionless):
         turn, tractions = statuses.turn, statuses.tractions
         return self.points.forces(tractions if turn is None else turn.back(tractions))
 
-    def _statuses(self, normals: Mask, sticks: Mask, forces: Array, give: Array) -> Statuses:
+    def _statuses(
+        self, normals: Mask, sticks: Mask, forces: Array, slip_compliance: Array
+    ) -> Statuses:
         """Statuses of all rows (collective).
 
         Parameters
@@ -207,24 +213,24 @@ class Friction(Frictionless):
         sticks : (points,)
         forces : (k,)
             Friction forces of points that slide.
-        give : (points,)
+        slip_compliance : (points,)
             |w| / |λ_t| of points that slide.
         """
         points = self.points
         active, tractions = self._without_tangents(normals), np.zeros(len(normals))
         active[points.rows] = sticks[points.point]
-        soft = self._least_give(active)
-        held = sticks[points.point] & (soft == 0.0)
+        least = self._least_compliance(active)
+        held = sticks[points.point] & (least == 0.0)
         tractions[points.rows] = np.where(held, 0.0, forces / points.spread)
         compliance = np.zeros(len(normals))
-        compliance[points.rows] = np.where(sticks[points.point], soft, 0.0)
+        compliance[points.rows] = np.where(sticks[points.point], least, 0.0)
         planar = points.planar
         first = points.rows[points.first[planar]]
         second = points.rows[points.first[planar] + 1]
         size = np.hypot(tractions[first], tractions[second])
         turns = (size > 0.0) & ~sticks[planar]
         if not self.comm.allreduce(int(turns.sum())):
-            some = self.give is not None
+            some = self.shared_compliance is not None
             return Statuses(active, tractions, None, compliance if some else None)
         cosine, sine = (
             np.divide(tractions[rows], size, out=np.full(len(size), otherwise), where=turns)
@@ -234,33 +240,35 @@ class Friction(Frictionless):
         tractions[second[turns]] = 0.0
         active[second[turns]] = True
         spread = points.spread[points.first[planar]]
-        least = np.maximum(soft[points.first[planar] + 1], FAINT)
-        compliance[second[turns]] = np.maximum(give[planar] * spread**2, least)[turns]
+        across = np.maximum(least[points.first[planar] + 1], FAINT)
+        compliance[second[turns]] = np.maximum(slip_compliance[planar] * spread**2, across)[turns]
         return Statuses(active, tractions, Turn(first, second, cosine, sine), compliance)
 
-    def _least_give(self, active: Mask) -> Array:
+    def _least_compliance(self, active: Mask) -> Array:
         """Compliance that active tangential rows have at least.
 
         Above zero where nodes are closed twice.
         """
         points = self.points
-        if self.give is None:
+        if self.shared_compliance is None:
             return np.zeros(len(points.rows))
-        elsewhere = np.bincount(points.shared, active[points.beside], len(points.first)) > 0.0
-        return np.where(elsewhere[points.point], self.give, 0.0)
+        elsewhere = np.bincount(points.shared, active[points.other_rows], len(points.first)) > 0.0
+        return np.where(elsewhere[points.point], self.shared_compliance, 0.0)
 
-    def _keeping(self, after: Statuses, before: Statuses, kept: Mask) -> Statuses:
+    def _with_former_tractions(
+        self, after: Statuses, before: Statuses, unchanged: Mask
+    ) -> Statuses:
         """The statuses `after`, with the tractions of `before` at some sliding points (points,)."""
         points = self.points
-        if before.tractions is None or after.tractions is None or not kept.any():
+        if before.tractions is None or after.tractions is None or not unchanged.any():
             return after
-        rows = points.rows[kept[points.point]]
+        rows = points.rows[unchanged[points.point]]
         tractions = after.tractions.copy()
         tractions[rows] = before.tractions[rows]
         after = replace(after, tractions=tractions)
         if after.turn is None or before.turn is None:
             return after
-        mine = kept[points.planar]
+        mine = unchanged[points.planar]
         cosine, sine = (
             np.where(mine, getattr(before.turn, name), getattr(after.turn, name))
             for name in ("cosine", "sine")

@@ -37,7 +37,7 @@ class FrictionPoints:
         Coefficient μ and given slip limit (force) of each point; one of the two is 0.
     spread, normal_spread : (k,), (k,)
         Force over multiplier; its inverse is slip over residual.
-    shared, beside : (pairs,), (pairs,)
+    shared, other_rows : (pairs,), (pairs,)
         Points whose node has other contact rows, and those rows of B.
     places, sources : (points, 3), (points,)
         Coordinates of each point, and the number of its contact.
@@ -54,7 +54,7 @@ class FrictionPoints:
     spread: Array
     normal_spread: Array
     shared: NDArray[np.int64]
-    beside: NDArray[np.int64]
+    other_rows: NDArray[np.int64]
     places: Array
     sources: NDArray[np.int64]
     tangents: Array

@@ -31,7 +31,7 @@ class Found:
     ----------
     multiplier, jumps, distance : (rows,)
         λ, B u - c, and B u - c over the displacement of the row's body, as in `SetState`.
-    force, away
+    zero_force, zero_distance
         Multipliers and distances below which they count as zero, given the error of the state.
     strongest
         The largest multiplier of an active row.
@@ -40,8 +40,8 @@ class Found:
     multiplier: Array
     jumps: Array
     distance: Array
-    force: float
-    away: float
+    zero_force: float
+    zero_distance: float
     strongest: float
 
     @classmethod

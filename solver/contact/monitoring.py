@@ -21,14 +21,14 @@ def on_active_set(monitor: Monitor | None, number: int, rows: int, before: int) 
     """
     if monitor is None:
         return None
-    hears = monitor
+    receiver = monitor
 
-    def tells(step: Step) -> Any:
-        return hears(step._replace(
+    def forward(step: Step) -> Any:
+        return receiver(step._replace(
             iteration=before + step.iteration, active=rows, active_set=number, active_rows=rows
         ))  # fmt: skip
 
-    return tells
+    return forward
 
 
 def with_bounds(monitor: Monitor | None, rows: int) -> Monitor | None:
@@ -38,11 +38,11 @@ def with_bounds(monitor: Monitor | None, rows: int) -> Monitor | None:
     """
     if monitor is None:
         return None
-    hears = monitor
+    receiver = monitor
 
-    def tells(step: Step) -> Any:
+    def forward(step: Step) -> Any:
         if step.active_rows is None:
             step = step._replace(active_rows=rows - step.active)
-        return hears(step)
+        return receiver(step)
 
-    return tells
+    return forward

@@ -171,19 +171,19 @@ def energy_scales(
     """
     bodies, groups = problem.bodies, problem.bodies.groups
     load = forces.max(axis=0)
-    whole = bodies.sum_by_group(strains)[groups]
+    of_group = bodies.sum_by_group(strains)[groups]
     floor = STRAINLESS * roundings + UNSTRAINED * problem.strains_at_unknowns()
-    still = whole <= bodies.sum_by_group(floor)[groups]
-    if still.any():
+    unstrained = of_group <= bodies.sum_by_group(floor)[groups]
+    if unstrained.any():
         free = bodies.sum_by_group(problem.free_strains)[groups]
         loaded, given, pressed, noise = (
             bodies.sum_by_group(v)[groups] for v in (load, forces[0], forces[2], rounded)
         )
         acting = np.where(pressed > noise, given + pressed, given)
         strong = (loaded > FORCED * noise) & (free > 0.0)
-        resting = np.where(strong, free, np.where(acting > 0.0, whole, 0.0))
-        whole = np.where(still, resting, whole)
+        resting = np.where(strong, free, np.where(acting > 0.0, of_group, 0.0))
+        of_group = np.where(unstrained, resting, of_group)
     carried = bodies.by_group(load)[groups]
     share = np.divide(IDLE * carried, load, out=np.full(len(load), np.inf), where=load > 0.0)
     own = np.where(strains > floor, strains, np.inf)
-    return np.asarray(np.minimum(own * np.maximum(1.0, share) ** 2, whole))
+    return np.asarray(np.minimum(own * np.maximum(1.0, share) ** 2, of_group))

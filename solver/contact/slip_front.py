@@ -106,14 +106,14 @@ class SlipFront:
             np.concatenate(comm.allgather(part)) for part in (vectors, limits, sticks)
         )
         within = stuck & (np.linalg.norm(all_forces, axis=1) <= all_limits)
-        after, sticking = self._handed_on(all_forces, all_limits, stuck)
+        after, sticking = self._redistributed(all_forces, all_limits, stuck)
         early = within & ~sticking
         if not self._held:
-            early &= self._may_go(all_forces, all_limits)
+            early &= self._far_from_sliding(all_forces, all_limits)
         own = after[self._own][points.point]
         return early[self._own], np.einsum("ij,ij->i", own, points.tangents)
 
-    def _may_go(self, forces: Array, limits: Array) -> Mask:
+    def _far_from_sliding(self, forces: Array, limits: Array) -> Mask:
         """Points of contacts that are far from sliding as a whole, (points,)."""
         contacts = int(self._sources.max(initial=-1)) + 1
         total = np.zeros((contacts, forces.shape[1]))
@@ -121,7 +121,7 @@ class SlipFront:
         most = self.options.carried * np.bincount(self._sources, limits, contacts)
         return np.asarray((np.linalg.norm(total, axis=1) <= most)[self._sources])
 
-    def _handed_on(self, forces: Array, limits: Array, sticks: Mask) -> tuple[Array, Mask]:
+    def _redistributed(self, forces: Array, limits: Array, sticks: Mask) -> tuple[Array, Mask]:
         """Forces (points, d) after the redistribution, and the points that still stick."""
         forces, sticks, options = forces.copy(), sticks.copy(), self.options
         space = forces.shape[1] - 2
@@ -133,8 +133,8 @@ class SlipFront:
             left = np.flatnonzero(sticks)
             if not len(over) or not len(left):
                 break
-            kept = forces[over] * (limits[over] / size[over])[:, None]
-            excess, forces[over] = share * (forces[over] - kept), kept
+            at_limit = forces[over] * (limits[over] / size[over])[:, None]
+            excess, forces[over] = share * (forces[over] - at_limit), at_limit
             distance, which = cKDTree(self._places[left]).query(
                 self._places[over], np.arange(1, min(most, len(left)) + 1)
             )

@@ -85,8 +85,10 @@ class SlipLimits:
         gram = self._comm.allreduce(differences @ differences.T)
         right = self._comm.allreduce(differences @ residual)
         size, vectors = np.linalg.eigh(gram)
-        kept = size > SMALLEST * max(size.max(), np.finfo(float).tiny)
-        weights = vectors[:, kept] @ ((vectors[:, kept].T @ right) / size[kept])
+        independent = size > SMALLEST * max(size.max(), np.finfo(float).tiny)
+        weights = vectors[:, independent] @ (
+            (vectors[:, independent].T @ right) / size[independent]
+        )
         return np.asarray(self.values + residual - weights @ (steps + differences))
 
     def _norm(self, values: Array) -> float:

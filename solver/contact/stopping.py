@@ -122,26 +122,26 @@ class AutomaticRule(StoppingRule):
         self._assess, self._tightest = assess, tightest
         self._enough: tuple[float, float] | None = None
         self._chosen = self._limit = LOOSEST
-        self._demand = self._lack = 1.0
-        self._wait = 0
+        self._demand = self._required = 1.0
+        self._skipped_tests = 0
         self._assessed: tuple[Accuracy, float] | None = None
 
     def required_reduction(self, worst: float, strained: float, gap: Gap) -> float:
         """The factor of `StoppingRule`, for the jumps and for the error that the gap bounds."""
-        lack = worst / self._chosen
-        if self._wait:
-            self._wait -= 1
-            self._lack = max(self._lack / GAIN, lack)
-            return self._lack
-        if lack <= 1.0 and strained > 0.0:
+        required = worst / self._chosen
+        if self._skipped_tests:
+            self._skipped_tests -= 1
+            self._required = max(self._required / GAIN, required)
+            return self._required
+        if required <= 1.0 and strained > 0.0:
             for sharp in (False, True):
                 error = math.sqrt(2.0 * max(gap(sharp), 0.0) / strained)
                 if not 1.0 < error / (self._limit * self._demand) <= SHARPENS:
                     break
-            lack = max(lack, error / self._limit)
-        self._lack = lack / self._demand
-        self._wait = int(math.log(max(self._lack, 1.0)) / math.log(GAIN))
-        return self._lack
+            required = max(required, error / self._limit)
+        self._required = required / self._demand
+        self._skipped_tests = int(math.log(max(self._required, 1.0)) / math.log(GAIN))
+        return self._required
 
     def required_of_certified(self, solution: Solution) -> float:
         """One: `judge` has already put the new limits into `required_reduction`."""

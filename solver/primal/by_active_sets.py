@@ -101,8 +101,8 @@ def _solve(
     )
     near = restart.x if restart is not None else guess
 
-    def save(state: PrimalState, spent: Counts) -> None:
-        saver(without_outer_iterations(state.multiplier, state.active, spent))
+    def save(state: PrimalState, work: Counts) -> None:
+        saver(without_outer_iterations(state.multiplier, state.active, work))
 
     found = active_set_loop(
         backend,

@@ -79,14 +79,17 @@ def friction_points(
     _, first = np.unique(point, return_index=True)
     normals, nodes = np.flatnonzero(inequality), friction.rows.nodes[first]
     begins, ends = (np.searchsorted(contact.nodes, nodes, side) for side in ("left", "right"))
-    shared, beside = np.repeat(np.arange(len(first)), ends - begins), runs(begins, ends - begins)
-    other = beside != normal[first][shared]
+    shared, other_rows = (
+        np.repeat(np.arange(len(first)), ends - begins),
+        runs(begins, ends - begins),
+    )
+    other = other_rows != normal[first][shared]
     return FrictionPoints(
         rows=np.flatnonzero(tangential), normals=normals[normal],
         point=point, first=first, coefficients=friction.coefficients[first],
         limits=friction.limits[first], spread=friction.rows.spread,
         normal_spread=contact.spread[normal],
-        shared=shared[other], beside=normals[beside[other]],
+        shared=shared[other], other_rows=normals[other_rows[other]],
         places=friction.rows.points[first], sources=friction.rows.sources[first],
         tangents=-friction.rows.normals,
     )  # fmt: skip

@@ -39,9 +39,6 @@ METHOD = "active-set"
 ENDS = (Reason.ACCEPTED, Reason.STOPPED, Reason.MAX_ITERATIONS)
 """Reasons for which active sets end a solve; after other reasons SMALBE-M may go on."""
 
-FRICTION = 1
-"""Factor on the largest number of active sets with friction: slip limits take further sets."""
-
 PATIENCE = 12
 """Number of sets with friction after which each set is solved more accurately before it changes.
 
@@ -49,7 +46,7 @@ Without this, 300 sets of a cube of 20³ cells on a rough wall did not settle. S
 operator applications (`contact_app.studies.friction_cost`).
 """
 
-GIVE = 0.03
+STICKING_COMPLIANCE = 0.03
 """Compliance of a point that sticks while its node is closed in another contact.
 
 Relative to the compliance of the node. Slips fall to about this share in each set.
@@ -107,8 +104,8 @@ def _solve(
         start, before = Start(active, restart.x), restart.counts
     saver = saver.after(before)
 
-    def save(state: State, spent: Counts) -> None:
-        saver(without_outer_iterations(state.multiplier, state.active, spent))
+    def save(state: State, work: Counts) -> None:
+        saver(without_outer_iterations(state.multiplier, state.active, work))
 
     found, answer = solve_from(task, start, StateSaver(lambda: saver.due, save))
     return replace(found, counts=before + found.counts), answer
@@ -140,11 +137,11 @@ def solve_from(
     did not settle.
     """
     test = _CertificateTest(task.problem, task.rule)
-    asks = StoppingTest(test.required_reduction, test.accept, task.rule.may_end_early)
+    stopping_test = StoppingTest(test.required_reduction, test.accept, task.rule.may_end_early)
     law = contact_law(task.problem)
     options = options_of(task.problem, task.active_sets)
     found = active_set_loop(
-        TotalFeti(task.problem), start, asks, task.inner, task.monitor, saver, options, law
+        TotalFeti(task.problem), start, stopping_test, task.inner, task.monitor, saver, options, law
     )
     if found.reason not in ENDS:
         return found, None
@@ -160,12 +157,7 @@ def options_of(problem: DualProblem, options: ActiveSetOptions) -> ActiveSetOpti
     """The options of the loop, changed for problems with friction."""
     if problem.friction is None:
         return options
-    return replace(
-        options,
-        most_sets=FRICTION * options.most_sets,
-        patience=PATIENCE,
-        largest_error=LARGEST_ERROR,
-    )
+    return replace(options, patience=PATIENCE, largest_error=LARGEST_ERROR)
 
 
 def contact_law(problem: DualProblem) -> ContactLaw:
@@ -173,15 +165,21 @@ def contact_law(problem: DualProblem) -> ContactLaw:
     points = problem.friction
     if points is None:
         return Frictionless()
-    give = None
+    shared_compliance = None
     if problem.comm.allreduce(len(points.shared)):
-        give = GIVE / problem.row_stiffness(problem.tangential)
+        shared_compliance = STICKING_COMPLIANCE / problem.row_stiffness(problem.tangential)
     front = SlipFront(points, problem.comm, problem.held_without_contact)
     gaps = np.zeros(problem.size)
     gaps[problem.inequality] = problem.contact.gaps
     size = largest_magnitude(problem.comm, problem.contact.points)
-    apart = gaps[points.normals[points.first]] > FLAT * size
-    return Friction(points=points, comm=problem.comm, give=give, apart=apart, front=front)
+    has_gap = gaps[points.normals[points.first]] > FLAT * size
+    return Friction(
+        points=points,
+        comm=problem.comm,
+        shared_compliance=shared_compliance,
+        has_gap=has_gap,
+        front=front,
+    )
 
 
 class _CertificateTest:

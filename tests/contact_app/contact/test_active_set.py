@@ -10,7 +10,10 @@ from numpy.typing import NDArray
 from contact_app.model.model import build_model
 from solver import MPRGP, Reason
 from solver.backend import Statuses
-from solver.contact.active_set import ActiveSetUpdate, StoppingTest, solve_on_set
+from solver.contact.active_set import StoppingTest, solve_on_set
+from solver.contact.active_set_options import ActiveSetOptions
+from solver.contact.active_set_update import ActiveSetUpdate
+from solver.contact.law import Frictionless
 from solver.contact.solution import Accuracy
 from solver.contact.stopping import GAIN, LOOSEST, SHARPENS, AutomaticRule
 from solver.driver import solve
@@ -157,7 +160,10 @@ def test_an_active_set_stalled_by_rounding_errors_ends(cell: str) -> None:
     # the caller continues with another method, without another step on this set
     spent = on_set.counts.hessian
     test = StoppingTest(lambda state: 1.0, lambda state: False)
-    found = solve_on_set(on_set, ActiveSetUpdate.simple(TotalFeti(problem)), test, inner)
+    backend = TotalFeti(problem)
+    hierarchy = backend.hierarchy(coarsened=False)
+    update = ActiveSetUpdate(backend, hierarchy, Frictionless(), ActiveSetOptions())
+    found = solve_on_set(on_set, update, test, inner)
     assert found.reason in (None, Reason.ROUND_OFF)
     assert found.counts.hessian == spent
 

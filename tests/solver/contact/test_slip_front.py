@@ -24,7 +24,7 @@ def rod(count: int, contacts: int = 1) -> FrictionPoints:
     return FrictionPoints(
         rows=2 * number + 1, normals=2 * number, point=number, first=number,
         coefficients=0.0 * ones, limits=ones, spread=ones, normal_spread=ones,
-        shared=none, beside=none, places=places, sources=number // count,
+        shared=none, other_rows=none, places=places, sources=number // count,
         tangents=np.tile([1.0, 0.0], (len(number), 1)),
     )  # fmt: skip
 

@@ -1,0 +1,184 @@
+"""How an active set becomes the next one, and how accurately each set is solved.
+
+`ActiveSetUpdate` is the primal-dual update of one state. `SetRules` has the update and the accuracy
+of a set, which follow from the sets before it. Contact that peels off goes on by the levels of the
+constraint hierarchy. Sets are solved more accurately where one returns or many do not settle.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Generic
+
+import numpy as np
+from mpi4py import MPI
+from numpy.typing import NDArray
+
+from solver.backend import Backend, Hierarchy, S, SetSolve, Statuses
+from solver.contact.active_set_options import ActiveSetOptions, Turnover
+from solver.contact.law import ContactLaw, Found
+
+Mask = NDArray[np.bool_]
+
+
+@dataclass(frozen=True, eq=False)
+class ActiveSetUpdate(Generic[S]):
+    """The primal-dual update: the KKT residuals of a state decide on the next active set.
+
+    Attributes
+    ----------
+    hierarchy
+        Constraint hierarchy: the open rows that may join. Where no row changes, it goes to its next
+        level.
+    looks_ahead
+        Whether the law may release points before a state shows that they slide.
+    """
+
+    backend: Backend[S]
+    hierarchy: Hierarchy
+    law: ContactLaw
+    options: ActiveSetOptions
+    looks_ahead: bool = True
+
+    def following(self, on_set: SetSolve[S], state: S) -> tuple[Statuses, Mask]:
+        """The next statuses, and the tangential rows released early, (rows,) (collective)."""
+        backend, before = self.backend, on_set.statuses
+        active = before.active & backend.contact_rows
+        error = self.options.significant * on_set.error(state.strained)
+        found = Found.of(backend.comm, state, before.active, error)
+        stays = self.law.may_stay_active(state.multiplier, found.zero_force)
+        for _ in range(2):
+            joins = self.hierarchy.allowed & self.law.closes(state.distance, error)
+            if not backend.comm.allreduce(int(active.sum())):
+                joins &= self._first_to_close(state, joins)
+            normals = backend.contact_rows & np.where(active, stays, joins)
+            following, early = self.law.following(normals, found, before, self.looks_ahead)
+            if self.hierarchy.finest or changed_rows(backend.comm, before, following):
+                break
+            self.hierarchy.refine()
+        return following, early
+
+    def on_levels(self, statuses: Statuses) -> tuple[ActiveSetUpdate[S], Statuses]:
+        """The update from the coarsest level on, and the statuses on this level (collective)."""
+        hierarchy = self.backend.hierarchy(coarsened=True)
+        if hierarchy.finest:
+            return self, statuses
+        active = statuses.active & (hierarchy.allowed | ~self.backend.contact_rows)
+        statuses = self.law.consistent(replace(statuses, active=active))
+        return replace(self, hierarchy=hierarchy), statuses
+
+    def with_error(self, factor: float) -> ActiveSetUpdate[S]:
+        """The update from states whose largest error is this factor of the present one."""
+        largest = factor * self.options.largest_error
+        return replace(self, options=replace(self.options, largest_error=largest))
+
+    def _first_to_close(self, state: S, penetrated: Mask) -> Mask:
+        """Penetrated rows that a growing load closes first; the other rows may then stay open."""
+        share = self.backend.closing_share(state, penetrated)
+        first = self.backend.comm.allreduce(float(share.min(initial=np.inf)), op=MPI.MIN)
+        return np.asarray(share <= first + self.options.first_share * (1.0 - first))
+
+
+@dataclass(frozen=True, eq=False)
+class SetRules(Generic[S]):
+    """How the next set is solved and changed, given the sets before it.
+
+    Attributes
+    ----------
+    update
+        The primal-dual update.
+    reduction
+        Reduction of the residual before the first evaluation on a set.
+    coarsened
+        Whether the constraint hierarchy has been built, or never will be.
+    visited
+        Fingerprints of the sets since the rules were changed.
+    """
+
+    update: ActiveSetUpdate[S]
+    reduction: float
+    coarsened: bool
+    visited: frozenset[int] = frozenset()
+
+    def for_set(
+        self, number: int, statuses: Statuses, turnovers: list[Turnover]
+    ) -> tuple[SetRules[S], Statuses]:
+        """The rules and the statuses of a set, numbered from 0 (collective)."""
+        rules, statuses = self._on_levels(number, statuses, turnovers)
+        fingerprint = statuses.fingerprint(self.update.backend.comm)
+        return rules._after_visit(fingerprint)._after_many_sets(number), statuses
+
+    def with_ahead(self, are_right: bool) -> SetRules[S]:
+        """The rules without early release if too many of the points so released stick again."""
+        ahead = self.update.looks_ahead and are_right
+        return replace(self, update=replace(self.update, looks_ahead=ahead))
+
+    def _on_levels(
+        self, number: int, statuses: Statuses, turnovers: list[Turnover]
+    ) -> tuple[SetRules[S], Statuses]:
+        """The rules on the coarsest level of contact rows, if contact peels off or takes long."""
+        options = self.update.options
+        if self.coarsened or not (number == options.sets_before_levels or options.peels(turnovers)):
+            return self, statuses
+        update, statuses = self.update.on_levels(statuses)
+        reduction = self.reduction if update.hierarchy.finest else options.coarse_reduction
+        return replace(self, update=update, reduction=reduction, coarsened=True), statuses
+
+    def _after_visit(self, fingerprint: int) -> SetRules[S]:
+        """The rules of a set; if it returns, it was changed too early, or sets do not settle."""
+        if fingerprint not in self.visited:
+            return replace(self, visited=self.visited | {fingerprint})
+        visited = frozenset({fingerprint})
+        if not self.update.hierarchy.finest:  # the next level decides
+            self.update.hierarchy.refine()
+            return replace(self, visited=visited)
+        reduction = self.reduction * self.update.options.deeper
+        return replace(self.with_ahead(False), reduction=reduction, visited=visited)
+
+    def _after_many_sets(self, number: int) -> SetRules[S]:
+        """More accurate solves where many sets have not settled."""
+        options = self.update.options
+        if not options.patience or not number or number % options.patience:
+            return self
+        if number == options.patience:
+            return replace(self, reduction=self.reduction * options.tighten)
+        update = self.update.with_error(options.careful)
+        return replace(self, update=update, reduction=self.reduction * options.careful)
+
+
+@dataclass(frozen=True, eq=False)
+class EarlyReleases:
+    """Tangential rows of points released before a state showed that they slide.
+
+    Attributes
+    ----------
+    released : (rows,)
+    returned : (rows,)
+        Those that became active again.
+    """
+
+    released: Mask
+    returned: Mask
+
+    @classmethod
+    def none(cls, rows: Mask) -> EarlyReleases:
+        """No releases; the argument has one entry for each row."""
+        return cls(np.zeros_like(rows), np.zeros_like(rows))
+
+    def after(self, active: Mask, released: Mask) -> EarlyReleases:
+        """The releases before the next set, given its active rows and new releases."""
+        return EarlyReleases(self.released | released, self.returned | (self.released & active))
+
+    def any(self, comm: MPI.Intracomm) -> bool:
+        """Whether any row was released early (collective)."""
+        return bool(comm.allreduce(int(self.released.any())))
+
+    def are_right(self, comm: MPI.Intracomm, most: float) -> bool:
+        """Whether at most this share of the rows returned (collective)."""
+        returned, released = comm.allreduce(np.array([self.returned.sum(), self.released.sum()]))
+        return float(returned) <= most * float(released)
+
+
+def changed_rows(comm: MPI.Intracomm, statuses: Statuses, following: Statuses) -> int:
+    """Rows whose status changes (collective)."""
+    return int(comm.allreduce(int(statuses.changed(following).sum())))
