@@ -125,10 +125,10 @@ def _cut(simplices: Ints, ends: Ints, middles: Ints) -> tuple[Ints, Ints]:
         rank = np.where(keys[sorting][at] == key, sorting[at], len(keys))
         first = rank.argmin(axis=1)
         edge = rank[np.arange(len(rank)), first]
-        whole = edge == len(keys)
-        finished.append(simplices[whole])
-        ancestors.append(parent[whole])
-        simplices, parent, first, edge = (a[~whole] for a in (simplices, parent, first, edge))
+        unmarked = edge == len(keys)
+        finished.append(simplices[unmarked])
+        ancestors.append(parent[unmarked])
+        simplices, parent, first, edge = (a[~unmarked] for a in (simplices, parent, first, edge))
         halves = []
         for side in (0, 1):
             half = simplices.copy()

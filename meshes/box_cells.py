@@ -115,10 +115,10 @@ class BoxCells:
         topology = self._brick.topology
         result: list[tuple[int, int, int | None]] = []
         for axis in range(self.box.dimension):
-            beside = [a for a in range(self.box.dimension) if a != axis]
+            in_side = [a for a in range(self.box.dimension) if a != axis]
             own, others = (
                 {
-                    frozenset(map(tuple, self._places[topology.facets[row]][:, beside].tolist())):
+                    frozenset(map(tuple, self._places[topology.facets[row]][:, in_side].tolist())):
                     int(topology.facet_cells[row])
                     for row in self._brick.sides[SIDES[2 * axis + end][0]]
                 }

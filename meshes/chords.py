@@ -272,10 +272,10 @@ def _keys(
         elif len(at) == 2:
             a, b = facets[:, at[0]], facets[:, at[1]]
             share = np.where(a < b, weight[at[1]], weight[at[0]])
-            whole = int(weight.sum())
-            common = np.gcd(share, whole)
+            total = int(weight.sum())
+            common = np.gcd(share, total)
             key[:, p] = np.stack(
-                [np.minimum(a, b), np.maximum(a, b), share // common, whole // common], axis=1
+                [np.minimum(a, b), np.maximum(a, b), share // common, total // common], axis=1
             )
         else:
             key[:, p, 0], key[:, p, 1], key[:, p, 2] = rows, -2, p

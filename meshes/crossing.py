@@ -147,14 +147,14 @@ def segment_crossings(surface: Surface) -> NDArray[np.int64]:
         p, q = (places[segments[i, k]] for k in range(2))
         r, s = (places[segments[j, k]] for k in range(2))
         least = surface.depth(i, j)
-        on_j = _apart(_beside(r, s, p), _beside(r, s, q), least)
-        on_i = _apart(_beside(p, q, r), _beside(p, q, s), least)
+        on_j = _apart(_signed_distance(r, s, p), _signed_distance(r, s, q), least)
+        on_i = _apart(_signed_distance(p, q, r), _signed_distance(p, q, s), least)
         crossed = on_i & on_j
         found.append(np.stack([i[crossed], j[crossed]], axis=1))
     return np.concatenate(found)
 
 
-def _beside(
+def _signed_distance(
     a: NDArray[np.float64], b: NDArray[np.float64], x: NDArray[np.float64]
 ) -> NDArray[np.float64]:
     """Distance of points to lines, positive on the left."""
@@ -248,7 +248,9 @@ def _above(
     if x.shape[1] == 2:
         a, b = (places[simplices[:, k]] for k in range(2))
         side = (b[:, 0] <= x[:, 0]).astype(float) - (a[:, 0] <= x[:, 0])
-        up = _beside(a, b, x) * side  # the normal is on the right: up where a is right of b
+        up = (
+            _signed_distance(a, b, x) * side
+        )  # the normal is on the right: up where a is right of b
         return np.asarray(np.where(up > 0.0, side, 0.0))
     side = [_left(x, places, simplices[:, k], simplices[:, (k + 1) % 3]) for k in range(3)]
     hit = np.zeros(len(x))

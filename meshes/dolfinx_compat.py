@@ -33,13 +33,13 @@ def _remembering() -> Iterator[None]:
     """
     look_up = dolfinx.jit.ffcx_jit
 
-    def remember(comm: MPI.Intracomm, what: Any, *args: Any, **options: Any) -> Any:
+    def remember(comm: MPI.Intracomm, source: Any, *args: Any, **options: Any) -> Any:
         if comm.size > 1:  # the lookup is collective
-            return look_up(comm, what, *args, **options)
-        signature = what.signature() if isinstance(what, ufl.Form) else repr(what)
+            return look_up(comm, source, *args, **options)
+        signature = source.signature() if isinstance(source, ufl.Form) else repr(source)
         key = signature, repr((args, sorted(options.items())))
         if key not in _compiled:
-            _compiled[key] = look_up(comm, what, *args, **options)
+            _compiled[key] = look_up(comm, source, *args, **options)
         return _compiled[key]
 
     dolfinx.jit.ffcx_jit = remember

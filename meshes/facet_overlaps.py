@@ -107,10 +107,10 @@ class Overlaps:
         pair, x, weights = cut(flat, other, linear, curved)
         plane = here[pair, :, :-1]
         phi, mine, slopes = on_facets(plane, x, is_curved(here, v))
-        hats, theirs, _ = on_facets(there[pair, :, :-1], x, is_curved(there, w))
-        gap = np.einsum("qv,qv->q", theirs, there[pair, :, -1])
+        vertex_shapes, node_shapes, _ = on_facets(there[pair, :, :-1], x, is_curved(there, w))
+        gap = np.einsum("qv,qv->q", node_shapes, there[pair, :, -1])
         gap -= np.einsum("qv,qv->q", mine, here[pair, :, -1])
-        gap -= on.height(i[pair], phi) + against.height(j[pair], hats)
+        gap -= on.height(i[pair], phi) + against.height(j[pair], vertex_shapes)
         apart = tilted and bool((np.abs(gap) > TOUCHING * on.radii[i[pair]]).any())
         if apart:
             slopes = np.linalg.solve(slopes @ plane, slopes)
@@ -128,7 +128,7 @@ class Overlaps:
             j=j[distinct],
             area=integrate(np.ones(len(weights))),
             own=integrate(phi[:, :, None] * mine[:, None, :]),
-            shared=integrate(phi[:, :, None] * theirs[:, None, :]),
+            shared=integrate(phi[:, :, None] * node_shapes[:, None, :]),
             weight=integrate(phi),
             gap=integrate(phi * gap[:, None]),
             tilt=tilt,
@@ -336,5 +336,5 @@ def on_facets(
         place = vtk_places(cell, degree, nodes, x)
     else:
         place = vtk_places(cell, 1, nodes[:, :vertices], x)
-    hats = vtk_shapes(cell, 1, place)
-    return hats[0], *(vtk_shapes(cell, degree, place) if degree > 1 else hats)
+    vertex_shapes = vtk_shapes(cell, 1, place)
+    return vertex_shapes[0], *(vtk_shapes(cell, degree, place) if degree > 1 else vertex_shapes)

@@ -24,13 +24,13 @@ def balanced_runs(subdomains: Sequence[tuple[Hashable, int]], ranks: int) -> lis
     """
     count = len(subdomains)
     even = [count * rank // ranks for rank in range(ranks + 1)]
-    most = _busiest(subdomains, even)
+    most = _largest_work(subdomains, even)
     best, least = even, most
     low = most / ranks  # lower bound of the work of the busiest rank
     for _ in range(20):
         limit = 0.5 * (low + least)
         starts = _within(subdomains, ranks, limit)
-        found = _busiest(subdomains, starts)
+        found = _largest_work(subdomains, starts)
         if found < least:
             best, least = starts, found
         else:
@@ -57,7 +57,7 @@ def _within(subdomains: Sequence[tuple[Hashable, int]], ranks: int, limit: float
     return [*starts, len(subdomains)]
 
 
-def _busiest(subdomains: Sequence[tuple[Hashable, int]], starts: Sequence[int]) -> float:
+def _largest_work(subdomains: Sequence[tuple[Hashable, int]], starts: Sequence[int]) -> float:
     """Work of the busiest rank."""
     most = 0.0
     for first, last in zip(starts[:-1], starts[1:], strict=True):

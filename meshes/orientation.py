@@ -90,7 +90,7 @@ def refuse_same_side(
     bad[wrong] = True
     over = number[other[np.flatnonzero(wrong == np.flatnonzero(bad)[0])[0]]] + 1
     facet = "an edge" if points.shape[1] == 2 else "a face"
-    what = (
+    fault = (
         f"{cell}s that overlap their neighbours: they lie on the same side of {facet} they share, "
         "as if pulled inside out"
     )
@@ -100,7 +100,7 @@ def refuse_same_side(
         else "; put the nodes there where no cell is pulled through another, or mesh that part anew"
     )
     raise MeshError(
-        f"{first_of(points, cells, bad, what, number)}, over cell {over} of the file{advice}"
+        f"{first_of(points, cells, bad, fault, number)}, over cell {over} of the file{advice}"
     )
 
 
@@ -154,8 +154,8 @@ def _suspects(
         np.bincount(topology.pairs.ravel(), minlength=count), 1
     )
     rare = turned if 2 * turned.sum() <= count else ~turned
-    blame = share + 1e-3 * rare
-    second = blame[pairs[:, 1]] > blame[pairs[:, 0]]
+    suspicion = share + 1e-3 * rare
+    second = suspicion[pairs[:, 1]] > suspicion[pairs[:, 0]]
     rows = np.arange(len(pairs))
     return pairs[rows, second.astype(int)], pairs[rows, 1 - second]
 

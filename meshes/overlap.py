@@ -65,7 +65,7 @@ WITHIN = 1e-9
 ROOM = 0.25
 """Distance from the box of its nodes to which a curved cell may reach, over its size."""
 
-LOOKED_AT = 1000
+CELLS_AT_ONCE = 1000
 """Number of points for which other cells are searched at once."""
 
 ADVICE = (
@@ -151,7 +151,7 @@ def refuse_overlaps(
         raise MeshError(_message(body, pairs, "s that lie in other cells", "in") + ADVICE)
 
 
-def _message(body: CheckedBody, pairs: NDArray[np.int64], what: str, relation: str) -> str:
+def _message(body: CheckedBody, pairs: NDArray[np.int64], fault: str, relation: str) -> str:
     """Message with the number of cells in pairs (pairs, 2), and the first pair."""
     pairs = pairs[np.lexsort(np.sort(body.number[pairs], axis=1).T[::-1])]
     a, b = pairs[0][np.argsort(body.number[pairs[0]])]
@@ -161,7 +161,7 @@ def _message(body: CheckedBody, pairs: NDArray[np.int64], what: str, relation: s
     others[a] = False
     start = np.zeros(len(bad), bool)
     start[a] = True
-    message = first_of(body.points, body.cells, start, body.cell + what, body.number)
+    message = first_of(body.points, body.cells, start, body.cell + fault, body.number)
     message = message.replace("has 1 ", f"has {int(bad.sum())} ", 1)
     return f"{message}, {relation} cell {body.number[b] + 1} of the file"
 
@@ -174,8 +174,8 @@ def _covered(body: CheckedBody, surface: Surface, comm: MPI.Intracomm) -> NDArra
     x, own = _just_inside(body)
     around = joined(comm, winding(x[share(comm, len(x))], surface))
     rows = np.flatnonzero(around > 1)
-    for start in range(0, len(rows), LOOKED_AT):
-        part = rows[start : start + LOOKED_AT]
+    for start in range(0, len(rows), CELLS_AT_ONCE):
+        part = rows[start : start + CELLS_AT_ONCE]
         point, other = containing(body, x[part])
         pairs = np.stack([own[part[point]], other], axis=1)
         pairs = pairs[pairs[:, 0] != pairs[:, 1]]

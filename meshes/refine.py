@@ -85,8 +85,8 @@ FACET_PARTS = {
 
 def refined(mesh: CellMesh) -> CellMesh:
     """A mesh of first order with every edge halved, with the groups and named boundaries."""
-    whole = mesh.shape(2)
-    points, nodes = whole.points, whole.cells
+    shape = mesh.shape(2)
+    points, nodes = shape.points, shape.cells
     local = np.broadcast_to(PARTS[mesh.cell], (len(nodes), *PARTS[mesh.cell].shape))
     if mesh.cell == "tetrahedron":
         local = np.concatenate([local, _octahedra(points, nodes)], axis=1)

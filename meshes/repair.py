@@ -247,15 +247,16 @@ def _curved(
     away = np.linalg.norm(places[nodes[:, v:]] - middles, axis=2).max(axis=1)
     apart = away > APART * np.ptp(points[cells], axis=1).max(axis=1)
     if apart.any():
-        what = f"{cell}s that have nodes amid an edge or face elsewhere than their neighbours"
-        raise MeshError(first_of(points, cells, apart, what, number))
+        fault = f"{cell}s that have nodes amid an edge or face elsewhere than their neighbours"
+        raise MeshError(first_of(points, cells, apart, fault, number))
     folded = np.zeros(len(cells), bool)
     rows = np.flatnonzero(bulge > STRAIGHT)
     folded[rows] = folded_inside(places, nodes[rows], cell, 2)
     if folded.any():
-        what = f"{cell}s folded by their curved edges (their Jacobian is not positive everywhere)"
+        fault = f"{cell}s folded by their curved edges (their Jacobian is not positive everywhere)"
         raise MeshError(
-            first_of(points, cells, folded, what, number) + "; use smaller cells or straight edges "
+            first_of(points, cells, folded, fault, number)
+            + "; use smaller cells or straight edges "
             "there (in Gmsh: Mesh.HighOrderOptimize = 2, or Mesh.SecondOrderLinear = 1)"
         )
     return middles
@@ -377,18 +378,20 @@ def _turn(
             "smaller unit of length (`scale`)"
         )
     slender = longest > LONGEST_CELL * shortest
-    what = f"{cell}s more than {LONGEST_CELL:g} times as long as wide, which is not allowed"
-    _refuse(points, cells, slender, what, number)
+    fault = f"{cell}s more than {LONGEST_CELL:g} times as long as wide, which is not allowed"
+    _refuse(points, cells, slender, fault, number)
     inside_out = (jacobian < 0.0).all(axis=0)
     folded = (jacobian < 0.0).any(axis=0) & ~inside_out
-    what = f"{cell}s folded into themselves, or with their nodes in another order than the format's"
-    _refuse(points, cells, folded, what, number)
+    fault = (
+        f"{cell}s folded into themselves, or with their nodes in another order than the format's"
+    )
+    _refuse(points, cells, folded, fault, number)
     cells[inside_out] = cells[inside_out][:, np.array(REVERSED[cell])]
     if cell == "hexahedron":
         rows = np.flatnonzero(warped(points, cells))
         folded[rows] = folded_inside(points, cells[rows], cell, 1)
-        what = f"{cell}s folded inside: their Jacobian is positive at their corners only"
-        _refuse(points, cells, folded, what, number)
+        fault = f"{cell}s folded inside: their Jacobian is positive at their corners only"
+        _refuse(points, cells, folded, fault, number)
     return inside_out
 
 
@@ -396,12 +399,12 @@ def _refuse(
     points: NDArray[np.float64],
     cells: NDArray[np.int64],
     bad: NDArray[np.bool_],
-    what: str,
+    fault: str,
     number: NDArray[np.int64],
 ) -> None:
     """Refuse a mesh of which some cells are `bad` (cells,)."""
     if bad.any():
-        raise MeshError(first_of(points, cells, bad, what, number))
+        raise MeshError(first_of(points, cells, bad, fault, number))
 
 
 def _pieces(cells: NDArray[np.int64], topology: Topology) -> NDArray[np.int64]:

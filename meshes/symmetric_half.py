@@ -164,18 +164,18 @@ def half_mesh(
     AsymmetryError
         The mesh is not mirror-symmetric.
     """
-    whole = mesh.shape(degree)
-    tolerance = SAME * float(np.ptp(whole.points, axis=0).max())
-    above = whole.points[:, axis] - at
-    place = _image_nodes(whole, whole, axis, at, tolerance)
-    lower = (above[whole.cells] <= tolerance).all(axis=1)
-    across = ~lower & ~(above[whole.cells] >= -tolerance).all(axis=1)
+    shape = mesh.shape(degree)
+    tolerance = SAME * float(np.ptp(shape.points, axis=0).max())
+    above = shape.points[:, axis] - at
+    place = _image_nodes(shape, shape, axis, at, tolerance)
+    lower = (above[shape.cells] <= tolerance).all(axis=1)
+    across = ~lower & ~(above[shape.cells] >= -tolerance).all(axis=1)
     if across.any():
-        raise AsymmetryError(f"has a {mesh.cell} at {_middle(whole, across)} that the plane cuts")
-    _refuse_unlike(whole, whole, place, kinds[mesh.tags], kinds[mesh.tags])
+        raise AsymmetryError(f"has a {mesh.cell} at {_middle(shape, across)} that the plane cuts")
+    _refuse_unlike(shape, shape, place, kinds[mesh.tags], kinds[mesh.tags])
     half = _lower(mesh, lower, axis, at, tolerance, cut)
-    facets, owner = whole.topology.facets, whole.topology.facet_cells
-    points, images, used, local, image = _facet_images(whole, whole, facets[lower[owner]], place)
+    facets, owner = shape.topology.facets, shape.topology.facet_cells
+    points, images, used, local, image = _facet_images(shape, shape, facets[lower[owner]], place)
     sides = {}
     for name, rows in mesh.sides.items():
         member = np.zeros(len(facets), bool)
@@ -197,16 +197,16 @@ def mesh_images(
 
     Parameters and errors are those of `half_mesh`.
     """
-    whole, image = mesh.shape(degree), other.shape(degree)
-    if (mesh.cell, whole.points.shape, whole.cells.shape) != (
+    shape, image = mesh.shape(degree), other.shape(degree)
+    if (mesh.cell, shape.points.shape, shape.cells.shape) != (
         other.cell, image.points.shape, image.cells.shape
     ):  # fmt: skip
         raise AsymmetryError("has another number of nodes or cells than what should be its image")
-    tolerance = SAME * float(np.ptp(whole.points, axis=0).max())
-    place = _image_nodes(whole, image, axis, at, tolerance)
-    _refuse_unlike(whole, image, place, kinds[0][mesh.tags], kinds[1][other.tags])
-    facets = whole.topology.facets
-    points, images, _, local, rows_there = _facet_images(whole, image, facets, place)
+    tolerance = SAME * float(np.ptp(shape.points, axis=0).max())
+    place = _image_nodes(shape, image, axis, at, tolerance)
+    _refuse_unlike(shape, image, place, kinds[0][mesh.tags], kinds[1][other.tags])
+    facets = shape.topology.facets
+    points, images, _, local, rows_there = _facet_images(shape, image, facets, place)
     beside, none = np.zeros(len(points), bool), np.zeros(len(facets), bool)
 
     def members(rows: NDArray[np.int32], there: NDArray[np.int64] | slice) -> Bools:

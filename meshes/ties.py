@@ -66,13 +66,13 @@ class Decided:
     ----------
     nodes, held : (k,), (k, d)
         Held nodes, ascending, and their components.
-    taken : (l,)
+    tied_before : (l,)
         Nodes with multipliers of another tie.
     """
 
     nodes: NDArray[np.int64]
     held: NDArray[np.bool_]
-    taken: NDArray[np.int64]
+    tied_before: NDArray[np.int64]
 
     def of(self, nodes: NDArray[np.int64]) -> NDArray[np.bool_]:
         """Mask (n, d) of the held components of some nodes."""
@@ -110,11 +110,11 @@ def mean_jumps(
     made = _Ties.of(on, against, found)
     here, there = decided.of(made.nodes), decided.of(made.others)
     outer = abs(made.jump[:, len(made.nodes) :])
-    taken = np.isin(made.nodes, decided.taken)
+    tied_before = np.isin(made.nodes, decided.tied_before)
     distance = np.abs(found.distance)
     worst = int(np.argmax(distance))
     held = here & (outer @ there > 0.0)
-    yielding = taken[:, None] | held if gives else np.zeros_like(held)
+    yielding = tied_before[:, None] | held if gives else np.zeros_like(held)
     rows = tuple(made.component(i, yielding[:, i]) for i in range(on.dimension))
     size = float(on.radii[found.i[worst]])
     return MeanJumps(rows, float(distance[worst]), size, made.nodes, held)

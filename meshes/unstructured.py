@@ -27,7 +27,7 @@ def first_of(
     points: NDArray[np.float64],
     cells: NDArray[np.int64],
     bad: NDArray[np.bool_],
-    what: str,
+    fault: str,
     number: NDArray[np.int64],
 ) -> str:
     """Message with the number of `bad` cells (cells,) and the first one.
@@ -37,7 +37,7 @@ def first_of(
     first = np.flatnonzero(bad)[0]
     at = ", ".join(f"{v:g}" for v in points[cells[first]].mean(axis=0))
     name = f"cell {number[first] + 1} of the file, at ({at})"
-    return f"has {int(bad.sum())} {what}; the first is {name}"
+    return f"has {int(bad.sum())} {fault}; the first is {name}"
 
 
 FACETS = {

@@ -51,6 +51,13 @@ PRIVATE_NAMES = {
 }  # fmt: skip
 """Names that say nothing to a reader: requests, messages, load balance, … instead."""
 
+VAGUE_NAMES = {
+    "kept", "taken", "spent", "tell", "tells", "hears", "seen", "saw", "gone", "lack", "asks",
+    "ours", "theirs", "blame", "askew", "astray", "hopeless", "wished", "gift", "whole", "those",
+    "what", "how",
+}  # fmt: skip
+"""Names in `solver` and `meshes` that do not say what the object is: remaining rows, work, …"""
+
 LONGEST_FILE = 500
 """Lines of a file of the packages."""
 
@@ -277,7 +284,7 @@ def test_names_are_those_of_the_field() -> None:
         for path in sorted((ROOT / package).rglob("*.py"))
         for node in ast.walk(ast.parse(path.read_text(encoding="utf-8")))
         for name in (defined(node),)
-        if name.strip("_") in PRIVATE_NAMES
+        if name.strip("_") in PRIVATE_NAMES | (VAGUE_NAMES if package != "contact_app" else set())
     ]
     assert not found
 
@@ -288,6 +295,8 @@ def defined(node: ast.AST) -> str:
         return node.name
     if isinstance(node, ast.Name) and isinstance(node.ctx, ast.Store):
         return node.id
+    if isinstance(node, ast.Attribute) and isinstance(node.ctx, ast.Store):
+        return node.attr
     return node.arg if isinstance(node, ast.arg) else ""
 
 

@@ -40,4 +40,4 @@ def attended(
         log_caches()
         # only its clock is used: nothing is saved within a solve
         clock = Checkpoint(directory, comm, False, every)
-        yield progress, Attention(comm, lambda: interruption.asked, clock)
+        yield progress, Attention(comm, lambda: interruption.requested, clock)

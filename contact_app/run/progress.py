@@ -137,7 +137,7 @@ class Interruption:
     """
 
     def __init__(self) -> None:
-        self.asked = False
+        self.requested = False
         self._before: dict[int, Any] = {}
 
     def __enter__(self) -> Interruption:
@@ -153,14 +153,14 @@ class Interruption:
 
     def __call__(self, event: Step) -> bool:
         """Whether to stop."""
-        return self.asked
+        return self.requested
 
-    def asked_of_any(self, comm: MPI.Intracomm) -> bool:
+    def requested_by_any(self, comm: MPI.Intracomm) -> bool:
         """Whether any rank was asked to stop (collective)."""
-        return bool(comm.allreduce(self.asked, op=MPI.LOR))
+        return bool(comm.allreduce(self.requested, op=MPI.LOR))
 
     def _ask(self, number: int, frame: FrameType | None) -> None:
-        self.asked = True
+        self.requested = True
         log.warning("asked to stop by signal %d: partial results are saved", number)
         self._restore()
 

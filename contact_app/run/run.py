@@ -73,7 +73,7 @@ def run(
         Interruption() as interruption,
     ):
         log_caches()
-        attention = Attention(comm, lambda: interruption.asked, checkpoint)
+        attention = Attention(comm, lambda: interruption.requested, checkpoint)
         monitor = together(progress, history, attention)
         if resume:
             progress.stage(
@@ -89,7 +89,9 @@ def run(
             solved = solve_scene(scene, comm, monitor, checkpoint, tell)
         else:
             once = partial(solve_scene, comm=comm, monitor=monitor, tell=log_model)
-            refined = _to_accuracy(scene, once, progress, lambda: interruption.asked_of_any(comm))
+            refined = _to_accuracy(
+                scene, once, progress, lambda: interruption.requested_by_any(comm)
+            )
             solved = refined.solved
         solution = solved.solution
         stopped = solution.reason is Reason.STOPPED and not solution.converged and refined is None

@@ -94,7 +94,7 @@ def _run(model: Model, setting: Settings, directory: Path, timings: Timings) -> 
         History(directory / "history.csv" if first else None, checkpoint.found) as history,
         Interruption() as interruption,
     ):
-        attention = Attention(comm, lambda: interruption.asked, checkpoint)
+        attention = Attention(comm, lambda: interruption.requested, checkpoint)
         monitor = together(progress, history, attention)
         progress.stage(f"solving, {setting.value}")
         with timings.measure("solve"):

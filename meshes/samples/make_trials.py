@@ -247,9 +247,9 @@ class Profile:
     triangles: Cells
 
 
-def count(wished: float, size: float) -> int:
+def count(at_size_one: float, size: float) -> int:
     """Number of cells along an edge, given the number for a size of one."""
-    return max(1, round(wished / size))
+    return max(1, round(at_size_one / size))
 
 
 def grid(

@@ -62,8 +62,8 @@ STALLED = 500
 
 def free_matrices(comm: MPI.Intracomm) -> None:
     """Free unused PETSc objects now; petsc4py would free them later (collective)."""
-    for whose in (PETSc.COMM_SELF, comm):
-        PETSc.garbage_cleanup(whose)
+    for owner in (PETSc.COMM_SELF, comm):
+        PETSc.garbage_cleanup(owner)
 
 
 @dataclass(frozen=True, eq=False)
@@ -266,7 +266,7 @@ class PrimalSet:
             self._start += rigid.balance(left, lifting)
         left = self._load - multiply(system.K, self._start)
         self._left = left if springs.empty else left - springs.forces_at(self._start)
-        self._preconditioner = self._made()
+        self._preconditioner = self._make_preconditioner()
         rhs = projector.apply_transpose(self._left)
         may_slide = system.has_rigid_bodies or backend.problem.friction is not None
         if may_slide and rigid.leaves(rhs, system.load):
@@ -282,7 +282,7 @@ class PrimalSet:
         self._lanczos = Lanczos(self._preconditioner.square)
         self._steps, self._stalls = 0, False
 
-    def _made(self) -> _Preconditioner:
+    def _make_preconditioner(self) -> _Preconditioner:
         backend, projector, springs = self._backend, self._projector, self._springs
         cycle = backend.correction(self._system, projector, springs)
         if springs.empty or isinstance(cycle, Factor):  # the factor includes springs
@@ -357,7 +357,7 @@ class PrimalSet:
             if it.projected_gradient_norm <= wanted:
                 return Reason.CONVERGED
             if self._is_slow() and self._backend.give_up_multigrid():
-                self._preconditioner = it.preconditioner = self._made()
+                self._preconditioner = it.preconditioner = self._make_preconditioner()
                 it.evaluate()
                 self._lanczos = Lanczos(self._preconditioner.square)
                 self._backend.smallest_eigenvalue = UNKNOWN
@@ -384,8 +384,10 @@ class PrimalSet:
         problem = system.problem
         assert it.image is not None
         u, left = self._start + it.x, self._left - it.image
-        unheld = left + (system.load - self._load) + self._springs.forces_at(u)  # f - K u
-        backend.begin_at(u, unheld)
+        left_without_rows = (
+            left + (system.load - self._load) + self._springs.forces_at(u)
+        )  # f - K u
+        backend.begin_at(u, left_without_rows)
         multiplier = self._given.copy()
         multiplier[self._projector.rows] = self._projector.multipliers(left)
         multiplier[self._springs.rows] += self._springs.multipliers(u)
@@ -402,7 +404,7 @@ class PrimalSet:
             lengths,
             u,
             self.statuses.holding,
-            backend.strained(u, unheld),
+            backend.strained(u, left_without_rows),
             square,
             self._shares(square),
             it.projected_gradient_norm,

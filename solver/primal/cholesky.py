@@ -79,9 +79,9 @@ class SmallInverse:
 
 def gathered(comm: MPI.Intracomm, own: sparse.csr_matrix) -> PETSc.Mat:
     """A matrix of this rank alone from all ranks' rows (collective)."""
-    whole = sparse.vstack(comm.allgather(own), format="csr")
-    whole.sort_indices()
-    begins, places = (part.astype(PETSc.IntType) for part in (whole.indptr, whole.indices))
+    joined = sparse.vstack(comm.allgather(own), format="csr")
+    joined.sort_indices()
+    begins, places = (part.astype(PETSc.IntType) for part in (joined.indptr, joined.indices))
     return PETSc.Mat().createAIJ(
-        whole.shape, csr=(begins, places, whole.data), comm=PETSc.COMM_SELF
+        joined.shape, csr=(begins, places, joined.data), comm=PETSc.COMM_SELF
     )

@@ -65,9 +65,9 @@ def find_first_set(
     rows = Rows(system.comm, system.c, system.normal, system.equality, stiff)
     start = system.at_rest
     if not P:  # the problem itself is coarse
-        whole = SharedLevel(rows, A[0], system.C, system.load, options)
-        x = whole.minimise(np.zeros(system.size), options.exact_steps)
-        return FirstSet(whole.pressed(x) | system.equality, x)
+        only_level = SharedLevel(rows, A[0], system.C, system.load, options)
+        x = only_level.minimise(np.zeros(system.size), options.exact_steps)
+        return FirstSet(only_level.pressed(x) | system.equality, x)
     Q, loads = [system.C], [system.load - multiply(system.K, start)]
     for prolongation in P:
         Q.append(Q[-1].matMult(prolongation))
@@ -95,8 +95,8 @@ def _on_every_rank(level: SharedLevel) -> Array:
 
     The messages of a small distributed problem cost more than its work.
     """
-    whole = DenseLevel.gathered(level)
-    x = whole.minimise(np.zeros(len(whole.load)), level.options.exact_steps)
+    gathered = DenseLevel.gathered(level)
+    x = gathered.minimise(np.zeros(len(gathered.load)), level.options.exact_steps)
     return x[slice(*level.A.getOwnershipRange())].copy()
 
 

@@ -155,8 +155,8 @@ def near_kernel(comm: MPI.Intracomm, rigid: NDArray[np.float64]) -> PETSc.NullSp
     gram = comm.allreduce(rigid.T @ rigid, op=MPI.SUM)
     scale = np.sqrt(np.maximum(np.diag(gram), np.finfo(float).tiny))
     values, vectors = np.linalg.eigh(gram / np.outer(scale, scale))
-    kept = values > 1e-12 * values.max()
-    basis = rigid @ (vectors[:, kept] / scale[:, None] / np.sqrt(values[kept]))
+    independent = values > 1e-12 * values.max()
+    basis = rigid @ (vectors[:, independent] / scale[:, None] / np.sqrt(values[independent]))
     columns = [np.ascontiguousarray(column) for column in basis.T]
     with lent(comm, *columns) as lent_columns:
         own = [column.copy() for column in lent_columns]

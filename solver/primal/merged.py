@@ -203,11 +203,11 @@ def vectors_of(matrix: PETSc.Mat) -> tuple[PETSc.Vec, PETSc.Vec]:
 
     They are made once: to make one is collective.
     """
-    kept: tuple[PETSc.Vec, PETSc.Vec] | None = matrix.getAttr("vectors")
-    if kept is None:
-        kept = matrix.createVecs()
-        matrix.setAttr("vectors", kept)
-    return kept
+    stored: tuple[PETSc.Vec, PETSc.Vec] | None = matrix.getAttr("vectors")
+    if stored is None:
+        stored = matrix.createVecs()
+        matrix.setAttr("vectors", stored)
+    return stored
 
 
 def chosen_rows(matrix: PETSc.Mat, rows: NDArray[np.int64]) -> PETSc.Mat:
@@ -250,31 +250,31 @@ def merge(problem: DualProblem) -> MergedSystem:
 
 def _scatter(comm: MPI.Intracomm, numbers: NDArray[np.int64], size: int) -> PETSc.Scatter:
     """Scatter from owned unknowns to the unknowns of this rank's distinct nodes."""
-    whole = PETSc.Vec().createMPI((size, PETSc.DETERMINE), comm=comm)
-    here = PETSc.Vec().createSeq(len(numbers))
+    owned = PETSc.Vec().createMPI((size, PETSc.DETERMINE), comm=comm)
+    local = PETSc.Vec().createSeq(len(numbers))
     places = PETSc.IS().createGeneral(numbers.astype(PETSc.IntType), comm=PETSc.COMM_SELF)
-    return PETSc.Scatter().create(whole, places, here, None)
+    return PETSc.Scatter().create(owned, places, local, None)
 
 
 def _to_copies(comm: MPI.Intracomm, scatter: PETSc.Scatter, values: Array, size: int) -> Array:
     """Values of owned unknowns on this rank's distinct nodes, (size,)."""
     out = np.empty(size)
-    here = PETSc.Vec().createWithArray(out, comm=PETSc.COMM_SELF)
-    with lent(comm, np.ascontiguousarray(values)) as (whole,):
-        scatter.scatter(whole, here, mode=PETSc.ScatterMode.FORWARD)
-    here.destroy()
+    local = PETSc.Vec().createWithArray(out, comm=PETSc.COMM_SELF)
+    with lent(comm, np.ascontiguousarray(values)) as (owned,):
+        scatter.scatter(owned, local, mode=PETSc.ScatterMode.FORWARD)
+    local.destroy()
     return out
 
 
 def _to_owners(comm: MPI.Intracomm, scatter: PETSc.Scatter, values: Array, size: int) -> Array:
     """Sums over all ranks of values on their distinct nodes, at the owners, (size,)."""
     out = np.zeros(size)
-    here = PETSc.Vec().createWithArray(np.ascontiguousarray(values), comm=PETSc.COMM_SELF)
-    with lent(comm, out) as (whole,):
+    local = PETSc.Vec().createWithArray(np.ascontiguousarray(values), comm=PETSc.COMM_SELF)
+    with lent(comm, out) as (owned,):
         scatter.scatter(
-            here, whole, addv=PETSc.InsertMode.ADD_VALUES, mode=PETSc.ScatterMode.REVERSE
+            local, owned, addv=PETSc.InsertMode.ADD_VALUES, mode=PETSc.ScatterMode.REVERSE
         )
-    here.destroy()
+    local.destroy()
     return out
 
 

@@ -157,7 +157,7 @@ def _minimise(
         gradient = system.gradient(u, start, jump)
         norm = system.norm(gradient)
         active = system.active(start.multiplier, jump)
-        if clock.tell(outer, norm, active):
+        if clock.report(outer, norm, active):
             return u, Reason.STOPPED
         if clock.steps >= clock.options.inner:
             return u, Reason.MAX_ITERATIONS
@@ -180,7 +180,7 @@ class _Clock:
         self.comm, self.monitor, self.options, self.steps = comm, monitor, options, 0
         self._began = perf_counter()
 
-    def tell(self, outer: int, norm: float, active: NDArray[np.bool_]) -> bool:
+    def report(self, outer: int, norm: float, active: NDArray[np.bool_]) -> bool:
         """Whether a monitor on any rank asks to stop (collective)."""
         if self.monitor is None:
             return False

@@ -125,7 +125,7 @@ class BoxOnBlock:
     def split(self, x: Vector, g: Vector, is_free: Mask, free: Vector, chopped: Vector) -> None:
         """Free and chopped gradient of g at x, and the mask of free components."""
         # products with masks: several times faster than masked copies
-        active, outward, kept = self.at_lower, self.mask, self.at_upper
+        active, outward, held = self.at_lower, self.mask, self.at_upper
         active.fill(False)
         outward.fill(False)
         side, sign = self.side, self.sign
@@ -143,8 +143,8 @@ class BoxOnBlock:
             np.logical_or(outward, side, out=outward)
         np.logical_not(active, out=is_free)
         np.multiply(g, is_free, out=free)
-        np.logical_not(outward, out=kept)
-        np.multiply(g, kept, out=chopped)  # the projected gradient
+        np.logical_not(outward, out=held)
+        np.multiply(g, held, out=chopped)  # the projected gradient
         np.subtract(chopped, free, out=chopped)
 
     def project(self, x: Vector) -> None:

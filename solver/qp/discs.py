@@ -110,9 +110,9 @@ class BoxAndDiscs:
 class BoxAndDiscsOnBlock:
     """The kernels on all components (protocol `SetOnBlock`); those of the discs allocate."""
 
-    def __init__(self, whole: BoxAndDiscs, rows: slice, scratch: Scratch) -> None:
-        self._set = whole
-        self._box = BoxOnBlock(whole.box, rows, scratch)
+    def __init__(self, convex_set: BoxAndDiscs, rows: slice, scratch: Scratch) -> None:
+        self._set = convex_set
+        self._box = BoxOnBlock(convex_set.box, rows, scratch)
 
     def _at_boundary(self, size: NDArray[np.float64]) -> Mask:
         return np.asarray(size >= (1.0 - ACTIVITY) * self._set.radius)

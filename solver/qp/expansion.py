@@ -175,14 +175,14 @@ class SafeguardedCG:
             return
         guaranteed = 0.5 * product / it.largest  # D
         enough = self.kappa * (half + guaranteed) - half
-        hopeless = slope < enough  # the cost is convex: no point of the way falls enough
-        if hopeless:
+        too_flat = slope < enough  # the cost is convex: no point of the way falls enough
+        if too_flat:
             it.aim_reduced(self.standard / it.largest_known)
             enough = self.kappa * guaranteed
         length, _ = it.probe()
         if it.slope - 0.5 * it.curvature >= enough:
             length = 1.0
-        elif not hopeless:
+        elif not too_flat:
             length = self._lowest(it)
         it.advance(min(length, 1.0), restart=True, snap=True)
 

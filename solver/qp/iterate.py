@@ -100,10 +100,10 @@ class Iterate:
         self.b_norm = 0.0
         self.image: np.ndarray | None = None
         self._image_p: np.ndarray | None = None
-        self._image_beside: np.ndarray | None = None
+        self._previous_image: np.ndarray | None = None
         self.watch: Watch | None = None
         self._norm = norm
-        self._beside = (0.0, 0.0, 0.0)
+        self._previous_numbers = (0.0, 0.0, 0.0)
         self._marked: tuple[Vector, Vector] | None = None
         self._began = perf_counter()
 
@@ -304,8 +304,8 @@ class Iterate:
 
         They are stored in the arrays of g^c and g^f, which the next step computes anew.
         """
-        self._beside = self.slope, self.curvature, self.product_norm
-        self._image_beside = None if self._image_p is None else self._image_p.copy()
+        self._previous_numbers = self.slope, self.curvature, self.product_norm
+        self._previous_image = None if self._image_p is None else self._image_p.copy()
         slope = mixed = 0.0
         for block in self.blocks:
             np.copyto(block.chopped, block.p)
@@ -319,8 +319,8 @@ class Iterate:
 
     def take_back(self) -> None:
         """Restore p and Ap from before :meth:`aim_reduced_beside`."""
-        self.slope, self.curvature, self.product_norm = self._beside
-        self._image_p = self._image_beside
+        self.slope, self.curvature, self.product_norm = self._previous_numbers
+        self._image_p = self._previous_image
         np.copyto(self.p, self.chopped)
         np.copyto(self.Ap, self.free)
 

@@ -171,8 +171,10 @@ class ActiveSetProblem:
             self._check_coarse_problem()
         # no penalty: steps out of the range of P would have no curvature, and none occur
         # coupled rows belong to the original frames and lengths
-        kept = None if changed or coupled is None else coupled.on(active | ~problem.conditional)
-        base = DualPreconditioner(self.reduced, math.inf, kept)
+        coupled_rows = (
+            None if changed or coupled is None else coupled.on(active | ~problem.conditional)
+        )
+        base = DualPreconditioner(self.reduced, math.inf, coupled_rows)
         own: Preconditioner = base
         rhs, scaled = self.reduced.rhs, None
         if rows is not None and self._compliance is not None:

@@ -137,11 +137,11 @@ class CoupledRows:
         self._mine = slice(first, first + len(self._rows))
         self._filled, self._factor = gathered.diagonal() > 0.0, _Factor(gathered)
 
-    def on(self, kept: NDArray[np.bool_]) -> CoupledRows:
+    def on(self, rows: NDArray[np.bool_]) -> CoupledRows:
         """The coupled rows of the problem in which only some rows (dual,) are left (collective)."""
         result = copy(self)
-        result.B = self.B.scaled(RowWeights(kept.astype(np.float64)))
-        every = np.concatenate(self.comm.allgather(kept[self._rows]))
+        result.B = self.B.scaled(RowWeights(rows.astype(np.float64)))
+        every = np.concatenate(self.comm.allgather(rows[self._rows]))
         result._filled = self._filled & every
         return result
 

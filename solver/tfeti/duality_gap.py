@@ -65,10 +65,10 @@ def group_gaps(
         energies = motion_energies(problem, change, relaxations)
         return np.asarray(comm.allreduce(opened + bodies.sum_by_group(energies)))
     pressing = problem.inequality & (multiplier > 0.0)
-    ways = [(change, opened), _way(problem, multiplier, interface, pressing, rest)]
+    candidates = [(change, opened), _candidate(problem, multiplier, interface, pressing, rest)]
     costs = [
         comm.allreduce(opened) + bodies.sum_by_group(relaxed_energies(problem, change, relaxations))
-        for change, opened in ways
+        for change, opened in candidates
     ]
     return np.asarray(np.min(costs, axis=0))
 
@@ -86,25 +86,27 @@ def _nearest(
     group, (groups,).
     """
     bodies = problem.bodies
-    ways = [_way(problem, multiplier, interface, None, rest)]
+    candidates = [_candidate(problem, multiplier, interface, None, rest)]
     if problem.one_sided:
         closed = worth_closing(problem, multiplier, problem.residual(interface))
-        ways.insert(0, _way(problem, multiplier, interface, closed, rest))
+        candidates.insert(0, _candidate(problem, multiplier, interface, closed, rest))
     costs = np.array(
-        [opened + bodies.sum_by_group(motion_energies(problem, w)) for w, opened in ways]
+        [opened + bodies.sum_by_group(motion_energies(problem, w)) for w, opened in candidates]
     )
     costs = problem.comm.allreduce(costs)
-    if len(ways) == 1 or not (costs[1] < costs[0]).any():
-        return *ways[0], costs[0]
+    if len(candidates) == 1 or not (costs[1] < costs[0]).any():
+        return *candidates[0], costs[0]
     second = costs[1] < costs[0]
     change, opened = (
         np.where(chosen, b, a)
-        for chosen, a, b in zip((second[bodies.groups[bodies.columns]], second), *ways, strict=True)
+        for chosen, a, b in zip(
+            (second[bodies.groups[bodies.columns]], second), *candidates, strict=True
+        )
     )
     return change, opened, np.where(second, costs[1], costs[0])
 
 
-def _way(
+def _candidate(
     problem: DualProblem,
     multiplier: NDArray[np.float64],
     interface: NDArray[np.float64],

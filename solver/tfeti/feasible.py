@@ -252,12 +252,12 @@ def relaxed_energies(
     """
     motion = motion.copy()
     forces = _schur(problem, motion)
-    residual = -_unseen(problem, forces)
+    residual = -_in_kernel(problem, forces)
     direction = residual.copy()
     square = problem.comm.allreduce(float(residual @ residual))
     for _ in range(steps):
         pushed = _schur(problem, direction)
-        image = _unseen(problem, pushed)
+        image = _in_kernel(problem, pushed)
         curvature = problem.comm.allreduce(float(direction @ image))
         if not curvature > 0.0:
             break
@@ -285,15 +285,15 @@ def _schur(problem: DualProblem, motion: NDArray[np.float64]) -> NDArray[np.floa
     return forces
 
 
-def _unseen(problem: DualProblem, vector: NDArray[np.float64]) -> NDArray[np.float64]:
+def _in_kernel(problem: DualProblem, vector: NDArray[np.float64]) -> NDArray[np.float64]:
     """The part of an interface vector in the kernel of B; the rows of B are orthonormal.
 
     The part on rigid bodies is zero.
     """
-    rows, seen = np.empty(problem.size), np.empty_like(vector)
+    rows, in_range = np.empty(problem.size), np.empty_like(vector)
     problem.deforming.apply(vector, rows)
-    problem.deforming.apply_transpose(rows, seen)
-    return vector - seen
+    problem.deforming.apply_transpose(rows, in_range)
+    return vector - in_range
 
 
 def _relaxed(cls: SubdomainClass, motion: NDArray[np.float64], steps: int) -> NDArray[np.float64]:

@@ -99,7 +99,7 @@ class FreeMotions:
         every = self.loose.along if along is None else along
         count = [along.shape[1] for along in every]
         grams = [np.zeros((k, k)) for k in count]
-        seen = [np.zeros(k) for k in count]
+        components = [np.zeros(k) for k in count]
         for number, u in enumerate(displacements):
             if self.rigid[number]:
                 continue
@@ -107,13 +107,13 @@ class FreeMotions:
                 if count[body]:
                     fields = self._motions(number, member) @ every[body]
                     grams[body] += fields.T @ fields
-                    seen[body] += fields.T @ u[:, member]
+                    components[body] += fields.T @ u[:, member]
         result = [np.zeros(along.shape[0]) for along in every]
         for group in np.unique(self.groups):
             bodies = np.flatnonzero(self.groups == group)
             if count[bodies[0]]:
                 gram = self.comm.allreduce(np.sum([grams[b] for b in bodies], axis=0))
-                right = self.comm.allreduce(np.sum([seen[b] for b in bodies], axis=0))
+                right = self.comm.allreduce(np.sum([components[b] for b in bodies], axis=0))
                 size = np.linalg.pinv(gram, rcond=RESOLVED, hermitian=True) @ right
                 for b in bodies:
                     result[b] = every[b] @ size
@@ -138,14 +138,14 @@ class FreeMotions:
                 parts.append(moved)
         return np.concatenate(parts)
 
-    def unresisted(self, group: int, seen: Array) -> list[Array]:
+    def unresisted(self, group: int, images: Array) -> list[Array]:
         """The motions of a group on which rows vanish, and its loose motions.
 
         (motions, k) for each body of the group (collective).
 
         Parameters
         ----------
-        seen : (rows, k)
+        images : (rows, k)
             Some rows of this rank, applied to the allowed motions of the group.
         """
         bodies = np.flatnonzero(self.groups == group)
@@ -153,7 +153,7 @@ class FreeMotions:
             np.concatenate([some[b] for b in bodies])
             for some in (self.loose.allowed, self.loose.along)
         )
-        left = allowed @ held_motions(self.comm, seen)
+        left = allowed @ held_motions(self.comm, images)
         both = spanned(np.hstack([left, loose]))
         return list(both.reshape(len(bodies), len(both) // len(bodies), both.shape[1]))
 

@@ -153,7 +153,7 @@ def problem_from_arrays(
     bodies = comm.allreduce(max(s.body for s in subdomains), op=MPI.MAX) + 1
     constraints = ConstraintRows(exchange, rows, shared, SupportRows(), False)
     system = build_system(_classes(subdomains, copies), constraints, np.arange(bodies))
-    return _knowing_what_holds(DualProblem(system))
+    return _with_held_without_contact(DualProblem(system))
 
 
 def _conditions(
@@ -201,7 +201,7 @@ def _classes(subdomains: Sequence[Subdomain], copies: _Copies) -> list[Congruent
     return classes
 
 
-def _knowing_what_holds(problem: DualProblem) -> DualProblem:
+def _with_held_without_contact(problem: DualProblem) -> DualProblem:
     """The problem with `held_without_contact` filled in (collective).
 
     Gluing and held rows alone stop every motion if the coarse problem without contact is regular.

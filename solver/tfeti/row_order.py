@@ -77,14 +77,14 @@ def order_rows(
     )
     local.sort_indices()
     weight = np.concatenate([rows.weight, np.ones(extra)])
-    seen = KernelRows(ConstraintMatrix(comm, local, size), kernels)
-    order = _row_order(kinds, seen)
+    kernel_rows = KernelRows(ConstraintMatrix(comm, local, size), kernels)
+    order = _row_order(kinds, kernel_rows)
     B = ConstraintMatrix(comm, local[order], size)
     held = np.concatenate([rows.held_unknowns(d), np.full(extra, -1, np.int64)])
     return OrderedRows(B, c[order], kinds[order], weight[order], held[order])
 
 
-def _row_order(kinds: NDArray[np.int8], seen: KernelRows) -> NDArray[np.int64]:
+def _row_order(kinds: NDArray[np.int8], kernel_rows: KernelRows) -> NDArray[np.int64]:
     """An order of rows in which B reads neighbouring memory.
 
     Gluing and Dirichlet rows are sorted by their subdomains, and within these by their nodes.
@@ -92,7 +92,7 @@ def _row_order(kinds: NDArray[np.int8], seen: KernelRows) -> NDArray[np.int64]:
     """
     inner = (kinds == RowKind.GLUING) | (kinds == RowKind.DIRICHLET)
     rows = np.flatnonzero(inner)
-    begins, start, _, place, _ = seen.entries_of(rows)
+    begins, start, _, place, _ = kernel_rows.entries_of(rows)
     first, last = begins[:-1], begins[1:] - 1
     together = np.add.reduceat(start, first)  # differs where only subdomains between them differ
     rows = rows[np.lexsort((place[first], together, start[last], start[first]))]

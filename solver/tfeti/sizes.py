@@ -129,8 +129,8 @@ def largest_deformations(
             if motions[b].any():
                 own[:, member] -= free.field(number, member, motions[b])
         left.append(own)
-    whole = largest_displacements(problem, displacements)
-    return np.maximum(largest_displacements(problem, left), SLID * whole)
+    displaced = largest_displacements(problem, displacements)
+    return np.maximum(largest_displacements(problem, left), SLID * displaced)
 
 
 def unresisted(
@@ -147,13 +147,13 @@ def unresisted(
     interfaces, moved = [cls.interface for cls in problem.classes], np.empty(problem.size)
     result = list(free.loose.along)
     for group in range(bodies.group_count):
-        seen = []
+        images = []
         for motion in free.allowed_motions(group, interfaces).T:
             problem.B.apply(np.ascontiguousarray(motion), moved)
-            seen.append(moved[presses])
-        if not seen:
+            images.append(moved[presses])
+        if not images:
             continue
-        found = free.unresisted(group, np.column_stack(seen))
+        found = free.unresisted(group, np.column_stack(images))
         for body, motions in zip(np.flatnonzero(bodies.groups == group), found, strict=True):
             result[body] = motions
     return result

@@ -108,13 +108,13 @@ def winkler_contact(problem: DualProblem) -> NDArray[np.bool_]:
         step /= top
         share = 1.0
         while True:
-            tried = alpha + share * step
-            found = force(tried)
-            after = cost(tried, found)
+            trial = alpha + share * step
+            found = force(trial)
+            after = cost(trial, found)
             if after <= value or share < SHORTEST:
                 break
             share *= 0.5
-        alpha, value = tried, after
+        alpha, value = trial, after
     return contact & (found > 0.0)
 
 

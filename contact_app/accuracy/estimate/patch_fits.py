@@ -164,7 +164,7 @@ class Meeting:
         comes[first] = 1
         self._place = np.cumsum(comes)[first] - 1
         self._at = self._place[at.reshape(-1)]
-        kept, foreign = self._at[exchange.kept], np.delete(self._at, exchange.kept)
+        kept, foreign = self._at[exchange.own_part], np.delete(self._at, exchange.own_part)
         self._sums = sparse.csr_matrix(
             (np.ones(len(kept)), (kept, exchange.own)), shape=(len(self.known), len(numbers))
         )

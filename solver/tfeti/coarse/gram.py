@@ -23,7 +23,7 @@ from solver.tfeti.constraints.matrix import ConstraintMatrix
 from solver.tfeti.options import TotalFetiOptions
 from solver.vectors import runs
 
-Seen = tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.int64]]
+Places = tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.int64]]
 
 
 @dataclass(frozen=True, eq=False)
@@ -197,7 +197,7 @@ class KernelRows:
         if self.comm.size > 1:
             self._distant = self._ask(B.local.shape[1])
 
-    def _ask(self, total: int) -> tuple[NDArray[np.int64], Seen]:
+    def _ask(self, total: int) -> tuple[NDArray[np.int64], Places]:
         """Columns of other ranks in rows of this rank, with the data of their owners.
 
         The kernels of these columns follow those of this rank in the table.
@@ -212,7 +212,7 @@ class KernelRows:
         self._table = np.concatenate([self._table, kernel])
         return columns, (start, width, place)
 
-    def _own(self, columns: NDArray[np.int64]) -> Seen:
+    def _own(self, columns: NDArray[np.int64]) -> Places:
         """First coarse unknown, width and place in the table of local columns (n,)."""
         cls = np.searchsorted(self._ends, columns, side="right")
         begins = self._ends[cls - 1] * (cls > 0) if len(self._ends) else columns
@@ -220,7 +220,7 @@ class KernelRows:
         start: NDArray[np.int64] = self._coarse[cls] + member * self._widths[cls]
         return start, self._widths[cls], self._offsets[cls] + at
 
-    def _seen(self, columns: NDArray[np.int32]) -> Seen:
+    def _places_of(self, columns: NDArray[np.int32]) -> Places:
         """First coarse unknown, width and place in the table of any columns of local rows."""
         here = (columns >= self._first) & (columns < self._last)
         if here.all():
@@ -229,8 +229,8 @@ class KernelRows:
         own = self._own(columns[here].astype(np.int64) - self._first)
         at = np.searchsorted(known, columns[~here])
         result = np.empty((3, len(columns)), np.int64)
-        for part, ours, theirs in zip(result, own, received, strict=True):
-            part[here], part[~here] = ours, theirs[at]
+        for part, own_part, distant in zip(result, own, received, strict=True):
+            part[here], part[~here] = own_part, distant[at]
         return result[0], result[1], result[2]
 
     def alike(self, rows: NDArray[np.int64]) -> Iterator[AlikeRows]:
@@ -254,7 +254,7 @@ class KernelRows:
         counts = self.entries[rows]
         begins = np.concatenate([[0], np.cumsum(counts)])
         entry = runs(self._begins[rows], counts)
-        return (begins, *self._seen(self._columns[entry]), self._values[entry])
+        return (begins, *self._places_of(self._columns[entry]), self._values[entry])
 
     def _chunk(self, rows: NDArray[np.int64]) -> Iterator[AlikeRows]:
         begins, start, width, place, value = self.entries_of(rows)

@@ -110,9 +110,9 @@ class ContactEntries:
 
     def of_rows(self, keep: NDArray[np.bool_]) -> ContactEntries:
         """The entries of some rows (rows,), renumbered."""
-        mine = keep[self.row]
-        kept = ContactEntries(**{name: values[mine] for name, values in self.__dict__.items()})
-        return replace(kept, row=(np.cumsum(keep) - 1)[kept.row])
+        chosen = keep[self.row]
+        entries = ContactEntries(**{name: values[chosen] for name, values in self.__dict__.items()})
+        return replace(entries, row=(np.cumsum(keep) - 1)[entries.row])
 
 
 ENTRIES = ("entries", "held", "rigid")

@@ -89,10 +89,10 @@ def _sparse_basis(projector: NDArray[np.float64], rank: int) -> NDArray[np.float
     m = len(projector)
     first, second = np.triu_indices(m, 1)
     eye = np.eye(m)
-    tried = np.concatenate([eye, eye[first] + eye[second], eye[first] - eye[second]])
+    candidates = np.concatenate([eye, eye[first] + eye[second], eye[first] - eye[second]])
     rows: list[NDArray[np.float64]] = []
     for _ in range(rank):
-        images = tried @ projector
+        images = candidates @ projector
         lengths = np.linalg.norm(images, axis=1)
         images[np.abs(images) < EQUAL] = 0.0
         entries = np.where(lengths > 0.1, np.count_nonzero(images, axis=1), m + 1)

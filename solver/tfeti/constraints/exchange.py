@@ -34,7 +34,7 @@ class NodeExchange:
         origin, and for each rank as on that rank.
     own : (kept,)
         Copies on this rank of nodes that it owns.
-    kept
+    own_part
         Places of these copies among the arrived copies.
     """
 
@@ -59,7 +59,7 @@ class NodeExchange:
         arrived = comm.alltoall([nodes[copies] for copies in self._of_rank])
         arrived[comm.rank] = nodes[self.own]
         self._ends = np.cumsum([0, *map(len, arrived)])
-        self.kept = slice(*map(int, self._ends[comm.rank : comm.rank + 2]))
+        self.own_part = slice(*map(int, self._ends[comm.rank : comm.rank + 2]))
         self.nodes: NDArray[np.int64] = np.concatenate(arrived)
 
     def among(self, nodes: NDArray[np.int64]) -> NodeExchange:
@@ -72,9 +72,9 @@ class NodeExchange:
             return values.copy()
         result = np.empty((len(self.nodes), *values.shape[1:]), values.dtype)
         others = self.of_others(values)
-        result[: self.kept.start] = others[: self.kept.start]
-        np.take(values, self.own, 0, out=result[self.kept], mode="clip")
-        result[self.kept.stop :] = others[self.kept.start :]
+        result[: self.own_part.start] = others[: self.own_part.start]
+        np.take(values, self.own, 0, out=result[self.own_part], mode="clip")
+        result[self.own_part.stop :] = others[self.own_part.start :]
         return result
 
     def of_others(self, values: NDArray) -> NDArray:
@@ -88,7 +88,7 @@ class NodeExchange:
         parts = np.split(values, self._ends[1:-1])
         parts[self.comm.rank] = values[:0]
         result = np.empty((self._copies, *values.shape[1:]), values.dtype)
-        result[self.own] = values[self.kept]
+        result[self.own] = values[self.own_part]
         for copies, part in zip(self._of_rank, self.comm.alltoall(parts), strict=True):
             result[copies] = part
         return result

@@ -132,7 +132,7 @@ class TurnedConstraintMatrix(ConstraintMatrix):
         """This rank's rows, computed at the first call."""
         turn, diagonal = self._turn, np.ones(self.rows)
         diagonal[turn.first] = diagonal[turn.second] = turn.cosine
-        beside = sparse.csr_matrix(
+        off_diagonal = sparse.csr_matrix(
             (
                 np.concatenate([turn.sine, -turn.sine]),
                 (
@@ -142,7 +142,7 @@ class TurnedConstraintMatrix(ConstraintMatrix):
             ),
             shape=(self.rows, self.rows),
         )
-        result = ((sparse.diags(diagonal) + beside) @ self._B.local).tocsr()
+        result = ((sparse.diags(diagonal) + off_diagonal) @ self._B.local).tocsr()
         result.sort_indices()
         return result
 

@@ -90,12 +90,12 @@ def merge_contact(
     direction, gap = cut / norm[:, None], rows.gaps / norm
     _raise_together(exchange, _squeezed(rows, direction, gap, 1e-9 * length))
     keep = tightest_of_each_node(rows.nodes, direction, gap)
-    kept, redundant = rows.of(keep), rows.of(~keep)
+    remaining, redundant = rows.of(keep), rows.of(~keep)
     if not means:
-        return kept, redundant
+        return remaining, redundant
     free = [cut_held(exchange, mean, held, length) for mean in means]
-    kept, parallel = drop_parallel(exchange, ContactRows.join([kept, *free]), length)
-    return kept, ContactRows.join([redundant, parallel])
+    remaining, parallel = drop_parallel(exchange, ContactRows.join([remaining, *free]), length)
+    return remaining, ContactRows.join([redundant, parallel])
 
 
 def contact_rows(exchange: NodeExchange, conditions: NodeConditions) -> ContactRows:

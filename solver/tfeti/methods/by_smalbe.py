@@ -82,8 +82,8 @@ def solve_by_smalbe(task: Task, before: Outcome[State] | None, restart: Restart 
     problem = task.problem
     assert problem.coarse is not None
     norm, multiplications = estimate_norm(problem.projected, NORM_ACCURACY)
-    spent = before.counts if before is not None else Counts()
-    counts = spent + Counts(norm_estimation=multiplications)
+    set_work = before.counts if before is not None else Counts()
+    counts = set_work + Counts(norm_estimation=multiplications)
     preconditioner = DualPreconditioner(problem, norm)
     inner = replace(
         task.inner,
@@ -100,7 +100,7 @@ def solve_by_smalbe(task: Task, before: Outcome[State] | None, restart: Restart 
         problem,
         SMALBE(inner),
         ProjectorEquality(problem.coarse, preconditioner.set_penalty),
-        Hooks(task.monitor, lambda state: saver.after(sets.spent)(state), lambda: saver.due),
+        Hooks(task.monitor, lambda state: saver.after(sets.set_work)(state), lambda: saver.due),
     )
     found = _to_a_certificate(task, frozen, frozen.begin(x0, multiplier0, restart), sets)
     return replace(found, counts=counts + found.counts)
@@ -166,7 +166,7 @@ def _to_a_certificate(
         Active sets to try between outer iterations; None for none.
     """
     judge, reason = _Judge(task), Reason.MAX_OUTER_ITERATIONS
-    spent = Counts()
+    set_work = Counts()
     while iterations.outer < frozen.rules.max_outer:
         state = iterations.step(own_test=True)
         ended = iterations.interrupted
@@ -174,9 +174,9 @@ def _to_a_certificate(
             ended = Reason.ACCEPTED
         if ended is None and sets is not None and sets.are_due(state):
             outcome, answer = sets.solve_from(state)
-            spent = sets.spent
+            set_work = sets.set_work
             if answer is not None and outcome.reason is not None:
-                counts = spent + iterations.result(outcome.reason).counts
+                counts = set_work + iterations.result(outcome.reason).counts
                 return replace(answer, counts=counts, reason=outcome.reason, method=METHOD)
         ended = ended or iterations.ended(own_test=True)
         if ended is not None:
@@ -188,7 +188,7 @@ def _to_a_certificate(
     answer = judge.answer
     if answer is None or reason is not Reason.ACCEPTED:
         answer = judge.certify(result.x, result.multiplier)
-    return replace(answer, counts=spent + result.counts, reason=reason, method=METHOD)
+    return replace(answer, counts=set_work + result.counts, reason=reason, method=METHOD)
 
 
 class _Judge:
@@ -225,8 +225,8 @@ class _Judge:
         if self.certify(state.x, state.transposed_multiplier).converged:
             return True
         if self._rule.tolerance == tolerance:
-            wait = min(self._failures, self._rule.patience)
-            self._next_certificate = state.counts.hessian + wait
+            pause = min(self._failures, self._rule.patience)
+            self._next_certificate = state.counts.hessian + pause
             self._failures += 1
         return False
 
@@ -251,12 +251,12 @@ class _ActiveSetsBetween:
 
     Attributes
     ----------
-    spent
+    set_work
         Work of the active sets so far.
     """
 
     def __init__(self, task: Task, saver: Saver) -> None:
-        self.spent = Counts()
+        self.set_work = Counts()
         self._task, self._saver = task, saver
         self._residuals: list[float] = []
 
@@ -272,18 +272,18 @@ class _ActiveSetsBetween:
         problem = self._task.problem
         assert problem.lower is not None
 
-        def save(found: State, spent: Counts) -> None:
+        def save(found: State, set_work: Counts) -> None:
             self._saver(
                 Restart(
                     state.iteration, *found.homogenised(problem), state.rho, state.M,
-                    state.target, -math.inf, (), state.counts + spent,
+                    state.target, -math.inf, (), state.counts + set_work,
                 )
             )  # fmt: skip
 
         active = problem.inequality & (state.x > problem.lower)
         start = Start(active, problem.offset + state.x)
         found, answer = solve_from(self._task, start, StateSaver(lambda: self._saver.due, save))
-        self.spent = self.spent + found.counts
+        self.set_work = self.set_work + found.counts
         return found, answer
 
 

@@ -241,7 +241,7 @@ def subdomain_class(
         moves = np.zeros((len(every), 0))
         inverse = GeneralisedInverse(stiffness[free][:, free], moves[free], every[:0])
         interface = touched
-        how = choose_block(len(free), len(touched), most, 1, dimension)
+        block_kind = choose_block(len(free), len(touched), most, 1, dimension)
     else:
         free, moves = every, rigid
         symmetry = None
@@ -255,16 +255,16 @@ def subdomain_class(
         if symmetry is not None:
             interface = symmetry.split(symmetry.closure(touched)).unknowns
         order = symmetry.order if symmetry else 1
-        how = choose_block(len(free), len(interface), most, order, dimension)
-        if symmetry is None or how is BlockKind.NONE:
+        block_kind = choose_block(len(free), len(interface), most, order, dimension)
+        if symmetry is None or block_kind is BlockKind.NONE:
             inverse = GeneralisedInverse(stiffness, moves, fixing)
         else:
             stiffness = symmetry.average(stiffness)
             inverse = SymmetricInverse(stiffness, moves, fixing, symmetry, sharing)
     block: Block | None = None
-    if how is not BlockKind.NONE:
+    if block_kind is not BlockKind.NONE:
         block = inverse.restricted(np.searchsorted(free, interface))
-        if how is BlockKind.DENSE:
+        if block_kind is BlockKind.DENSE:
             block = DenseBlock(block.toarray())
     relaxes = block is not None and relaxing_pays(len(interface), most, block.order)
     return SubdomainClass(

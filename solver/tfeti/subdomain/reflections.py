@@ -123,9 +123,9 @@ class Symmetry:
             cosets += [h ^ g for g in cosets]
         # of the characters that are 1 on what stays, which is -1 on which of the basis
         negative = (_characters(self.order) * self.signs[:, one]) < 0
-        seen = np.flatnonzero(~negative[:, stays].any(axis=1))
+        unchanged = np.flatnonzero(~negative[:, stays].any(axis=1))
         characters = np.empty(len(cosets), np.int64)
-        characters[negative[seen][:, moves] @ (1 << np.arange(len(moves)))] = seen
+        characters[negative[unchanged][:, moves] @ (1 << np.arange(len(moves)))] = unchanged
         return Family(self.images[cosets][:, first], characters)
 
 

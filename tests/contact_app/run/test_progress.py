@@ -110,7 +110,7 @@ def test_a_signal_stops_the_solve_with_what_it_has(number: int) -> None:
     before = signal.getsignal(number)
     with Interruption() as interruption:
         result = MPRGP(rtol=1e-12).solve(qp, monitor=together(interrupt, interruption))
-        assert interruption.asked
+        assert interruption.requested
         assert signal.getsignal(number) == before, "a second signal must end the program"
     assert result.reason is Reason.STOPPED
     assert result.counts.inner == 3
@@ -122,4 +122,4 @@ def test_signals_are_as_before_when_none_came() -> None:
     with Interruption() as interruption:
         assert signal.getsignal(signal.SIGINT) != before
     assert signal.getsignal(signal.SIGINT) == before
-    assert not interruption.asked
+    assert not interruption.requested
