@@ -17,7 +17,8 @@ solution compared with those of the theory. The numbers (`verification_measures`
 * Hertz with degree 2: beside the fit the largest error of the pressure within 0.8 a of the middle,
   relative to the peak: 1 + that error.
 * Tied cantilever: displacement of the middle of its end, and the strain energy.
-* Rigid ball: the fit as for Hertz, on a quarter of the block; its approach beside a²/R.
+* Rigid ball: the fit as for Hertz, on a quarter of the block; its approach beside that
+  of a layer as deep.
 * Confined column: resultant on the wall against which it is pressed.
 * Rod on a rough floor: mean displacement of its end, and the distance of the farthest slipping node
   from there.
