@@ -168,7 +168,10 @@ def _punch(contact: Contact) -> bool:
 def _skin(
     model: Model, body: int, boundary: str, point: Array, reach: float
 ) -> tuple[Surface, _Joints] | None:
-    """Facets of a body near a point, except those that are held, and the edges between them."""
+    """Facets of a body near a point and the edges between them.
+
+    Facets that are held along one axis only are left out: they lie on planes of symmetry.
+    """
     scene, partition = model.scene, model.partition
     every, of_contact = [], []
     for s in partition.subdomains:
@@ -178,7 +181,7 @@ def _skin(
             held = [
                 boundary_facets(s, scene.bodies[body], condition.boundary)
                 for condition in scene.displacements
-                if condition.body == body
+                if condition.body == body and sum(v is not None for v in condition.values) == 1
             ]
             contact = boundary_facets(s, scene.bodies[body], boundary)
             rows = np.setdiff1d(rows, np.concatenate([*held, rows[:0]]))

@@ -123,7 +123,7 @@ class Judge:
             return result
         result["slip"] = relative(self._slip(self.known), self._slip(found))
         if len(found.places):
-            result["traction"] = relative(self._traction(self.known), self._traction(found))
+            result["traction"] = relative(traction(self.known), traction(found))
         return result
 
     def _at_nodes(self, outcome: Outcome) -> list[Array]:
@@ -139,14 +139,6 @@ class Judge:
         return result
 
     @staticmethod
-    def _traction(outcome: Outcome) -> Array:
-        """Friction force per area along the contact of the roller, away from its middle."""
-        order = np.argsort(outcome.places[:, 0])
-        x = outcome.places[order, 0]
-        along = np.abs(outcome.traction[order]).max(axis=1)  # one component, or nearly
-        return np.asarray(np.interp(_grid(), x, along))
-
-    @staticmethod
     def _slip(outcome: Outcome) -> Array:
         """Slip of the nodes of the roller along the block, along the roller's tangents."""
         (roller, block), (u, v) = outcome.points, outcome.displacement
@@ -160,6 +152,14 @@ class Judge:
         slip = (jump[0] * (RADIUS - y) + jump[1] * x) / RADIUS
         order = np.argsort(x)
         return np.asarray(np.interp(_grid(), x[order], slip[order]))
+
+
+def traction(outcome: Outcome) -> Array:
+    """Friction force per area along the contact of the roller, away from its middle."""
+    order = np.argsort(outcome.places[:, 0])
+    x = outcome.places[order, 0]
+    along = np.abs(outcome.traction[order]).max(axis=1)  # one component, or nearly
+    return np.asarray(np.interp(_grid(), x, along))
 
 
 def _grid() -> Array:

@@ -69,12 +69,15 @@ ROUGH = {
 }
 
 
-def scene_of(name: str, level: float, degree: int) -> Scene:
-    """One of the scenes on one of its meshes."""
-    return _roller(level, degree) if name == "roller" else _block(round(level), degree)
+def scene_of(name: str, level: float, degree: int, increments: int | None = None) -> Scene:
+    """One of the scenes on one of its meshes, in the increments of `INCREMENTS` or in others."""
+    count = increments or INCREMENTS[name]
+    if name == "roller":
+        return _roller(level, degree, count)
+    return _block(round(level), degree, count)
 
 
-def _roller(size: float, degree: int) -> Scene:
+def _roller(size: float, degree: int, increments: int) -> Scene:
     from contact_app.studies.refine_on_sphere import refined_round
 
     file, times = coarse_mesh("roller_on_block", size)
@@ -83,7 +86,7 @@ def _roller(size: float, degree: int) -> Scene:
         body["mesh"]["file"], body["degree"] = str(file), degree
     made["contacts"][0]["friction"] = {"coulomb": 0.1}
     made["conditions"][3]["name"] = "press"
-    made["steps"] = [{"press": 1, "increments": INCREMENTS["roller"]}]
+    made["steps"] = [{"press": 1, "increments": increments}]
     scene = build_scene(Configuration.model_validate(made))
     bodies = []
     for body, sides in zip(scene.bodies, ROUND["roller_on_block"], strict=True):
@@ -92,7 +95,7 @@ def _roller(size: float, degree: int) -> Scene:
     return replace(scene, bodies=tuple(bodies))
 
 
-def _block(cells: int, degree: int) -> Scene:
+def _block(cells: int, degree: int, increments: int) -> Scene:
     box = {"lower": [0, 0, 0], "upper": [2, 0.5, 1], "cells": [2 * cells, cells // 2, cells]}
     top = {"on": "block.z+"}
     made = {
@@ -115,7 +118,7 @@ def _block(cells: int, degree: int) -> Scene:
                 "friction": {"coulomb": COEFFICIENT},
             }
         ],
-        "steps": [{"press": 1}, {"push": 1, "increments": INCREMENTS["block"]}],
+        "steps": [{"press": 1}, {"push": 1, "increments": increments}],
     }  # fmt: skip
     return build_scene(Configuration.model_validate(made))
 
@@ -132,9 +135,9 @@ def plain_body(body: Body, degree: int) -> PlainBody:
     )
 
 
-def plain(name: str, level: float, degree: int) -> PlainScene:
+def plain(name: str, level: float, degree: int, increments: int | None = None) -> PlainScene:
     """The scene as plain arrays."""
-    count = INCREMENTS[name]
+    count = increments or INCREMENTS[name]
     bodies = [plain_body(body, degree) for body in scene_of(name, level, degree).bodies]
     if name == "roller":
         return PlainScene(
@@ -149,9 +152,11 @@ def plain(name: str, level: float, degree: int) -> PlainScene:
     return PlainScene(bodies, COEFFICIENT, (0, "z-"), None, fixed, None, factors)
 
 
-def solve(name: str, level: float, degree: int) -> tuple[Outcome, dict[str, Any]]:
+def solve(
+    name: str, level: float, degree: int, increments: int | None = None
+) -> tuple[Outcome, dict[str, Any]]:
     """The answer of this application at the end of its increments, and its summary."""
-    scene = scene_of(name, level, degree)
+    scene = scene_of(name, level, degree, increments)
     *_, last = solved_increments(scene, MPI.COMM_SELF, lambda place: None)
     solved, nodes = last.solved, last.solved.nodes
     ends = [*solved.model.partition.first_node[: len(scene.bodies)], len(nodes.points)]

@@ -66,6 +66,20 @@ def test_the_edge_is_told_from_the_other_side_of_the_contact() -> None:
     assert "at a sharp edge of punch" in peak(made)[1][0]
 
 
+def test_an_edge_at_a_clamped_side_is_told_and_one_at_a_plane_of_symmetry_is_not() -> None:
+    for values, told in (([0, -0.01], True), ([0, None], False)):
+        made = blocks(1)
+        del made["bodies"][1]["hold"]
+        made["bodies"][1]["mesh"]["box"]["lower"] = [0, 0]
+        made["conditions"][1] = {"on": "punch.x-", "displacement": values}
+        made["conditions"] += [] if told else [{"in": "punch", "force": [0, -1]}]
+        solved = solve_scene(build_scene(from_mapping(made)), MPI.COMM_SELF)
+        nodes = solved.nodes
+        assert nodes.points[np.argmax(nodes.contact_pressure)] == pytest.approx([0, 0, 0])
+        warnings = solved.summary["certificate"]["warnings"]
+        assert any("at a sharp edge of punch" in w for w in warnings) == told
+
+
 def test_blocks_that_end_together_and_soft_blocks_have_no_infinite_pressure() -> None:
     assert peak(blocks(1, base=(-2.0, 2.0)))[1] == []
     assert peak(blocks(1, young=50.0))[1] == []

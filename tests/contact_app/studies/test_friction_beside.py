@@ -9,6 +9,7 @@ import pytest
 
 from contact_app.studies.calculix_deck import Deck
 from contact_app.studies.friction_beside import CALCULIX, GETFEM, OURS, Judge, missing, run
+from contact_app.studies.rough_increments import rows
 from contact_app.studies.rough_scenes import plain
 
 
@@ -55,3 +56,12 @@ def test_other_programs_find_the_same(
     assert errors["displacement"] < 0.02, errors
     assert errors["along"] < 0.05, errors
     assert np.isfinite(theirs.force).all()
+
+
+def test_more_increments_come_closer_to_a_gradual_load() -> None:
+    lines = list(rows(sizes=(4.0, 2.0), counts=(1, 2, 8)))
+    assert lines[0].startswith("| increments |")
+    numbers = [[word.strip() for word in line.strip("|").split("|")] for line in lines[2:]]
+    assert [row[0] for row in numbers] == ["1", "2", "8"]
+    one, two = (float(row[2].rstrip(" %")) for row in numbers[:2])
+    assert one > two > 0.0
