@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import re
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -12,6 +13,9 @@ from contact_app.run.increments import SolvedIncrement
 
 OF_THE_RUN = ("scene", "mesh", "decomposition", "environment")
 """Parts of a summary that are equal in all increments and left out of their records."""
+
+NUMBER = re.compile(r"(?<![\w\[.])[+-]?\d[\d.,]*(?:e[+-]?\d+)?")
+"""Pattern of numbers in a sentence, not of indices such as that of `contacts[0]`."""
 
 Record = dict[str, Any]
 
@@ -44,7 +48,9 @@ def record_of(increment: SolvedIncrement) -> Record:
 def summary_of_steps(last: Mapping[str, Any], records: Sequence[Record]) -> Record:
     """``summary.json`` of a load history: the summary of the last increment, and all records.
 
-    Timings are summed, and each warning of earlier increments appears once.
+    Timings are summed. Of warnings that differ only in their numbers, that of the last increment
+    appears, or else that of the first increment that has one; a sentence tells how many are left
+    out.
 
     Parameters
     ----------
@@ -52,20 +58,40 @@ def summary_of_steps(last: Mapping[str, Any], records: Sequence[Record]) -> Reco
         The summary of the last increment.
     """
     final = records[-1]
-    known = list(final["certificate"]["warnings"])
-    for record in records[:-1]:
-        for sentence in record["certificate"]["warnings"]:
-            if not any(sentence in earlier for earlier in known):
-                known.append(f"step {record['step']}, factor {record['factor']:.6g}: {sentence}")
     keys = dict.fromkeys(key for record in records for key in record["timings"])
     timings = {key: sum(record["timings"].get(key, 0.0) for record in records) for key in keys}
     return {
         **last,
         "solution": final["solution"],
-        "certificate": {**final["certificate"], "warnings": known},
+        "certificate": {**final["certificate"], "warnings": _warnings(records)},
         "timings": timings,
         "steps": list(records),
     }
+
+
+def _warnings(records: Sequence[Record]) -> list[str]:
+    """The warnings of the last increment, then those of others of another kind."""
+    last = list(records[-1]["certificate"]["warnings"])
+    result, known, left_out = list(last), {_without_numbers(sentence) for sentence in last}, 0
+    for record in records[:-1]:
+        for sentence in record["certificate"]["warnings"]:
+            kind = _without_numbers(sentence)
+            if kind not in known:
+                result.append(f"step {record['step']}, factor {record['factor']:.6g}: {sentence}")
+                known.add(kind)
+            elif sentence not in last:
+                left_out += 1
+    if left_out:
+        result.append(
+            "warnings of earlier increments that differ from these only in their numbers are left "
+            f"out ({left_out}); `steps` of summary.json has them"
+        )
+    return result
+
+
+def _without_numbers(sentence: str) -> str:
+    """A sentence without its numbers and their signs; the numbers of contacts stay."""
+    return NUMBER.sub("#", sentence)
 
 
 def write_table(path: Path, records: Sequence[Record]) -> None:
