@@ -29,6 +29,16 @@ CORNERS = {
 """Vertices and their neighbours along the axes, at which the Jacobian of a cell is evaluated."""
 
 
+def cell_sizes(
+    points: NDArray[np.float64], cells: NDArray[np.int64], cell: str
+) -> NDArray[np.float64]:
+    """Area or volume of each cell with straight edges, (cells,); of hexahedra nearly."""
+    corners = np.array(CORNERS[cell])
+    axes = points[cells[:, corners[:, 1:]]] - points[cells[:, corners[:, :1]]]
+    mean = np.abs(np.linalg.det(axes)).mean(axis=1)
+    return np.asarray(mean / {"triangle": 2.0, "tetrahedron": 6.0}.get(cell, 1.0))
+
+
 def folded_inside(
     points: NDArray[np.float64], cells: NDArray[np.int64], cell: str, degree: int
 ) -> NDArray[np.bool_]:

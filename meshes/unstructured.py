@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from meshes.cell_shape import cell_sizes
 from meshes.cells import Choose, Skin
 from meshes.quadratic import VERTICES, facet_table, with_middles
 
@@ -197,6 +198,11 @@ class CellMesh:
     def total_cells(self) -> int:
         """Number of cells."""
         return len(self.cells)
+
+    @cached_property
+    def size(self) -> float:
+        """Area or volume of the cells with straight edges."""
+        return float(cell_sizes(self.points, self.cells, self.cell).sum())
 
     @cached_property
     def lower(self) -> tuple[float, ...]:

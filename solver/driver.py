@@ -63,8 +63,8 @@ def reason_text(solution: Solution) -> str:
     if solution.reason is Reason.MAX_OUTER_ITERATIONS:  # constraints of a scene are consistent
         return (
             "SMALBE-M reached its limit of outer iterations before the tolerance; with friction it "
-            "need not converge. A looser solver.tolerance may help, or solver.method auto in place "
-            "of smalbe."
+            "need not converge. A looser solver.tolerance may help, or another solver.method. If "
+            "friction alone holds a body, smaller loads may help: it may slide away."
         )
     if solution.reason.converged:
         return "Rounding errors keep the certificate from coming below the tolerance."

@@ -185,7 +185,9 @@ def solve(scene: Any, backwards: bool = False) -> FrictionReference:
     return condensed.answer(sweep(condensed, start, backwards))
 
 
-def sweep(condensed: Condensed, start: np.ndarray, backwards: bool = False) -> np.ndarray:
+def sweep(
+    condensed: Condensed, start: np.ndarray, backwards: bool = False, most: int = SWEEPS
+) -> np.ndarray:
     """Contact forces from first ones on, (dim·points,).
 
     Raises
@@ -199,7 +201,7 @@ def sweep(condensed: Condensed, start: np.ndarray, backwards: bool = False) -> n
     order = np.arange(len(rows))
     if backwards:
         order = order[::-1]
-    for _ in range(SWEEPS):
+    for _ in range(most):
         change, before = 0.0, force.copy()
         for p in order:
             own = rows[p]

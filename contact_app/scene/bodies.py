@@ -37,6 +37,10 @@ class BodyMesh(Protocol):
         """Largest coordinates."""
 
     @property
+    def size(self) -> float:
+        """Area or volume."""
+
+    @property
     def nodes(self) -> int:
         """Number of nodes."""
 
@@ -93,6 +97,11 @@ class Box:
     def dimension(self) -> int:
         """Number of axes."""
         return len(self.cells)
+
+    @property
+    def size(self) -> float:
+        """Area or volume."""
+        return math.prod(b - a for a, b in zip(self.lower, self.upper, strict=True))
 
     @property
     def nodes(self) -> int:

@@ -234,7 +234,7 @@ class _Run(Generic[S]):
         rules = SetRules(update, options.first_reduction, multiplier is not None or not law.settles)
         statuses = start.statuses or law.initial(start.active, multiplier, ahead)
         early = EarlyReleases.none(start.active)
-        turnovers, counts = list[Turnover](), self.work_before
+        turnovers, strained, counts = list[Turnover](), list[float](), self.work_before
         found: Outcome[S] = Outcome(None, None, statuses, counts)
         for number in range(options.most_sets):
             rules, statuses = rules.for_set(number, statuses, turnovers)
@@ -252,6 +252,11 @@ class _Run(Generic[S]):
             if number == 1 and start.alternative is not None and options.all_peel(turnovers):
                 fewer = statuses.active & (start.alternative() | ~backend.contact_rows)
                 statuses = law.consistent(replace(statuses, active=fewer))
+            strained.append(found.state.strained)
+            if law.fades and options.fades(strained):
+                open_all = replace(statuses, active=statuses.active & ~backend.contact_rows)
+                multiplier, statuses = None, law.consistent(open_all)
+                strained.clear()
             if not law.settles and start.multiplier is None and options.is_unsettled(turnovers):
                 return replace(found, counts=counts), _Failure.UNSETTLED
         failed_ahead = found.reason is None and (

@@ -16,10 +16,12 @@ mesh. Any admissible û gives a bound. The û nearest to u is open wherever u is
 adds less, a term of second order.
 
 Friction. Let λ_t be the friction force, s its limit (μ λ_n of the answer, or given) and w the slip.
-`friction_cone` is the excess of |λ_t| over s. `slip_alignment` is the sum of |s w - |w| λ_t| over
-all points, or the largest slip of a point whose force is below its limit, whichever is larger. The
-sum is zero if every point either rests or slides along a force at its limit. The duality gap is
-that of the problem with the limits s, to which û adds s |ŵ| - λ_t · ŵ ≥ 0 at each point.
+`friction_cone` is the sum of the excess of |λ_t| over s. `slip_alignment` is the sum of |s w - |w|
+λ_t| over all points, or the largest slip of a point whose force is below its limit, whichever is
+larger. The sum is zero if every point either rests or slides along a force at its limit. The
+duality gap is that of the problem with the limits s' = max(s, |λ_t|), to which û adds s' |ŵ| - λ_t
+· ŵ ≥ 0 at each point. `friction_cone` says how far these limits are from s; the gap does not bound
+what this changes.
 
 References of the relative numbers. Each body is measured by its own sizes: lengths by its largest
 displacement without rigid motions that nothing resists, or nothing that presses
@@ -85,7 +87,7 @@ class Certificate:
     duality_gap
         J(û) - D(λ) over the strain energy, with the terms of rounding errors.
     friction_cone
-        Largest excess of a friction force over its limit, over the load.
+        Excess of friction forces over their limits, summed over all points, over the load.
     slip_alignment
         The larger of two numbers: the misalignment of slips and friction forces, over load times
         largest displacement; and the largest slip of a point below its limit, over the largest
@@ -173,7 +175,9 @@ class Measures:
     gaps : (groups,)
         The duality gap J(û) - D(λ) of each group, in units of energy.
     energy
-        ½ a(û,û) - l(û) of the admissible û; its error is second order, at most the duality gap.
+        ½ a(û,û) - l(û) of the admissible û. Without friction its error is of second order, at most
+        the duality gap. With friction only J(û), the sum of it and Σ s |ŵ|, is stationary: the
+        error of the energy is of first order, like the root of the gap.
     groups : (bodies,)
         The group of each body.
     scales : (bodies,)
@@ -313,16 +317,18 @@ def friction_numbers(
 
     forces, slips = points.forces(multiplier), points.slips(residual)
     size, limit, slip = points.sizes(forces), points.slip_limits(multiplier), points.sizes(slips)
-    excess = at_rows(np.maximum(size - limit, 0.0)) / bodies.of_rows(load)
+    excess = at_rows(np.maximum(size - limit, 0.0))
     misaligned = points.sizes(limit[points.point] * slips - slip[points.point] * forces)
     rests = ~points.sliding(multiplier)[rows]
     moved = at_rows(np.where(rests, slip, 0.0)) / bodies.of_rows(lengths)
-    misalignment = problem.comm.allreduce(bodies.sum_rows(at_rows(misaligned), here)) / (
-        load * lengths
+    beyond, misalignment = problem.comm.allreduce(
+        np.array([bodies.sum_rows(values, here) for values in (excess, at_rows(misaligned))])
     )
     return {
-        "friction_cone": _worst_rows(problem, excess, here),
-        "slip_alignment": np.maximum(misalignment, _worst_rows(problem, moved, here)),
+        "friction_cone": beyond / load,
+        "slip_alignment": np.maximum(
+            misalignment / (load * lengths), _worst_rows(problem, moved, here)
+        ),
     }
 
 

@@ -101,8 +101,11 @@ class FrictionPoints:
         return result
 
     def work_lost(self, multiplier: Array, residual: Array) -> tuple[NDArray[np.int64], Array]:
-        """s |w| - λ_t · w of each point, zero or more, and one of its rows of B: (points,) each."""
+        """s' |w| - λ_t · w of each point, zero or more, and one of its rows of B: (points,) each.
+
+        s' is the limit of the answer: s, or |λ_t| where the friction force exceeds s.
+        """
         slips, forces = self.slips(residual), self.forces(multiplier)
-        limit = self.slip_limits(multiplier)
+        limit = np.maximum(self.slip_limits(multiplier), self.sizes(forces))
         lost = limit * self.sizes(slips) - self.dots(slips, forces)
         return self.rows[self.first], np.maximum(lost, 0.0)

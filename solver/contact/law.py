@@ -76,6 +76,10 @@ class ContactLaw(Protocol):
         Where prescribed forces follow the answer, the sets only approach it.
         """
 
+    @property
+    def fades(self) -> bool:
+        """Whether contact forces may fall from set to set to zero, and no body needs them."""
+
     def may_stay_active(self, multiplier: Array, tolerance: float) -> Mask:
         """Active rows whose multiplier the law admits, to a tolerance."""
 
@@ -118,6 +122,7 @@ class Frictionless:
 
     name: str = "frictionless"
     settles: bool = True
+    fades: bool = False
 
     def may_stay_active(self, multiplier: Array, tolerance: float) -> Mask:
         """Rows without a tensile multiplier."""

@@ -2,9 +2,9 @@
 
 The scenes of `fuzz_friction` in two to five steps: what presses, what pushes and in space what
 pushes aside go up, back and to the other side in turn. Every increment is held against the
-Gauss-Seidel reference, which measures slips from the end of its own last increment. Verdicts are
-those of `fuzz_friction`, of the increment that is worst. Where an increment has another solution
-than the reference's, the reference goes on from that one.
+Gauss-Seidel reference, which measures slips from the end of the last increment of the answer: each
+increment is judged alone, and differences do not add up. Verdicts are those of `fuzz_friction`, of
+the increment that is worst.
 """
 
 from __future__ import annotations
@@ -72,8 +72,8 @@ def _worst(made: scenes.Config, found: list[SolvedIncrement]) -> tuple[str, str]
         tangential = np.zeros(len(whole.q), bool)
         tangential[whole.rows[:, 1:]] = True
         slip_before = np.zeros(len(whole.q)) if before is None else np.where(tangential, before, 0)
-        kind, told, force = judged(replace(whole, q=whole.q - slip_before), increment.solved)
-        before = whole.q - whole.W @ force
+        kind, told, u = judged(replace(whole, q=whole.q - slip_before), increment.solved)
+        before = whole.C @ u.ravel()
         ended.append((kind, f"increment {increment.place.number} of {len(found)}: {told}"))
     return max(ended, key=lambda end: GOOD.index(end[0]) if end[0] in GOOD else len(GOOD))
 

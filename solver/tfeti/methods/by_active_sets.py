@@ -168,7 +168,8 @@ def contact_law(problem: DualProblem) -> ContactLaw:
     shared_compliance = None
     if problem.comm.allreduce(len(points.shared)):
         shared_compliance = STICKING_COMPLIANCE / problem.row_stiffness(problem.tangential)
-    front = SlipFront(points, problem.comm, problem.held_without_contact)
+    held = problem.held_without_contact
+    front = SlipFront(points, problem.comm, held)
     gaps = np.zeros(problem.size)
     gaps[problem.inequality] = problem.contact.gaps
     size = largest_magnitude(problem.comm, problem.contact.points)
@@ -179,6 +180,7 @@ def contact_law(problem: DualProblem) -> ContactLaw:
         shared_compliance=shared_compliance,
         has_gap=has_gap,
         front=front,
+        fades=held,
     )
 
 
