@@ -467,7 +467,7 @@ def test_what_halving_an_increment_changes_is_told() -> None:
 
 def test_small_increments_are_not_warned_of() -> None:
     warnings = solved(on_a_ball(8)).summary["certificate"]["warnings"]
-    assert not [w for w in warnings if "increment" in w]
+    assert not [w for w in warnings if "halving" in w]
 
 
 def test_growing_frictional_contact_under_a_load_at_once_is_told() -> None:
