@@ -19,9 +19,11 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 from petsc4py import PETSc
+from scipy import sparse
 
 from solver.primal.hierarchy import Hierarchy, MultigridOptions, galerkin, lent_options
 from solver.primal.projector import Projector
+from solver.tfeti.constraints.matrix import local_rows
 from solver.vectors import on_arrays
 
 Array = NDArray[np.float64]
@@ -47,7 +49,6 @@ class Cycle:
         options: MultigridOptions,
         own: Sequence[PETSc.Mat] = (),
     ) -> None:
-        self._own = own
         self.comm = operators[0].comm
         self._residual, self._correction = operators[0].createVecs()
         self._pc = pc = PETSc.PC().create(self.comm)
@@ -62,13 +63,16 @@ class Cycle:
             if level:
                 pc.setMGInterpolation(level, prolongations[k])
             pc.getMGSmoother(level).setOperators(operator)
+        inverse = coarse_inverse(operators[-1], options.singular)
+        pc.getMGCoarseSolve().setOperators(operators[-1], inverse)
+        self._own = (*own, inverse)
         given: dict[str, object] = {
             "mg_levels_ksp_type": "chebyshev",
             "mg_levels_ksp_max_it": options.smoothing,
             "mg_levels_ksp_norm_type": "none",
             "mg_levels_pc_type": "jacobi",
             "mg_coarse_ksp_type": "preonly",
-            **_coarse_options(operators[-1], options),
+            "mg_coarse_pc_type": "mat",  # applies the given inverse
         }
         with lent_options(prefix, given):
             pc.setFromOptions()
@@ -126,14 +130,23 @@ def _change(P: PETSc.Mat, E: PETSc.Mat, KE: PETSc.Mat) -> PETSc.Mat:
     return change
 
 
-def _coarse_options(operator: PETSc.Mat, options: MultigridOptions) -> dict[str, object]:
-    """A solver that leaves rigid motions out, on every rank for itself."""
-    cut = options.singular * operator.norm(PETSc.NormType.INFINITY)
-    if operator.comm.size == 1:
-        return {"mg_coarse_pc_type": "svd", "mg_coarse_pc_svd_zero_sing": cut}
-    return {
-        "mg_coarse_pc_type": "redundant",
-        "mg_coarse_redundant_ksp_type": "preonly",
-        "mg_coarse_redundant_pc_type": "svd",
-        "mg_coarse_redundant_pc_svd_zero_sing": cut,
-    }
+def coarse_inverse(operator: PETSc.Mat, singular: float) -> PETSc.Mat:
+    """The inverse of a small matrix that leaves rigid motions out, as a full matrix (collective).
+
+    Every rank has the whole matrix; its eigenvalues take a tenth of the time of PETSc's ``svd`` on
+    288 unknowns.
+
+    Parameters
+    ----------
+    singular
+        Eigenvalues below that share of the largest row sum belong to rigid motions.
+    """
+    comm = operator.comm.tompi4py()
+    full = sparse.vstack(comm.allgather(local_rows(operator)), format="csr").toarray()
+    values, vectors = np.linalg.eigh(0.5 * (full + full.T))
+    stiff = values > singular * np.abs(full).sum(axis=1).max(initial=0.0)
+    first, last = operator.getOwnershipRange()
+    own = (vectors[first:last, stiff] / values[stiff]) @ vectors[:, stiff].T
+    matrix = PETSc.Mat().createDense(operator.getSizes(), array=np.asfortranarray(own), comm=comm)
+    matrix.assemble()
+    return matrix

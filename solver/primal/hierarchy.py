@@ -35,7 +35,7 @@ class MultigridOptions:
     smallest
         Unknowns below which no coarser level is made.
     singular
-        Singular values of the coarsest level below that share of the largest are rigid motions.
+        Eigenvalues of the coarsest level below that share of its largest row sum are rigid motions.
     """
 
     threshold: float = 0.005
