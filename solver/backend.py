@@ -184,7 +184,7 @@ class Hierarchy(Protocol):
         """Go to the next level."""
 
 
-class Backend(Protocol[S]):
+class Backend(Protocol[Out]):
     """A discrete contact problem and a way to solve it on given statuses."""
 
     @property
@@ -195,7 +195,11 @@ class Backend(Protocol[S]):
     def contact_rows(self) -> Mask:
         """Mask of the contact rows among the local rows, (rows,)."""
 
-    def on_set(self, statuses: Statuses, multiplier: Array | None) -> SetSolve[S]:
+    @property
+    def c(self) -> Array:
+        """Right-hand side of the rows, (rows,); the gap in contact rows."""
+
+    def on_set(self, statuses: Statuses, multiplier: Array | None) -> SetSolve[Out]:
         """The problem of a set, beginning near a multiplier if one is given (collective).
 
         Raises
@@ -211,15 +215,6 @@ class Backend(Protocol[S]):
         ----------
         coarsened
             Whether thin bodies get coarser levels; else there is one level with all rows.
-        """
-
-    def closing_share(self, state: S, penetrated: Mask) -> Array:
-        """Share of the load at which each penetrated row closes, ∞ elsewhere, (rows,).
-
-        Parameters
-        ----------
-        state
-            Answer to the full load without contact.
         """
 
     def release(self) -> None:

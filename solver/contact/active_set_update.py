@@ -73,8 +73,12 @@ class ActiveSetUpdate(Generic[S]):
         return replace(self, options=replace(self.options, largest_error=largest))
 
     def _first_to_close(self, state: S, penetrated: Mask) -> Mask:
-        """Penetrated rows that a growing load closes first; the other rows may then stay open."""
-        share = self.backend.closing_share(state, penetrated)
+        """Penetrated rows that a growing load closes first; the other rows may then stay open.
+
+        Without contact B u grows with the load, so a row closes at the share c / B u of it.
+        """
+        gap, moved = np.maximum(self.backend.c, 0.0), state.jumps + self.backend.c
+        share = np.where(penetrated, gap / np.where(moved > 0.0, moved, 1.0), np.inf)
         first = self.backend.comm.allreduce(float(share.min(initial=np.inf)), op=MPI.MIN)
         return np.asarray(share <= first + self.options.first_share * (1.0 - first))
 

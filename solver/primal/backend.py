@@ -154,6 +154,11 @@ class Multigrid:
         """Mask of the contact rows of B, (dual,)."""
         return self.problem.inequality
 
+    @property
+    def c(self) -> Array:
+        """Right-hand side of the rows, (dual,); the gap in contact rows."""
+        return self.problem.c
+
     def begin_at(self, u: Array, left: Array | None = None) -> None:
         """Set the initial displacement of the next set and, if known, f - K u."""
         self.u, self._left = u, left
@@ -216,12 +221,6 @@ class Multigrid:
         Without a factor the many sets of a constraint hierarchy would cost too many iterations.
         """
         return self.thin and self.direct and self.problem.held_without_contact
-
-    def closing_share(self, state: PrimalState, penetrated: Mask) -> Array:
-        """Share of the load at which each penetrated row closes: B u grows with the load."""
-        gaps = np.maximum(self.problem.c, 0.0)
-        moved = np.where(penetrated, state.jumps + self.problem.c, 1.0)
-        return np.where(penetrated, gaps / np.where(moved > 0.0, moved, 1.0), np.inf)
 
     def release(self) -> None:
         """Free the matrices of the last set: petsc4py leaves them for later."""

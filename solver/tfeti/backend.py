@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from petsc4py import PETSc
 
 from solver.backend import Statuses
-from solver.tfeti.active_set_problem import ActiveSetProblem, State
+from solver.tfeti.active_set_problem import ActiveSetProblem
 from solver.tfeti.constraints.hierarchy import ConstraintHierarchy
 from solver.tfeti.coupled import CoupledRows, coupled_rows
 from solver.tfeti.directions import Directions, RecyclingOptions
@@ -42,6 +42,11 @@ class TotalFeti:
         """Mask (dual,) of the contact rows of B."""
         return self.problem.inequality
 
+    @property
+    def c(self) -> Array:
+        """Right-hand side of the rows, (dual,); the gap in contact rows."""
+        return self.problem.c
+
     def on_set(self, statuses: Statuses, multiplier: Array | None) -> ActiveSetProblem:
         """Conjugate gradients on a set (collective).
 
@@ -60,12 +65,6 @@ class TotalFeti:
     def hierarchy(self, coarsened: bool) -> ConstraintHierarchy:
         """The constraint hierarchy; several levels for thin bodies if wanted (collective)."""
         return ConstraintHierarchy(self.problem, coarsened and self.problem.held_without_contact)
-
-    def closing_share(self, state: State, penetrated: Mask) -> Array:
-        """Share of the load at which each penetrated row closes: B u grows with the load."""
-        gaps = np.maximum(self.problem.c, 0.0)
-        moved = np.where(penetrated, state.jumps + self.problem.c, 1.0)
-        return np.where(penetrated, gaps / np.where(moved > 0.0, moved, 1.0), np.inf)
 
     def release(self) -> None:
         """Free the matrices of the last set now: petsc4py would free them later."""

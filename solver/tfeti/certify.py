@@ -26,7 +26,8 @@ class DualAnswer:
     ----------
     multiplier : (dual,)
         λ, local part.
-    displacements : one (n, members) array per class Displacements u.
+    displacements : one (n, members) array per class
+        Displacements u.
     """
 
     problem: DualProblem
@@ -82,7 +83,8 @@ def certify(
     ----------
     multiplier : (dual,)
         λ, local part.
-    displacements : one (n, members) array per class Displacements u.
+    displacements : one (n, members) array per class
+        Displacements u.
     """
     answer = DualAnswer(problem, multiplier, displacements)
     return certificate_of(answer, tolerance, relaxations, unsolved)

@@ -1,0 +1,93 @@
+"""The rules of the next set, given the sets before it, on a backend without any mechanics."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from mpi4py import MPI
+
+from solver.backend import Statuses
+from solver.contact.active_set_options import ActiveSetOptions, Turnover
+from solver.contact.active_set_update import ActiveSetUpdate, SetRules
+from solver.contact.law import Frictionless
+
+ROWS = 8
+
+OPTIONS = ActiveSetOptions(patience=3, largest_error=0.3, sets_before_levels=5)
+
+
+@dataclass
+class Levels:
+    """Every second row on the coarse level."""
+
+    finest: bool
+
+    @property
+    def allowed(self) -> np.ndarray:
+        return np.ones(ROWS, bool) if self.finest else np.arange(ROWS) % 2 == 0
+
+    def refine(self) -> None:
+        self.finest = True
+
+
+class Rigid:
+    """The part of a backend that the rules need."""
+
+    comm = MPI.COMM_SELF
+    contact_rows = np.ones(ROWS, bool)
+
+    def hierarchy(self, coarsened: bool) -> Levels:
+        return Levels(finest=not coarsened)
+
+
+def rules_of(options: ActiveSetOptions, coarsened: bool = True) -> SetRules[Any]:
+    backend: Any = Rigid()
+    update = ActiveSetUpdate[Any](backend, Levels(True), Frictionless(), options)
+    return SetRules(update, options.first_reduction, coarsened)
+
+
+def different_sets(count: int) -> list[Statuses]:
+    return [Statuses(np.arange(ROWS) < 1 + n % ROWS, np.full(ROWS, float(n))) for n in range(count)]
+
+
+def test_many_sets_are_solved_more_accurately() -> None:
+    """Patience: once by `tighten`; then each time by `careful`, the error as well."""
+    rules, found = rules_of(OPTIONS), []
+    for number, statuses in enumerate(different_sets(10)):
+        rules, _ = rules.for_set(number, statuses, [])
+        found.append((rules.reduction, rules.update.options.largest_error))
+    first, tighten, careful = OPTIONS.first_reduction, OPTIONS.tighten, OPTIONS.careful
+    expected = [(first, 0.3)] * 3 + [(first * tighten, 0.3)] * 3
+    expected += [(first * tighten * careful, 0.3 * careful)] * 3
+    expected += [(first * tighten * careful**2, 0.3 * careful**2)]
+    np.testing.assert_allclose(found, expected)
+
+
+def test_a_set_that_returns_is_solved_more_accurately_without_early_release() -> None:
+    rules, statuses = rules_of(OPTIONS), different_sets(2)
+    for number, visited in enumerate([statuses[0], statuses[1]]):
+        rules, _ = rules.for_set(number, visited, [])
+    assert rules.update.looks_ahead
+    rules, _ = rules.for_set(2, statuses[0], [])
+    assert rules.reduction == OPTIONS.first_reduction * OPTIONS.deeper
+    assert not rules.update.looks_ahead
+    again, _ = rules.for_set(2, statuses[1], [])  # was visited before the rules were changed
+    assert again.reduction == rules.reduction
+
+
+def test_contact_that_peels_off_goes_on_by_levels() -> None:
+    statuses = Statuses(np.ones(ROWS, bool))
+    peeling = [Turnover(joined=0, left=3, closed=ROWS), Turnover(joined=0, left=3, closed=ROWS)]
+    options = replace(OPTIONS, patience=0)
+    rules, same = rules_of(options, coarsened=False).for_set(2, statuses, [])
+    assert rules.update.hierarchy.finest
+    assert same is statuses
+    coarse, fewer = rules.for_set(3, statuses, peeling)
+    assert not coarse.update.hierarchy.finest
+    assert coarse.reduction == OPTIONS.coarse_reduction
+    np.testing.assert_array_equal(fewer.active, Levels(False).allowed)
+    fine, _ = coarse.for_set(4, fewer, peeling)  # the set returns: the next level decides
+    assert fine.update.hierarchy.finest
+    assert fine.reduction == coarse.reduction
