@@ -1,0 +1,107 @@
+"""Cost of a tied pair compared with conforming meshes: whole solves in processor time.
+
+    python -m contact_app.studies.tie_cost [ROW …]
+
+A cantilever of two cubes that comes down on a rigid floor. The cubes have meshes of a³ and b³ cells
+and are tied. The conforming cantilevers have 2 n × n × n cells: with n = a and n = b (their mean is
+the cost of the same subdomains without a tie), and with n between them that divides evenly. Each
+time is the median of three runs by turns, in processes of their own on one core, without imports.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import time
+from typing import Any
+
+import numpy as np
+
+from contact_app.run.solve import solve_scene
+from contact_app.scene.build import build_scene
+from contact_app.scene.configuration import from_mapping
+from contact_app.studies.processes import python
+
+ROWS: dict[str, tuple[str, int, str, int, int, int]] = {
+    "box": ("hexahedron", 1, "auto", 23, 29, 26),
+    "box-near": ("hexahedron", 1, "auto", 25, 27, 26),
+    "box-large": ("hexahedron", 1, "auto", 37, 43, 40),
+    "box-degree-2": ("hexahedron", 2, "auto", 11, 13, 12),
+    "multigrid": ("tetrahedron", 1, "primal", 17, 19, 18),
+    "multigrid-degree-2": ("tetrahedron", 2, "primal", 9, 11, 10),
+}
+"""Cell, degree, method, cells along an edge of the tied cubes, and of the conforming mesh."""
+
+RUNS = 3
+
+
+def cantilever(row: str, *edges: int) -> dict[str, Any]:
+    """Two tied cubes of so many cells along an edge, or one body for one number."""
+    cell, degree, method, *_ = ROWS[row]
+    count, bodies = len(edges), []
+    for k, n in enumerate(edges):
+        box = {"lower": [k, 0, 0], "upper": [k + 3 - count, 1, 1], "cell": cell,
+               "cells": [n * (3 - count), n, n]}  # fmt: skip
+        bodies.append({"name": f"b{k}", "mesh": {"box": box}, "degree": degree,
+                       "material": {"young": 1000.0, "poisson": 0.3}})  # fmt: skip
+    last = f"b{count - 1}"
+    floor = {"plane": {"point": [0, 0, -0.05], "normal": [0, 0, 1]}}
+    ties = [{"on": "b1.x-", "against": "b0.x+", "tied": True}]
+    return {
+        "title": "a tied cantilever", "dimension": 3, "bodies": bodies,
+        "conditions": [{"on": "b0.x-", "displacement": [0, 0, 0]},
+                       {"on": f"{last}.x+", "traction": [0, 0, -10]}],
+        "contacts": [*ties[: count - 1], {"on": f"{last}.z-", "obstacle": floor}],
+        "solver": {"tolerance": 1e-8, "method": method},
+    }  # fmt: skip
+
+
+def solve_once(row: str, edges: list[int]) -> dict[str, Any]:
+    """Processor time, unknowns, applications and shapes of one solve."""
+    scene = build_scene(from_mapping(cantilever(row, *edges)))
+    began = time.process_time()
+    summary = solve_scene(scene).summary
+    return {
+        "seconds": time.process_time() - began, "passed": summary["certificate"]["passed"],
+        "dofs": summary["mesh"]["dofs"], "shapes": summary["decomposition"]["congruence_classes"],
+        "applications": summary["solver"]["hessian_multiplications"],
+    }  # fmt: skip
+
+
+def measured(row: str, runs: int = RUNS) -> str:
+    """A line of the table."""
+    *_, a, b, even = ROWS[row]
+    settings = ((a, b), (a,), (b,), (even,))
+    found = [
+        [python("-m", "contact_app.studies.tie_cost", row, "--solve", *map(str, edges), threads=1)
+         for edges in settings] for _ in range(runs)
+    ]  # fmt: skip
+    assert all(one["passed"] for turn in found for one in turn)
+    tied, first, second, between = np.median([[r["seconds"] for r in t] for t in found], axis=0)
+    one = found[0]
+    same = 0.5 * (first + second)
+    return (
+        f"| {row} | {a}, {b} | {one[0]['dofs']:,} | {one[0]['applications']} | "
+        f"{one[3]['applications']} | {one[0]['shapes']} | {one[3]['shapes']} | {tied:.2f} | "
+        f"{same:.2f} | {between:.2f} | {tied / same:.2f} | {tied / between:.2f} |"
+    )
+
+
+def main() -> None:
+    """Print the table, or solve once."""
+    parser = argparse.ArgumentParser(description=__doc__.split("\n", 1)[0])
+    parser.add_argument("rows", nargs="*", help=f"of {', '.join(ROWS)}; all unless given")
+    parser.add_argument("--solve", type=int, nargs="+", help=argparse.SUPPRESS)
+    given = parser.parse_args()
+    for row in given.rows:
+        if row not in ROWS:
+            parser.error(f"unknown row {row}; known: {', '.join(ROWS)}")
+    if given.solve:
+        print(json.dumps(solve_once(given.rows[0], given.solve)))
+        return
+    for row in given.rows or ROWS:
+        print(measured(row), flush=True)
+
+
+if __name__ == "__main__":
+    main()
