@@ -156,7 +156,7 @@ def test_graded_meshes_are_cut_along_their_graph(monkeypatch: pytest.MonkeyPatch
     assert asked == [5]
 
 
-def test_what_breaks_off_a_part_is_split_or_given_away() -> None:
+def test_pieces_cut_off_from_a_part_are_split_or_joined_to_a_neighbour() -> None:
     """A row of 20 cells; part 1 is in three pieces of 8, 1 and 4 cells, part 2 has one cell."""
     row = BoxCells(BoxShape((0.0, 0.0), (20.0, 1.0), (20, 1), "quadrilateral"))
     part = np.repeat([1, 0, 1, 0, 1, 2], [8, 3, 1, 3, 4, 1]).astype(np.int32)
@@ -244,7 +244,7 @@ def compare_with_one_rank() -> None:
 
 @pytest.mark.mpi
 @pytest.mark.parametrize("ranks", [2, 3])
-def test_ranks_share_what_one_would_cut(ranks: int) -> None:
+def test_several_ranks_cut_the_subdomains_of_one_rank(ranks: int) -> None:
     program = "from tests.meshes.test_decompose import compare_with_one_rank as c; c(); print('ok')"
     assert execute(program, ranks=ranks).count("ok") == ranks
 

@@ -65,6 +65,6 @@ def compare_with_one_rank() -> None:
 
 @pytest.mark.mpi
 @pytest.mark.parametrize("ranks", [2, 3])
-def test_ranks_find_what_one_would_find(ranks: int) -> None:
+def test_several_ranks_find_the_cells_of_one_rank(ranks: int) -> None:
     program = "from tests.meshes.test_shares import compare_with_one_rank as c; c(); print('ok')"
     assert execute(program, ranks=ranks).count("ok") == ranks

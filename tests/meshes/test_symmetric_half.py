@@ -71,7 +71,7 @@ def test_half_of_a_mesh(cell: str, tmp_path: Path) -> None:
     assert len(half.groups["soft"]) == half.total_cells
 
 
-def test_what_is_no_image(tmp_path: Path) -> None:
+def test_bodies_that_are_no_mirror_images_are_refused(tmp_path: Path) -> None:
     with pytest.raises(AsymmetryError, match="odd number of cells, 3"):
         half_box(box("hexahedron", n=3), 2)
     file = meshfiles.write(meshfiles.block("tetrahedron", 2, 0.0), tmp_path / "block.msh")

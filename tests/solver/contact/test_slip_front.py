@@ -40,7 +40,7 @@ def front(points: FrictionPoints, held: bool = False) -> SlipFront:
     return SlipFront(points, MPI.COMM_SELF, held, EXACT)
 
 
-def test_a_rod_lets_go_as_many_points_as_carry_its_force() -> None:
+def test_as_many_points_of_a_rod_slide_as_its_force_needs() -> None:
     """7.5 are seven points at their limit, and half of it at the eighth, which sticks."""
     points = rod(20)
     early, after = front(points).sliding(pulled(points, 7.5), points.limits, np.ones(20, bool))
@@ -48,7 +48,7 @@ def test_a_rod_lets_go_as_many_points_as_carry_its_force() -> None:
     assert after == pytest.approx([1.0] * 7 + [0.5] + [0.0] * 12)
 
 
-def test_points_that_slide_take_nothing() -> None:
+def test_excess_force_goes_to_sticking_points_only() -> None:
     points = rod(20)
     sticks = np.arange(20) != 1
     early, after = front(points).sliding(pulled(points, 2.5), points.limits, sticks)
@@ -57,7 +57,7 @@ def test_points_that_slide_take_nothing() -> None:
 
 
 @pytest.mark.parametrize(("held", "guessed"), [(False, 0), (True, 18)])
-def test_none_is_guessed_where_friction_alone_holds_what_nearly_slides(
+def test_no_early_release_of_a_nearly_sliding_body_held_by_friction_alone(
     held: bool, guessed: int
 ) -> None:
     points = rod(20)
@@ -65,7 +65,7 @@ def test_none_is_guessed_where_friction_alone_holds_what_nearly_slides(
     assert early.sum() == guessed
 
 
-def test_contacts_keep_their_forces_apart() -> None:
+def test_no_force_passes_between_contacts() -> None:
     """The excess force of one contact does not go to another contact in the same place."""
     points = rod(5, contacts=2)
     early, after = front(points, True).sliding(

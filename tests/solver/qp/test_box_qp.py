@@ -51,7 +51,7 @@ def test_bad_initial_guess():
 
 
 @pytest.mark.parametrize("expansion", ALL)
-def test_indefinite_hessian_is_said(expansion):
+def test_an_indefinite_hessian_raises_an_error(expansion):
     A = np.array([[1.0, 2.0], [2.0, 1.0]])
     with pytest.raises(IndefiniteError, match=r"indefinite.*component 0"):
         MPRGP(expansion).solve(BoxQP(A, [1.0, 0.9]))
@@ -66,7 +66,7 @@ def test_unbounded_cost_names_the_component(expansion, lower):
 
 
 @pytest.mark.parametrize("expansion", ALL)
-def test_kernel_directions_go_to_the_bound(expansion):
+def test_directions_in_the_kernel_end_at_the_bound(expansion):
     result = MPRGP(expansion).solve(BoxQP(np.diag([1.0, 0.0, 2.0]), ONES, 0.0, [9.0, 7.0, 9.0]))
     assert result.converged
     np.testing.assert_allclose(result.x, [1.0, 7.0, 0.5], rtol=1e-6)

@@ -75,7 +75,7 @@ class Balls:
 
 
 @given(st.integers(0, 10_000), st.sampled_from(["fixed", "projcg", "projcg-safe", "gfgr-opt"]))
-def test_a_set_of_ones_own_gives_the_answer_of_the_box(seed: int, expansion: str) -> None:
+def test_a_user_defined_convex_set_gives_the_answer_of_the_box(seed: int, expansion: str) -> None:
     rng = np.random.default_rng(seed)
     n = 12
     half = rng.normal(size=(n, n))

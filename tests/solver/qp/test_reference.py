@@ -55,7 +55,7 @@ def agree(
     return len(expected)
 
 
-def test_it_fits_on_a_page() -> None:
+def test_the_reference_fits_on_a_page() -> None:
     assert len(Path(reference.__file__).read_text(encoding="utf-8").splitlines()) <= 120
 
 

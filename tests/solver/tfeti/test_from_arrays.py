@@ -27,7 +27,7 @@ COLUMNS, ROWS = 4, 3
 """Cells of a piece."""
 
 
-def test_the_example_is_short_and_right() -> None:
+def test_the_example_is_short_and_has_the_exact_answer() -> None:
     lines = EXAMPLE.read_text(encoding="utf-8").splitlines()
     assert len(lines) <= 60
     imported = {
@@ -121,7 +121,7 @@ def floor_force(problem: DualProblem) -> float:
 
 
 @pytest.mark.parametrize("load", [0.004, 0.05])
-def test_a_lattice_in_three_pieces_is_the_whole_one(load: float) -> None:
+def test_a_lattice_in_three_subdomains_has_the_answer_of_one(load: float) -> None:
     """Its kernel is the rigid motions of its points."""
     expected = reference(load)
     assert expected > 0.01 * load
@@ -141,7 +141,7 @@ def test_another_load_needs_no_factor_and_no_constraint() -> None:
     assert floor_force(heavier) == pytest.approx(reference(0.05), rel=1e-6)
 
 
-def test_a_node_that_is_nowhere_is_refused() -> None:
+def test_a_condition_at_a_node_of_no_subdomain_is_refused() -> None:
     points, K = lattice(1)
     piece = Subdomain(K, np.zeros(len(K)), np.arange(len(points)), points)
     nowhere = Held(np.array([99]), np.ones((1, 2), bool), np.zeros((1, 2)))

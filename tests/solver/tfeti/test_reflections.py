@@ -71,7 +71,7 @@ def test_a_product_of_reflections_may_be_the_only_symmetry() -> None:
     np.testing.assert_array_equal(symmetry.signs[1], -1)
 
 
-def test_no_symmetry_is_none() -> None:
+def test_a_body_without_symmetry_has_no_reflections() -> None:
     points, _ = springs((2, 2))
     _, K = springs((2, 2), np.random.default_rng(0).uniform(1.0, 2.0, len(points)))
     assert find_symmetry(points, 2, K) is None

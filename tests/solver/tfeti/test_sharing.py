@@ -38,5 +38,5 @@ except np.linalg.LinAlgError:
 
 
 @pytest.mark.mpi
-def test_two_ranks_share_what_one_makes_alone_and_fail_together() -> None:
+def test_two_ranks_make_the_columns_of_one_rank_and_raise_the_same_error() -> None:
     assert execute(SCRIPT, ranks=2).count("told") == 2
