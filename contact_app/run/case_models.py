@@ -107,6 +107,10 @@ class CaseModels:
         With its cases or steps.
     outlines
         Outlines of `outlines_of_cases`, or outlines with fewer contact rows.
+    increments
+        Whether the loadings are increments, whose contact changes little: all share their search
+        directions. Load cases do where a direction is small. On a cube of 206,763 unknowns, where
+        hundreds of rows open from case to case, they saved none of 146 operator applications.
     """
 
     keeps_subdomains = False
@@ -116,8 +120,9 @@ class CaseModels:
         scene: Scene,
         comm: MPI.Intracomm,
         outlines: Mapping[str, Outline | None] | None = None,
+        increments: bool = False,
     ) -> None:
-        self._scene, self._comm = scene, comm
+        self._scene, self._comm, self._increments = scene, comm, increments
         self._outlines = dict(outlines or {})
         self._model: Model | None = None
         self._patches: Patches | None = None
@@ -134,9 +139,11 @@ class CaseModels:
         problem = model.problem
         if not problem.factored or problem.coarse is None:
             return model
-        problem = problem.recycling(self._directions)
-        self._directions = problem.known.directions
-        return replace(model, problem=problem)
+        shared = problem.recycling(self._directions)
+        self._directions = shared.known.directions
+        if self._directions is None or not (self._directions.light or self._increments):
+            return model
+        return replace(model, problem=shared)
 
     def _model_of(self, scene: Scene, timings: Timings, needed: Needed, tell: Tell | None) -> Model:
         with timings.measure("setup"):

@@ -37,7 +37,7 @@ class IncrementModels:
     """Makes the models of increments, and stores the last answer; methods are collective."""
 
     def __init__(self, scene: Scene, comm: MPI.Intracomm) -> None:
-        self._models = CaseModels(scene, comm)
+        self._models = CaseModels(scene, comm, increments=True)
         self._rough = scene.has_friction
         self._displacements: Displacements | None = None
         self._earlier: Callable[[list[tuple[int, int]]], Displacements] | None = None

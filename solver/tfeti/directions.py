@@ -84,6 +84,8 @@ class Directions:
         addition.
     largest
         Largest ‖F p‖/‖p‖: a lower bound of ‖F‖.
+    light
+        Whether a direction takes at most `RecyclingOptions.light` bytes.
     """
 
     def __init__(
@@ -97,7 +99,7 @@ class Directions:
         self._contact = np.flatnonzero(conditional)
         size = len(conditional)
         entries = 2 * size + B.columns
-        self._light = 8 * self.comm.allreduce(entries) <= options.light
+        self.light = 8 * self.comm.allreduce(entries) <= options.light
         room = options.memory // (8 * max(entries, 1))
         capacity = int(self.comm.allreduce(min(options.most, room), op=MPI.MIN))
         self.capacity = capacity if capacity >= options.fewest else 0
@@ -148,7 +150,7 @@ class Directions:
 
     def wanted(self, steps: int) -> bool:
         """Whether to store the direction of this step on a set, counted from one."""
-        return self._light or self._next > 0 or steps > self.options.easy
+        return self.light or self._next > 0 or steps > self.options.easy
 
     def store(
         self,

@@ -63,6 +63,15 @@ class Surface:
             copies.of_class(outside, cls)[self._facet_nodes(subdomain, cls), column] = 1.0
         self._exterior = np.flatnonzero(copies.scatter(copies.gather(outside))[:, 0])
         self._met = copies.some(self._exterior)
+        places = [np.zeros(0, np.int64)]
+        for subdomain, (cls, column) in self._subdomains:
+            at = self._facet_nodes(subdomain, cls) * copies.shapes[cls][1]
+            places.append(copies.starts[cls] + at + column)
+        place = np.searchsorted(self._exterior, np.concatenate(places))
+        self._sums = sparse.csr_matrix(
+            (np.ones(len(place)), (place, np.arange(len(place)))),
+            shape=(len(self._exterior), len(place)),
+        )
 
     def _facet_nodes(self, subdomain: Subdomain, cls: int) -> NDArray[np.int64]:
         """Positions of the exterior facets' nodes in the list of surface nodes, facet by facet."""
@@ -78,19 +87,12 @@ class Surface:
             With the loads.
         """
         s = model.scene.dimension * (model.scene.dimension + 1) // 2
-        places, equations = [np.zeros(0, np.int64)], [np.zeros((0, s * s + s))]
+        equations = [np.zeros((0, s * s + s))]
         for subdomain, (cls, column) in self._subdomains:
             if len(subdomain.exterior):
                 touch = OnSubdomain.of(touching, cls, column)
                 equations.append(_equations(model, subdomain, self._cells[cls].normals, touch))
-                at = self._facet_nodes(subdomain, cls) * self._copies.shapes[cls][1]
-                places.append(self._copies.starts[cls] + at + column)
-        place = np.searchsorted(self._exterior, np.concatenate(places))
-        incidence = sparse.csr_matrix(
-            (np.ones(len(place)), (place, np.arange(len(place)))),
-            shape=(len(self._exterior), len(place)),
-        )
-        sums = self._met.gather(incidence @ np.concatenate(equations))
+        sums = self._met.gather(self._sums @ np.concatenate(equations))
         known = np.flatnonzero(sums[:, : s * s].any(axis=1))
         P, q = sums[known, : s * s], sums[known, s * s :]
         # nodes on one face or edge of a box have the same P
@@ -150,8 +152,12 @@ def _equations(model: Model, subdomain: Subdomain, normals: Array, touch: OnSubd
         Normals of the reference's facets.
     """
     known, load = _known_tractions(model, subdomain, normals, touch)
-    known, normal, load = (a[subdomain.exterior] for a in (known, normals, load))
-    d = normal.shape[-1]
+    parts = [a[subdomain.exterior] for a in (known, normals, load)]
+    count, d = parts[1].shape[1:]
+    alike = all(bool((a == a[:, :1]).all()) for a in parts)
+    if alike:  # one equation for all nodes of a facet
+        parts = [a[:, :1] for a in parts]
+    known, normal, load = parts
     s = d * (d + 1) // 2
     C = np.zeros((*normal.shape, s))
     for i in range(d):
@@ -163,7 +169,8 @@ def _equations(model: Model, subdomain: Subdomain, normals: Array, touch: OnSubd
     transposed = np.swapaxes(C, -1, -2)
     squares = (transposed @ C).reshape(-1, s * s)
     right = (transposed @ t).reshape(-1, s)
-    return np.concatenate([squares, right], axis=1)
+    found = np.concatenate([squares, right], axis=1)
+    return np.repeat(found, count, axis=0) if alike else found
 
 
 def _known_tractions(
