@@ -102,7 +102,8 @@ def _called(name: str, function: Callable[[Array], Array], x: Array, shape: tupl
     if found.shape != shape:
         raise ConfigurationError(
             f"the {name} of a SignedDistance returned an array of shape {found.shape} for points "
-            f"of shape {x.shape}; it must return one of shape {shape}"
+            f"of shape {x.shape}; it must return one of shape {shape} (a row of x is a point: its "
+            "coordinates are x[:, 0], x[:, 1], not x[0], x[1] as in dolfinx)"
         )
     if not np.isfinite(found).all():
         raise ConfigurationError(f"the {name} of a SignedDistance is not finite at a contact node")
