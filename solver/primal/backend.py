@@ -54,8 +54,8 @@ CHANGED = 0.2
 """Changed rows, relative to the rows of the set, above which the V-cycle is truncated anew.
 
 The changes count from the set for which the V-cycle was truncated. With 0.3 the ribbed panel takes
-154 applications instead of 129, a perforated slab of 78,357 unknowns 120 instead of 92. With 0.07
-the panel takes 120 and 8 % more time; with 0.15 the pin in a lug takes a sixth more time.
+154 applications instead of 129. With 0.07 it takes 120 and 8 % more time; with 0.15 the pin in a
+lug takes a sixth more time.
 """
 
 STALLED = 500
