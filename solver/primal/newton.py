@@ -365,17 +365,22 @@ def _repeated(block: sparse.csr_matrix, times: int) -> Iterator[sparse.csr_matri
 
 
 def _interface_to_free(problem: DualProblem) -> sparse.csr_matrix:
-    """Picks interface unknowns out of the free ones, (interface, free over all ranks)."""
+    """Picks interface unknowns out of the free ones, (interface, free over all ranks).
+
+    Held components of a rigid body are on the interface, but not free: their rows are empty.
+    """
     column = np.empty(problem.B.columns, np.int64)
+    free = np.empty(problem.B.columns, bool)
     start = 0
     for cls, part in zip(problem.classes, interface_slices(problem.classes), strict=True):
         place = np.searchsorted(cls.free, cls.interface)
         members = start + np.arange(cls.members)[:, None] * len(cls.free)
         column[part] = (members + place).ravel()
+        free[part] = np.tile(np.isin(cls.interface, cls.free), cls.members)
         start += len(cls.free) * cls.members
     first = problem.comm.exscan(start) or 0
     total = problem.comm.allreduce(start)
-    count = len(column)
+    begins = np.concatenate([[0], np.cumsum(free)])
     return sparse.csr_matrix(
-        (np.ones(count), column + first, np.arange(count + 1)), shape=(count, total)
+        (np.ones(begins[-1]), column[free] + first, begins), shape=(len(column), total)
     )
