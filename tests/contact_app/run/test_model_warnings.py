@@ -45,7 +45,7 @@ def test_contact_that_leaves_its_boundary(cell: str) -> None:
         made["contacts"] = [{"on": f"block.{boundary}", "obstacle": ball}]
         found = warnings_of(made)
         assert ("the contact is wider than this boundary" in found) == told
-        assert ("beside part enter the obstacle" in found) == told
+        assert ("outside part penetrate the obstacle" in found) == told
 
 
 def test_a_plane_ends_where_an_expression_ends_it() -> None:
