@@ -18,7 +18,8 @@ from petsc4py import PETSc
 
 from solver.backend import Statuses
 from solver.contact.bodies import body_lengths, largest
-from solver.primal.cycle import Cycle, truncated_cycle
+from solver.primal.blocks import in_blocks
+from solver.primal.cycle import Cycle, CycleOnSets
 from solver.primal.factor import Factor, FactorOptions, predicted_seconds, thinness
 from solver.primal.first_set import FirstSet, find_first_set
 from solver.primal.held_energy import HeldEnergy
@@ -49,14 +50,6 @@ SHORT = 6
 
 UNKNOWN = 0.1
 """Assumed smallest eigenvalue before any set has taken so many steps."""
-
-CHANGED = 0.2
-"""Changed rows, relative to the rows of the set, above which the V-cycle is truncated anew.
-
-The changes count from the set for which the V-cycle was truncated. With 0.3 the ribbed panel takes
-154 applications instead of 129. With 0.07 it takes 120 and 8 % more time; with 0.15 the pin in a
-lug takes a sixth more time.
-"""
 
 STALLED = 500
 """Steps on one set after which the solve counts as stalled, by rounding errors or a poor cycle."""
@@ -139,8 +132,7 @@ class Multigrid:
         self.release()
         self.floating = floating_motions(self.system)
         self.begin_at(self.system.at_rest)
-        self._cycle: Cycle | None = None
-        self._truncated = np.zeros(len(self.system.rows), bool)
+        self._cycle: Cycle | CycleOnSets | None = None
         self._held = HeldEnergy(self.system)
         self.smallest_eigenvalue = UNKNOWN
 
@@ -166,7 +158,7 @@ class Multigrid:
     def left(self) -> Array:
         """f - K u of the initial displacement of the next set (collective)."""
         if self._left is None:
-            self._left = self.system.load - multiply(self.system.K, self.u)
+            self._left = self.system.load - multiply(in_blocks(self.system.K), self.u)
         return self._left
 
     def first_set(self) -> FirstSet:
@@ -183,24 +175,20 @@ class Multigrid:
 
     def correction(
         self, system: MergedSystem, projector: Projector, springs: Springs
-    ) -> Cycle | Factor:
-        """A factor of the set, or the V-cycle truncated for the first set.
-
-        Later sets differ by few rows: separate cycles save no steps. A set that differs by more
-        than `CHANGED` of the rows gets a new one.
-        """
+    ) -> Cycle | CycleOnSets | Factor:
+        """A factor of the set, or the V-cycle that follows it; `Cycle` if K is the only level."""
         if self.direct:
             return Factor(system, projector, self.factors, springs.stiffness)
-        active = np.zeros(len(self.system.rows), bool)
-        active[projector.rows] = True
-        changed, rows = self.comm.allreduce(
-            np.array([(active != self._truncated).sum(), active.sum()])
-        )
-        if self._cycle is None or changed > CHANGED * rows:
-            if self._cycle is not None:
-                self._cycle.destroy()
-            self._cycle = truncated_cycle(self.hierarchy_of_levels, projector)
-            self._truncated = active
+        if self._cycle is None:
+            levels = self.hierarchy_of_levels
+            alone = not levels.prolongations
+            self._cycle = (
+                Cycle(levels.operators, (), levels.options)
+                if alone
+                else CycleOnSets(self.system, levels)
+            )
+        if isinstance(self._cycle, CycleOnSets):
+            self._cycle.follow(projector)
         return self._cycle
 
     def give_up_multigrid(self) -> bool:
@@ -265,7 +253,7 @@ class PrimalSet:
         if not rigid.empty:
             left = backend.left() + (self._load - system.load) - springs.forces_at(backend.u)
             self._start += rigid.balance(left, lifting)
-        left = self._load - multiply(system.K, self._start)
+        left = self._load - multiply(in_blocks(system.K), self._start)
         self._left = left if springs.empty else left - springs.forces_at(self._start)
         self._preconditioner = self._make_preconditioner()
         rhs = projector.apply_transpose(self._left)
@@ -433,7 +421,7 @@ class _ProjectedStiffness:
 
     def product(self, x: Array) -> Array:
         """K x, with springs."""
-        image = multiply(self._system.K, x)
+        image = multiply(in_blocks(self._system.K), x)
         return image if self._springs.empty else image + self._springs.forces(x)
 
     def apply(self, x: Vector, out: Vector) -> None:
@@ -452,7 +440,11 @@ class _Preconditioner:
     """
 
     def __init__(
-        self, cycle: Cycle | Factor, projector: Projector, rigid: RigidSpace, gives: bool = False
+        self,
+        cycle: Cycle | CycleOnSets | Factor,
+        projector: Projector,
+        rigid: RigidSpace,
+        gives: bool = False,
     ) -> None:
         self._cycle, self._projector, self._rigid = cycle, projector, rigid
         self._gives = gives

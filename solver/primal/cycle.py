@@ -1,15 +1,16 @@
-"""A V-cycle whose coarse corrections leave active rows alone: truncated coarse spaces.
+"""V-cycles, and the one whose coarse corrections leave active rows alone.
 
 A coarse correction that moves an active row is undone by the projector Π, and with it most of what
 it corrected beside the contact. So the prolongation to the finest level is Π P instead of P
-(C. Gräser, R. Kornhuber, *Multigrid methods for obstacle problems*, J. Comput. Math. 27, 2009), and
-the coarse operators are Galerkin's. Π P differs from P at the nodes of active rows alone: with
-Π P = P - E
+(C. Gräser, R. Kornhuber, *Multigrid methods for obstacle problems*, J. Comput. Math. 27, 2009).
+Π is applied, and Π P is never made. Its Galerkin operator Pᵀ Πᵀ K Π P is Pᵀ K P and the energy that
+it costs to keep the active rows where the coarse displacement moves them. A spring on each active
+row, as stiff as K is against this row alone, costs nearly the same:
 
-    (P - E)ᵀ K (P - E) = Pᵀ K P - Eᵀ K (P - E) - Pᵀ K E
+    A₁ = Pᵀ K P + Qᵀ diag(s) Q,  Q = C_A P,
 
-costs products with rows on the surface. So do the levels below: their operators change by Galerkin
-products of that change.
+and coarser levels are Galerkin's. From one set to the next the springs of few rows change, so that
+a cycle follows the active set at little cost.
 """
 
 from __future__ import annotations
@@ -21,14 +22,20 @@ from numpy.typing import NDArray
 from petsc4py import PETSc
 from scipy import sparse
 
+from solver.primal.blocks import in_blocks
+from solver.primal.factor import row_stiffness
 from solver.primal.hierarchy import Hierarchy, MultigridOptions, galerkin, lent_options
+from solver.primal.merged import MergedSystem, chosen_rows, multiply, multiply_transposed
 from solver.primal.projector import Projector
-from solver.tfeti.constraints.matrix import local_rows
+from solver.tfeti.constraints.matrix import local_rows, scale_rows
 from solver.vectors import on_arrays
 
 Array = NDArray[np.float64]
 
-OTHER = PETSc.Mat.Structure.DIFFERENT_NONZERO_PATTERN
+CHANGED = 0.05
+"""Changed springs, relative to the rows of the set, up to which a cycle keeps those it has.
+
+With 0.02 or 0.15 ten runs take at most four applications more or less."""
 
 
 class Cycle:
@@ -38,8 +45,6 @@ class Cycle:
     ----------
     operators, prolongations
         As in `Hierarchy`.
-    own
-        Matrices that serve this cycle alone.
     """
 
     def __init__(
@@ -47,7 +52,6 @@ class Cycle:
         operators: Sequence[PETSc.Mat],
         prolongations: Sequence[PETSc.Mat],
         options: MultigridOptions,
-        own: Sequence[PETSc.Mat] = (),
     ) -> None:
         self.comm = operators[0].comm
         self._residual, self._correction = operators[0].createVecs()
@@ -65,12 +69,9 @@ class Cycle:
             pc.getMGSmoother(level).setOperators(operator)
         inverse = coarse_inverse(operators[-1], options.singular)
         pc.getMGCoarseSolve().setOperators(operators[-1], inverse)
-        self._own = (*own, inverse)
+        self._inverse = inverse
         given: dict[str, object] = {
-            "mg_levels_ksp_type": "chebyshev",
-            "mg_levels_ksp_max_it": options.smoothing,
-            "mg_levels_ksp_norm_type": "none",
-            "mg_levels_pc_type": "jacobi",
+            **{f"mg_levels_{name}": value for name, value in _smoothing(options).items()},
             "mg_coarse_ksp_type": "preonly",
             "mg_coarse_pc_type": "mat",  # applies the given inverse
         }
@@ -84,50 +85,101 @@ class Cycle:
 
     def destroy(self) -> None:
         """Free its memory now; petsc4py would free it later (collective)."""
-        for made in (self._pc, *self._own, self._residual, self._correction):
+        for made in (self._pc, self._inverse, self._residual, self._correction):
             made.destroy()
 
 
-def truncated_cycle(hierarchy: Hierarchy, projector: Projector) -> Cycle:
-    """The cycle of an active set (collective)."""
-    levels = truncated_levels(hierarchy, projector)
-    own = () if levels is hierarchy else (levels.prolongations[0], *levels.operators[1:])
-    return Cycle(levels.operators, levels.prolongations, levels.options, own)
+class CycleOnSets:
+    """One V-cycle that leaves the active rows alone and follows the active set.
 
-
-def truncated_levels(hierarchy: Hierarchy, projector: Projector) -> Hierarchy:
-    """Levels whose prolongation to the finest one leaves active rows alone (collective).
-
-    Each intermediate matrix is freed where it has served: two products with K are as large as K.
+    Without active rows it is `Cycle` on all levels of the hierarchy, which has at least two.
     """
-    operators, prolongations = list(hierarchy.operators), list(hierarchy.prolongations)
-    if projector.empty or not prolongations:
-        return hierarchy
-    K, P = operators[0], prolongations[0]
-    E = projector.truncating(P)
-    KE = K.matMult(E)
-    change = _change(P, E, KE)
-    KE.destroy()
-    prolongations[0] = P.copy()
-    prolongations[0].axpy(-1.0, E, OTHER)
-    E.destroy()
-    for k in range(1, len(operators)):
-        operators[k] = operators[k].copy()
-        operators[k].axpy(-1.0, change, OTHER)
-        finer = change
-        if k < len(prolongations):
-            change = galerkin(finer, prolongations[k])
-        finer.destroy()
-    return Hierarchy(tuple(prolongations), tuple(operators), hierarchy.options)
+
+    def __init__(self, system: MergedSystem, hierarchy: Hierarchy) -> None:
+        K, self._P = hierarchy.operators[0], hierarchy.prolongations[0]
+        self._K = in_blocks(K)
+        self._smoother = _chebyshev(self._K, hierarchy.options)
+        self._residual, self._correction = self._K.createVecs()
+        self._prolongations = hierarchy.prolongations[1:]
+        self._operators = [operator.copy() for operator in hierarchy.operators[1:]]
+        self._options = hierarchy.options
+        self._coarse: Cycle | None = None
+        self._Q = system.C.matMult(self._P)
+        self._stiffness = row_stiffness(system)
+        self._springs = np.zeros(len(self._stiffness))
+        self._placed = np.zeros(len(self._stiffness), bool)
+
+    def _cycle(self) -> Cycle:
+        return Cycle(self._operators, self._prolongations, self._options)
+
+    def follow(self, projector: Projector) -> None:
+        """Take another active set over (collective)."""
+        self._projector = projector.narrow()
+        springs = np.zeros(len(self._stiffness))
+        springs[self._projector.rows] = self._stiffness[self._projector.rows]
+        change = springs - self._springs
+        comm = self._K.comm.tompi4py()
+        some = np.flatnonzero(change)
+        counts = len(some), len(self._projector.rows), (~self._placed[some]).sum()
+        changed, rows, fresh = comm.allreduce(np.array(counts))
+        if self._coarse is not None and changed <= CHANGED * rows:
+            return
+        pattern = PETSc.Mat.Structure
+        structure = pattern.DIFFERENT_NONZERO_PATTERN if fresh else pattern.SUBSET_NONZERO_PATTERN
+        left = chosen_rows(self._Q, some)
+        right = left.copy()
+        root = np.sqrt(np.abs(change[some]))
+        scale_rows(left, root)
+        scale_rows(right, np.sign(change[some]) * root)
+        product = left.transposeMatMult(right)
+        for k, operator in enumerate(self._operators):
+            operator.axpy(1.0, product, structure)
+            if k < len(self._prolongations):
+                finer, product = product, galerkin(product, self._prolongations[k])
+                finer.destroy()
+        for used in (left, right, product):
+            used.destroy()
+        self._springs = springs
+        self._placed[some] = True
+        if self._coarse is not None:
+            self._coarse.destroy()
+        self._coarse = self._cycle()  # PETSc's own would keep parts of its set-up
+
+    def apply(self, residual: Array, out: Array) -> None:
+        """Put the correction into out."""
+        self._smooth(residual, out, begins=True)
+        left = residual - multiply(self._K, out)
+        coarse = multiply_transposed(self._P, self._projector.apply_transpose(left))
+        correction = np.empty_like(coarse)
+        assert self._coarse is not None
+        self._coarse.apply(coarse, correction)
+        out += self._projector.apply(multiply(self._P, correction))
+        self._smooth(residual, out, begins=False)
+
+    def _smooth(self, residual: Array, out: Array, begins: bool) -> None:
+        self._smoother.setInitialGuessNonzero(not begins)
+        on_arrays(self._smoother.solve, self._residual, residual, self._correction, out)
 
 
-def _change(P: PETSc.Mat, E: PETSc.Mat, KE: PETSc.Mat) -> PETSc.Mat:
-    """Pᵀ K E + Eᵀ K P - Eᵀ K E, by one product with P and a transpose (collective)."""
-    change = P.transposeMatMult(KE)
-    for sign, part in ((1.0, change.transpose(PETSc.Mat())), (-1.0, E.transposeMatMult(KE))):
-        change.axpy(sign, part, OTHER)
-        part.destroy()
-    return change
+def _smoothing(options: MultigridOptions) -> dict[str, object]:
+    return {
+        "ksp_type": "chebyshev",
+        "ksp_max_it": options.smoothing,
+        "ksp_norm_type": "none",
+        "pc_type": "jacobi",
+    }
+
+
+def _chebyshev(K: PETSc.Mat, options: MultigridOptions) -> PETSc.KSP:
+    """The smoother of one level; its eigenvalues are estimated once (collective)."""
+    ksp = PETSc.KSP().create(K.comm)
+    prefix = "contact_smoother_"
+    ksp.setOptionsPrefix(prefix)
+    ksp.setOperators(K)
+    with lent_options(prefix, _smoothing(options)):
+        ksp.setFromOptions()
+        ksp.setUp()
+    return ksp
 
 
 def coarse_inverse(operator: PETSc.Mat, singular: float) -> PETSc.Mat:

@@ -324,14 +324,25 @@ def _local_stiffness(problem: DualProblem, nodes: MergedNodes, total: int) -> sp
             own = cls.stiffness  # that of a rigid body is zero: its diagonal is set later
             blocks.append(sparse.identity(cls.unknowns, format="csr") if cls.rigid else own)
             places.append(nodes.unknowns(member, d))
-    joined = sparse.block_diag(blocks, format="csr") if len(blocks) != 1 else blocks[0]
     where = np.concatenate([np.zeros(0, np.int64), *places])
-    if np.array_equal(where, np.arange(total)):
-        return sparse.csr_matrix(joined, copy=True)
+    if len(where) == total > 0:  # subdomains share no nodes
+        return _renumbered(blocks, where)
+    joined = sparse.block_diag(blocks, format="csr")
     pick = sparse.csr_matrix(
         (np.ones(len(where)), where, np.arange(len(where) + 1)), shape=(len(where), total)
     )
     return sparse.csr_matrix(pick.T @ joined @ pick)
+
+
+def _renumbered(blocks: Sequence[sparse.csr_matrix], where: NDArray[np.int64]) -> sparse.csr_matrix:
+    """The blocks on the diagonal of one matrix, unknowns in the order `where` (unknowns,)."""
+    first = np.cumsum([0, *(block.shape[0] for block in blocks)])
+    of_entries = [where[a + block.indices] for a, block in zip(first, blocks, strict=False)]
+    places = np.concatenate(of_entries).astype(np.int32)
+    values = np.concatenate([block.data for block in blocks])
+    begins = np.cumsum([0, *np.concatenate([np.diff(block.indptr) for block in blocks])])
+    rows = sparse.csr_matrix((values, places, begins), shape=(len(where), len(where)))
+    return rows[np.argsort(where)]
 
 
 def _merged_columns(problem: DualProblem, nodes: MergedNodes) -> NDArray[np.int64]:

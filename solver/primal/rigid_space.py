@@ -102,8 +102,10 @@ class RigidSpace:
         W *= np.divide(1.0, np.sqrt(after), out=np.zeros_like(after), where=some)
         images = np.stack([stiffness(w) for w in W.T])
         images[np.abs(images) < ROUNDING * np.sqrt(system.diagonal.max(initial=0.0))] = 0.0
-        self._KWt = sparse.csr_matrix(images)
-        energy = self._comm.allreduce(self._KWt @ W)
+        self._at = np.flatnonzero(images.any(axis=0))
+        few = np.ascontiguousarray(images[:, self._at])
+        self._KWt = few if W.shape[1] <= FULL else sparse.csr_matrix(few)
+        energy = self._comm.allreduce(self._KWt @ W[self._at])
         self._W = W if W.shape[1] <= FULL else sparse.csr_matrix(W)
         self._Wt = self._W.T
         values, vectors = np.linalg.eigh(0.5 * (energy + energy.T))
@@ -129,12 +131,12 @@ class RigidSpace:
 
     def balance(self, residual: Array, moved: Array) -> Array:
         """Q (r - K v) for a displacement v (unknowns,) if the space is not empty."""
-        work = self._comm.allreduce(self._Wt @ residual - self._KWt @ moved)
+        work = self._comm.allreduce(self._Wt @ residual - self._KWt @ moved[self._at])
         return np.asarray(self._W @ (self._inverse @ work))
 
     def correct(self, residual: Array, z: Array) -> Array:
         """(I - Q K) z + Q r."""
         if self.empty:
             return z
-        along = self._comm.allreduce(self._Wt @ residual - self._KWt @ z)
+        along = self._comm.allreduce(self._Wt @ residual - self._KWt @ z[self._at])
         return np.asarray(z + self._W @ (self._inverse @ along))
