@@ -14,7 +14,7 @@ multigrid       the same                                 Total FETI
 Total FETI      all                                      the fewest subdomains there can be
 fewest          all that have fewer, and the memory      multigrid, unless it was tried before
 subdomains
-multigrid       all for which it was not tried before    nothing: its answer counts
+multigrid       all for which it was not tried before    nothing: the answer before counts, if any
 ==============  =======================================  =========================================
 
 A method ends the search if its answer is certified, or if the user stopped or limited it
@@ -83,7 +83,7 @@ class Way:
     warns
         Whether the message is also a warning of the certificate.
     keeps
-        Whether the answer of the method before counts if this method leaves none.
+        Whether the answer of the method before counts if this method leaves no certified one.
     """
 
     scene: Scene | None
@@ -167,6 +167,10 @@ def first_certified(
             continue
         if _ends(way, answer, own.solver.max_iterations):
             break
+        if before is not None:
+            warnings.append("multigrid left no certified answer, either")
+            answer = before
+            continue
         spent = answer.solution.counts
         failed = _Failure(reason_text(answer.solution), answer.model.partition.count)
     if answer is None:

@@ -69,6 +69,10 @@ EQUILIBRIUM_FLOOR = 1e-9
 ROUNDED_LIMIT = 1e-6
 """Largest residual of equilibrium, over the load, that is attributed to rounding errors."""
 
+STRAINING = 100.0
+"""Gap of a group that moves rigidly, over its rounding errors, from which on the group would be
+strained by contact forces that the answer does not have."""
+
 
 @dataclass(frozen=True)
 class Certificate:
@@ -268,7 +272,7 @@ def certificate_of(
         "max_penetration": _worst_rows(problem, np.where(slack > 0.0, distance, 0.0), contact),
         "max_gluing_jump": _worst_rows(problem, distance, ~problem.conditional),
         "min_multiplier": _worst_rows(problem, pulls, contact),
-        "complementarity": idle / (load * lengths),
+        "complementarity": idle / sizes(bodies, load * lengths),
         "equilibrium": state.imbalance / load,
         "duality_gap": _relative_gaps(problem, measures),
         **friction_numbers(problem, answer.multiplier, residual, load, lengths),
@@ -327,7 +331,7 @@ def friction_numbers(
     return {
         "friction_cone": beyond / load,
         "slip_alignment": np.maximum(
-            misalignment / (load * lengths), _worst_rows(problem, moved, here)
+            misalignment / sizes(bodies, load * lengths), _worst_rows(problem, moved, here)
         ),
     }
 
@@ -382,9 +386,13 @@ def _worst_rows(
 def _relative_gaps(problem: MeasuredProblem, measures: Measures) -> NDArray[np.float64]:
     """Half the bound on the squared error of each body over its strain energy, (bodies,).
 
-    The error of a body is at most the error of its group plus its own rounding errors.
+    The error of a body is at most the error of its group plus its own rounding errors. A group that
+    moves rigidly has no error, unless the gap is far above rounding errors: then contact forces
+    that the answer does not have would strain it.
     """
-    gap = np.sqrt(2.0 * np.maximum(measures.gaps, 0.0))[problem.bodies.groups]
+    bodies = problem.bodies
+    gap = np.sqrt(2.0 * np.maximum(measures.gaps, 0.0))[bodies.groups]
     square = (gap + np.sqrt(measures.roundings)) ** 2
-    strained = measures.scales > 0.0
-    return np.divide(square, measures.scales, out=np.zeros(len(square)), where=strained)
+    rounded = bodies.sum_by_group(measures.roundings)[bodies.groups]
+    unmoved = np.where(gap**2 > STRAINING * rounded, 1.0, 0.0)
+    return np.divide(square, measures.scales, out=unmoved, where=measures.scales > 0.0)
