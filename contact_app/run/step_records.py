@@ -83,8 +83,8 @@ def _warnings(records: Sequence[Record]) -> list[str]:
                 left_out += 1
     if left_out:
         result.append(
-            "warnings of earlier increments that differ from these only in their numbers are left "
-            f"out ({left_out}); `steps` of summary.json has them"
+            f"further warnings of earlier increments ({left_out}) differ from these only in their "
+            "numbers: `steps` of summary.json has them"
         )
     return result
 

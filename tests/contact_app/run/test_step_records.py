@@ -25,8 +25,8 @@ def test_warnings_that_differ_only_in_numbers_appear_once() -> None:
         "contacts[0]: strains reach 0.08",
         "step 1, factor 0.5: rotations reach 1.5e-01 rad",
         "step 2, factor 0.5: contacts[1]: strains reach 0.2",
-        "warnings of earlier increments that differ from these only in their numbers are left "
-        "out (2); `steps` of summary.json has them",
+        "further warnings of earlier increments (2) differ from these only in their numbers: "
+        "`steps` of summary.json has them",
     ]
     assert summary["timings"] == {"solve": 3.0}
     assert summary["steps"] == records
