@@ -151,18 +151,19 @@ class Overlaps:
         common nodes among the facets that overlap the `on` facet.
         """
         distance = np.abs(self.distance)
-        nearest = np.full(len(on.nodes), np.inf)
-        np.minimum.at(nearest, self.i, distance)
+        nearest = smallest(self.i, distance, len(on.nodes))
         found = self.some(distance <= nearest[self.i] + 4.0 * on.radii[self.i])
-        covered = np.bincount(found.i, found.area, minlength=len(on.nodes))
-        several = covered > COVERED_ONCE * facet_areas(on)
+        several = found.on_several_layers(on)
         if not several.any():
             return found
         layer = found._layers(against, several)
-        distance = np.abs(found.distance)
-        of_layer = np.full(layer.max() + 1, np.inf)
-        np.minimum.at(of_layer, layer, distance)
+        of_layer = smallest(layer, np.abs(found.distance), layer.max() + 1)
         return found.some(~several[found.i] | (of_layer[layer] <= nearest[found.i]))
+
+    def on_several_layers(self, on: Surface) -> NDArray[np.bool_]:
+        """Mask of the `on` facets that meet several layers, (facets,)."""
+        covered = np.bincount(self.i, self.area, minlength=len(on.nodes))
+        return np.asarray(covered > COVERED_ONCE * facet_areas(on))
 
     def _layers(self, against: Surface, several: NDArray[np.bool_]) -> NDArray[np.int64]:
         """Number of the layer of each overlap on the facets `several` (facets,), (pairs,).
@@ -181,6 +182,15 @@ class Overlaps:
     def some(self, chosen: NDArray[np.bool_]) -> Overlaps:
         """The overlaps that a mask (pairs,) chooses."""
         return Overlaps(**{name: values[chosen] for name, values in self.__dict__.items()})
+
+
+def smallest(
+    index: NDArray[np.int64], values: NDArray[np.float64], count: int
+) -> NDArray[np.float64]:
+    """The smallest value with each index, (count,); infinite without one."""
+    result = np.full(count, np.inf)
+    np.minimum.at(result, index, values)
+    return result
 
 
 def facet_areas(surface: Surface) -> NDArray[np.float64]:

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from meshes.contact_surface import Surface
-from meshes.facet_overlaps import Overlaps
+from meshes.facet_overlaps import Overlaps, smallest
 from meshes.facet_search import facets_along_normals
 from meshes.shares import share
 
@@ -132,6 +132,4 @@ def _nearest_behind(
     crossed = Overlaps.of(on, other, i[wanted], j[wanted])
     depth = -crossed.distance
     before = depth > 0.0 if exits else depth > -ROUND_OFF * on.radii[crossed.i]
-    nearest = np.full(len(on.nodes), np.inf)
-    np.minimum.at(nearest, crossed.i[before], depth[before])
-    return nearest
+    return smallest(crossed.i[before], depth[before], len(on.nodes))

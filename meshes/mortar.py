@@ -39,11 +39,7 @@ from numpy.typing import NDArray
 from scipy import sparse
 
 from meshes.contact_surface import Surface
-from meshes.facet_overlaps import (
-    COVERED_ONCE,
-    Overlaps,
-    facet_areas,
-)
+from meshes.facet_overlaps import Overlaps, facet_areas
 from meshes.facing import SurfacesApartError, overlaps
 
 COVERED = 1.0 - 1e-6
@@ -150,7 +146,7 @@ class Multipliers:
 
         own, weight = on_facets(found.own), on_facets(found.weight)
         covered = on_facets(found.area) >= COVERED * sizes
-        if (on_facets(found.area) > COVERED_ONCE * sizes).any():
+        if found.on_several_layers(on).any():
             raise SurfacesApartError(
                 "a facet of the first side meets two layers of the second; name a smaller part of "
                 "it"

@@ -324,13 +324,19 @@ def documentable(node: ast.ClassDef | ast.FunctionDef) -> set[str]:
     return found
 
 
+def definitions() -> Iterator[tuple[Path, ast.ClassDef | ast.FunctionDef]]:
+    """All classes and functions of the packages, with their files."""
+    for package in PACKAGES:
+        for path in sorted((ROOT / package).rglob("*.py")):
+            for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+                if isinstance(node, ast.ClassDef | ast.FunctionDef):
+                    yield path, node
+
+
 def test_documented_parameters_exist() -> None:
     wrong = [
         f"{path.relative_to(ROOT)}:{node.lineno} {name}"
-        for package in PACKAGES
-        for path in sorted((ROOT / package).rglob("*.py"))
-        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8")))
-        if isinstance(node, ast.ClassDef | ast.FunctionDef)
+        for path, node in definitions()
         for name in set(documented(node)) - documentable(node)
     ]
     assert not wrong
@@ -340,10 +346,7 @@ def test_each_documented_parameter_begins_a_line() -> None:
     joined = re.compile(r"\.\s+(\w+)( : \(.*)?$", re.MULTILINE)
     wrong = [
         f"{path.relative_to(ROOT)}:{node.lineno} {match[1]}"
-        for package in PACKAGES
-        for path in sorted((ROOT / package).rglob("*.py"))
-        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8")))
-        if isinstance(node, ast.ClassDef | ast.FunctionDef)
+        for path, node in definitions()
         for match in joined.finditer(ast.get_docstring(node) or "")
         if match[1] in documentable(node) - set(documented(node)) and list(documented(node))
     ]

@@ -24,7 +24,7 @@ import json
 import shutil
 import subprocess
 import sys
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -254,20 +254,33 @@ def draw(found: Sequence[dict[str, Any]], name: str, path: Path) -> None:
     plt.close(figure)
 
 
+def names_and_output(
+    arguments: Sequence[str] | None, description: str | None, known: Sequence[str], output: str
+) -> tuple[list[str], Path]:
+    """The scenes that the arguments of a command name, all known ones unless given, and its -o."""
+    parser = argparse.ArgumentParser(description=description)
+    parser.add_argument("names", nargs="*", help=f"of {', '.join(known)}; all unless given")
+    parser.add_argument("-o", "--output", type=Path, default=Path(output))
+    given = parser.parse_args(arguments)
+    unknown = sorted(set(given.names) - set(known))
+    if unknown:
+        parser.error(f"unknown scene {unknown[0]}; known: {', '.join(known)}")
+    return given.names or list(known), given.output.resolve()
+
+
+def shown(found: Iterable[dict[str, Any]]) -> list[dict[str, Any]]:
+    """The rows, each printed as soon as it is measured."""
+    result = []
+    for row in found:
+        result.append(row)
+        print({k: v for k, v in row.items() if v != ""}, file=sys.stderr, flush=True)
+    return result
+
+
 def main(arguments: Sequence[str] | None = None) -> None:
     """The command."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("names", nargs="*", help=f"of {', '.join(ROUGH)}; all unless given")
-    parser.add_argument("-o", "--output", type=Path, default=Path("results/friction_beside"))
-    given = parser.parse_args(arguments)
-    unknown = sorted(set(given.names) - set(ROUGH))
-    if unknown:
-        parser.error(f"unknown scene {unknown[0]}; known: {', '.join(ROUGH)}")
-    names, output = given.names or list(ROUGH), given.output.resolve()
-    found = []
-    for row in rows(names, output):
-        found.append(row)
-        print({k: v for k, v in row.items() if v != ""}, file=sys.stderr, flush=True)
+    names, output = names_and_output(arguments, __doc__, list(ROUGH), "results/friction_beside")
+    found = shown(rows(names, output))
     write(found, COLUMNS, output / "friction.csv")
     for name in names:
         print(f"\n{name}\n")

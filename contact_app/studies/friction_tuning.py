@@ -10,14 +10,21 @@ finest mesh. This application's answer on the same mesh, which has no parameter,
 
 from __future__ import annotations
 
-import argparse
 import subprocess
-import sys
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
-from contact_app.studies.friction_beside import CALCULIX, GETFEM, OURS, Judge, missing, run
+from contact_app.studies.friction_beside import (
+    CALCULIX,
+    GETFEM,
+    OURS,
+    Judge,
+    missing,
+    names_and_output,
+    run,
+    shown,
+)
 from contact_app.studies.rough_scenes import ROUGH
 from contact_app.studies.tables import write
 
@@ -88,18 +95,8 @@ def table(found: Sequence[dict[str, Any]], name: str) -> Iterator[str]:
 
 def main(arguments: Sequence[str] | None = None) -> None:
     """The command."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("names", nargs="*", help=f"of {', '.join(MESHES)}; all unless given")
-    parser.add_argument("-o", "--output", type=Path, default=Path("results/friction_tuning"))
-    given = parser.parse_args(arguments)
-    unknown = sorted(set(given.names) - set(MESHES))
-    if unknown:
-        parser.error(f"unknown scene {unknown[0]}; known: {', '.join(MESHES)}")
-    names, output = given.names or list(MESHES), given.output.resolve()
-    found = []
-    for row in rows(names, output):
-        found.append(row)
-        print({k: v for k, v in row.items() if v != ""}, file=sys.stderr, flush=True)
+    names, output = names_and_output(arguments, __doc__, list(MESHES), "results/friction_tuning")
+    found = shown(rows(names, output))
     write(found, COLUMNS, output / "tuning.csv")
     for name in names:
         print(f"\n{name}\n")

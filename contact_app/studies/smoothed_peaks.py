@@ -78,7 +78,7 @@ def peaks(case: Round, angle: float, configs: Path, mesh: Path | None = None) ->
     facets = pressed_facets(solved.model, solved.nodes)
     comm = solved.model.comm
     for record, pressed in zip(solved.summary["contacts"], facets, strict=True):
-        across = min(pressed.across(comm, 3), *pressed.along_axes(comm))
+        across = pressed.across_narrow_side(comm, solved.model.scene.dimension)
         smoothed = record["max_smoothed_pressure"]
         yield Peak(across, record["max_pressure"], smoothed, smoothed / case.right - 1.0)
 
