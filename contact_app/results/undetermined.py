@@ -39,7 +39,7 @@ PRESSING = 1e-6
 """Contact force over the largest of all below which a point does not hold a body in its place."""
 
 SMALL_PLAY = 0.05
-"""Play over the largest displacement of the body, below which it is not told."""
+"""Play over the largest displacement of the body, below which no warning names it."""
 
 SEEN = 1e-9
 """Coefficient of a row along a motion, over the largest, below which it is a rounding error."""
@@ -65,17 +65,30 @@ class Undetermined:
     reach: float
 
     @property
-    def sentence(self) -> str:
-        """For the user."""
+    def play(self) -> str:
+        """The motion as a clause of the warning."""
         play = "can move without limit, one way,"
         if np.isfinite(self.reach):
             play = f"has a play of {self.reach:.3g}"
-        return (
-            f"{self.name} {play} along {self.along}: the contact forces do "
-            "not resist this motion and no load drives it. Its displacements are those of one of "
-            "many positions with the same stresses and contact forces; a displacement condition, "
-            "`hold` or friction determines the position"
-        )
+        return f"{self.name} {play} along {self.along}"
+
+
+def play_warnings(found: list[Undetermined]) -> list[str]:
+    """One sentence that names every body once, with its largest play; none without plays."""
+    if not found:
+        return []
+    largest: dict[str, Undetermined] = {}
+    for one in sorted(found, key=lambda one: -one.reach):
+        largest.setdefault(one.name, one)
+    motion, it, whose = ("this motion", "it", "Its")
+    if len(largest) > 1:
+        motion, it, whose = ("these motions", "them", "Their")
+    return [
+        f"{'; '.join(one.play for one in largest.values())}: the contact forces do not resist "
+        f"{motion} and no load drives {it}. {whose} displacements are those of one of many "
+        "positions with the same stresses and contact forces; a displacement condition, `hold` "
+        "or friction determines the position"
+    ]
 
 
 def undetermined(model: Model, solution: Solution) -> list[Undetermined]:

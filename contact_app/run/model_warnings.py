@@ -41,7 +41,7 @@ from contact_app.results.free_motions import free_motions
 from contact_app.results.friction import approach_of_held, closing_points
 from contact_app.results.percent import percent
 from contact_app.results.sliding import largest_sliding, sliding_on_each_other
-from contact_app.results.undetermined import undetermined
+from contact_app.results.undetermined import play_warnings, undetermined
 from contact_app.run.repeated_sentences import without_repetitions
 from contact_app.scene.bodies import MOTION_NAMES
 from contact_app.scene.conditions import Pressure, Traction
@@ -411,7 +411,7 @@ def _slides(answer: Answer) -> Iterator[str]:
 
 def _plays(answer: Answer) -> list[str]:
     """Bodies that can be moved without any change of energy and forces (collective)."""
-    return [found.sentence for found in undetermined(answer.model, answer.solution)]
+    return play_warnings(undetermined(answer.model, answer.solution))
 
 
 def _apart(answer: Answer) -> list[str]:

@@ -7,6 +7,7 @@ from pathlib import Path
 import pytest
 
 import contact_app
+from contact_app.results.undetermined import Undetermined, play_warnings
 from contact_app.run.solve import solve_scene
 from tests import scenes
 from tests.comparison import certified_in_and_slid
@@ -100,6 +101,18 @@ def test_two_ranks_tell_the_same_play(tmp_path: Path) -> None:
     told = [[w for w in s["certificate"]["warnings"] if "play" in w] for s in (one, two)]
     assert len(told[0]) == 1
     assert told[0] == told[1]
+
+
+def test_one_sentence_names_each_body_once_with_its_largest_play() -> None:
+    found = [
+        Undetermined("pin", "along +x", 0.1),
+        Undetermined("pin", "along +y", 0.3),
+        Undetermined("ring", "along +x", 0.2),
+    ]
+    (sentence,) = play_warnings(found)
+    assert sentence.count("pin has a play of 0.3") == sentence.count("pin") == 1
+    assert "ring has a play of 0.2" in sentence
+    assert play_warnings([]) == []
 
 
 def test_a_body_beside_one_wall_can_move_away_without_limit() -> None:
