@@ -16,7 +16,9 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import replace
+from typing import Generic
 
+from solver.backend import S
 from solver.contact.options import SolverOptions
 from solver.contact.solution import Accuracy, Solution
 
@@ -206,6 +208,44 @@ class AutomaticRule(StoppingRule):
     def _tighten(self, excess: float) -> None:
         """Reduce the limits of the residuals by the factor by which the error has to fall."""
         self.tolerance /= max(excess, 2.0)
+
+
+class CertificateTest(Generic[S]):
+    """The certificate as the test of the states of active sets.
+
+    Parameters
+    ----------
+    certified
+        The answer of a state with its certificate, judged by the rule (collective).
+    required
+        Factor by which the error of a state has to fall before its answer is certified
+        (collective).
+
+    Attributes
+    ----------
+    answer
+        The last certified answer; None where none has been certified.
+    """
+
+    def __init__(
+        self, rule: StoppingRule, certified: Callable[[S], Solution], required: Callable[[S], float]
+    ) -> None:
+        self.answer: Solution | None = None
+        self.certified = certified
+        self._rule, self._required = rule, required
+        self._state: S | None = None
+
+    def accept(self, state: S) -> bool:
+        """Whether the certificate of a state's answer passes (collective)."""
+        self.answer, self._state = self.certified(state), state
+        return self.answer.converged
+
+    def required_reduction(self, state: S) -> float:
+        """Factor by which the error has to fall; the certificate of this state counts, too."""
+        required = self._required(state)
+        if state is self._state and self.answer is not None:
+            required = max(required, self._rule.required_of_certified(self.answer))
+        return required
 
 
 def stopping_rule(options: SolverOptions, assess: Assess | None) -> StoppingRule:

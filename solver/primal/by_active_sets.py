@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,7 +12,7 @@ from petsc4py import PETSc
 from solver.contact.active_set import Outcome, Start, StateSaver, StoppingTest, active_set_loop
 from solver.contact.checkpoint import Saver, without_outer_iterations
 from solver.contact.solution import Solution
-from solver.contact.stopping import StoppingRule
+from solver.contact.stopping import CertificateTest, StoppingRule
 from solver.primal.backend import Multigrid, PrimalState, free_matrices
 from solver.primal.factor import FactorOptions
 from solver.primal.recovery import recover
@@ -82,8 +83,14 @@ def _solve(
 ) -> Solution:
     """Run `solve_by_multigrid` without handling of errors."""
     backend, before = Multigrid(task.problem, factors=factors), Counts()
-    test = _CertificateTest(backend, task.rule)
     problem = task.problem
+    sums = [np.abs(f).sum(axis=0) for f in problem.forces]
+    loads = problem.comm.allreduce(problem.bodies.sum_members(sums))
+    test = CertificateTest(
+        task.rule,
+        partial(_certified, backend, task.rule),
+        partial(_required_reduction, backend, task.rule, loads),
+    )
     if restart is not None:
         active, before = problem.inequality & (restart.multiplier > 0.5), restart.counts
     elif guess is not None:
@@ -117,7 +124,9 @@ def _solve(
     return _answer(test, found, before)
 
 
-def _answer(test: _CertificateTest, found: Outcome[PrimalState], before: Counts) -> Solution:
+def _answer(
+    test: CertificateTest[PrimalState], found: Outcome[PrimalState], before: Counts
+) -> Solution:
     """The certified answer of the loop, or its best one.
 
     Raises
@@ -136,61 +145,36 @@ def _answer(test: _CertificateTest, found: Outcome[PrimalState], before: Counts)
     return replace(answer, counts=before + found.counts, reason=reason, method=METHOD)
 
 
-class _CertificateTest:
-    """Certify answers, and estimate how far a state is from a certificate.
+def _certified(backend: Multigrid, rule: StoppingRule, state: PrimalState) -> Solution:
+    """The answer of a state with its certificate (collective)."""
+    problem = backend.problem
+    pressing = np.where(problem.inequality, np.maximum(state.multiplier, 0.0), state.multiplier)
+    u, multiplier = recover(backend.system, state.u, pressing)
+    certificate, measures = certify(
+        problem, multiplier, u, rule.tolerance, rule.relaxations, state.errors
+    )
+    return rule.judge(
+        Solution(multiplier, u, certificate, measures, Counts(), Reason.CONVERGED, rule.tolerance)
+    )
 
-    Attributes
+
+def _required_reduction(
+    backend: Multigrid, rule: StoppingRule, loads: NDArray[np.float64], state: PrimalState
+) -> float:
+    """Factor by which the numbers of a state have to fall before it is certified (collective).
+
+    Parameters
     ----------
-    answer
-        The last answer that was certified.
+    loads : (bodies,)
+        Sum of the magnitudes of the loads on each body.
     """
-
-    def __init__(self, backend: Multigrid, rule: StoppingRule) -> None:
-        self.answer: Solution | None = None
-        self._backend, self._rule = backend, rule
-        self._certified: PrimalState | None = None
-        problem = backend.problem
-        sums = [np.abs(f).sum(axis=0) for f in problem.forces]
-        self._load = problem.comm.allreduce(problem.bodies.sum_members(sums))
-
-    def certified(self, state: PrimalState) -> Solution:
-        """The answer of a state with its certificate (collective)."""
-        backend, rule = self._backend, self._rule
-        problem = backend.problem
-        pressing = np.where(problem.inequality, np.maximum(state.multiplier, 0.0), state.multiplier)
-        u, multiplier = recover(backend.system, state.u, pressing)
-        certificate, measures = certify(
-            problem, multiplier, u, rule.tolerance, rule.relaxations, state.errors
-        )
-        return rule.judge(
-            Solution(
-                multiplier, u, certificate, measures, Counts(), Reason.CONVERGED, rule.tolerance
-            )
-        )
-
-    def accept(self, state: PrimalState) -> bool:
-        """Whether the certificate of a state's answer passes (collective)."""
-        self.answer, self._certified = self.certified(state), state
-        return self.answer.converged
-
-    def required_reduction(self, state: PrimalState) -> float:
-        """Factor by which the error has to fall before an answer is certified (collective)."""
-        problem, rule = self._backend.problem, self._rule
-
-        def gap(sharp: bool) -> float:
-            return 0.5 * state.error_square
-
-        pressed = problem.bodies.sum_rows(
-            np.abs(state.multiplier * problem.spread), problem.inequality
-        )
-        load = np.maximum(self._load, problem.comm.allreduce(pressed))
-        worst = max(state.worst(problem), state.imbalance / (float(load.max()) or 1.0))
-        if problem.friction is not None:
-            left = friction_residual(problem, state.multiplier, state.jumps, state.lengths)
-            worst = max(worst, left / SURE)
-        required = rule.required_reduction(worst, state.strained, gap)
-        relative = state.error_square / state.strained if state.strained > 0.0 else 0.0
-        required = max(required, float(np.sqrt(relative / rule.tolerance)))
-        if state is self._certified and self.answer is not None:
-            required = max(required, rule.required_of_certified(self.answer))
-        return required
+    problem = backend.problem
+    pressed = problem.bodies.sum_rows(np.abs(state.multiplier * problem.spread), problem.inequality)
+    load = np.maximum(loads, problem.comm.allreduce(pressed))
+    worst = max(state.worst(problem), state.imbalance / (float(load.max()) or 1.0))
+    if problem.friction is not None:
+        left = friction_residual(problem, state.multiplier, state.jumps, state.lengths)
+        worst = max(worst, left / SURE)
+    required = rule.required_reduction(worst, state.strained, lambda _: 0.5 * state.error_square)
+    relative = state.error_square / state.strained if state.strained > 0.0 else 0.0
+    return max(required, float(np.sqrt(relative / rule.tolerance)))

@@ -21,7 +21,7 @@ from solver.contact.friction_law import Friction
 from solver.contact.law import ContactLaw, Frictionless
 from solver.contact.slip_front import SlipFront
 from solver.contact.solution import Solution
-from solver.contact.stopping import StoppingRule
+from solver.contact.stopping import CertificateTest, StoppingRule
 from solver.qp.outer_state import Restart
 from solver.qp.result import Counts, Reason
 from solver.tfeti.active_set_problem import State
@@ -136,7 +136,11 @@ def solve_from(
     The outcome and the certified answer (the best one if the loop was stopped); None where the sets
     did not settle.
     """
-    test = _CertificateTest(task.problem, task.rule)
+    test = CertificateTest(
+        task.rule,
+        partial(answer_of_state, task.problem, task.rule),
+        partial(_required_reduction, task.problem, task.rule),
+    )
     stopping_test = StoppingTest(test.required_reduction, test.accept, task.rule.may_end_early)
     law = contact_law(task.problem)
     options = options_of(task.problem, task.active_sets)
@@ -148,7 +152,7 @@ def solve_from(
     answer = test.answer
     if found.reason is not Reason.ACCEPTED:
         assert found.state is not None
-        answer = answer_of_state(task.problem, task.rule, found.state)
+        answer = test.certified(found.state)
     assert answer is not None
     return found, replace(answer, reason=found.reason, method=METHOD)
 
@@ -184,41 +188,19 @@ def contact_law(problem: DualProblem) -> ContactLaw:
     )
 
 
-class _CertificateTest:
-    """Certify answers of active sets, and estimate how far a state is from a certificate.
+def _required_reduction(problem: DualProblem, rule: StoppingRule, state: State) -> float:
+    """Factor by which jumps, friction numbers and duality gap of a state have to fall (collective).
 
-    Attributes
-    ----------
-    answer
-        The last certified answer.
+    The gap is that of the multiplier without tensile contact forces.
     """
+    worst = state.worst(problem)
+    multiplier = state.multiplier.copy()
+    multiplier[problem.inequality] = np.maximum(multiplier[problem.inequality], 0.0)
+    lengths = problem.lengths(state.displacements)
 
-    def __init__(self, problem: DualProblem, rule: StoppingRule) -> None:
-        self.answer: Solution | None = None
-        self._problem, self._rule = problem, rule
-        self._certified: State | None = None
+    def gap(sharp: bool) -> float:
+        steps = rule.relaxations if sharp else 0
+        return duality_gap(problem, multiplier, state.displacements, steps, LOOSE)
 
-    def accept(self, state: State) -> bool:
-        """Whether the certificate of a state's answer passes (collective)."""
-        self.answer = answer_of_state(self._problem, self._rule, state)
-        self._certified = state
-        return self.answer.converged
-
-    def required_reduction(self, state: State) -> float:
-        """Factor by which the error has to fall before an answer is certified (collective)."""
-        problem, rule = self._problem, self._rule
-        worst = state.worst(problem)
-        multiplier = state.multiplier.copy()
-        multiplier[problem.inequality] = np.maximum(multiplier[problem.inequality], 0.0)
-        lengths = problem.lengths(state.displacements)
-
-        def gap(sharp: bool) -> float:
-            steps = rule.relaxations if sharp else 0
-            return duality_gap(problem, multiplier, state.displacements, steps, LOOSE)
-
-        worst = max(worst, friction_residual(problem, multiplier, state.jumps, lengths) / SURE)
-        required = rule.required_reduction(worst, state.strained, gap)
-        if state is self._certified and self.answer is not None:
-            # the certificate tells more than the jumps
-            required = max(required, rule.required_of_certified(self.answer))
-        return required
+    worst = max(worst, friction_residual(problem, multiplier, state.jumps, lengths) / SURE)
+    return rule.required_reduction(worst, state.strained, gap)
