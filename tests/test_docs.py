@@ -44,7 +44,7 @@ def test_examples_of_docstrings_are_right(module: str) -> None:
 
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: str(page.relative_to(ROOT)))
-def test_what_a_page_names_exists(page: Path) -> None:
+def test_names_in_pages_exist(page: Path) -> None:
     text = page.read_text(encoding="utf-8")
     for path, name in NAMED.findall(text):
         file = ROOT / path

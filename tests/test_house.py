@@ -58,6 +58,12 @@ VAGUE_NAMES = {
 }  # fmt: skip
 """Names in `solver` and `meshes` that do not say what the object is: remaining rows, work, …"""
 
+UNCLEAR_IN_TESTS = {
+    "told", "tells", "said", "says", "say", "seen", "sees", "believed", "asked", "asks", "unasked",
+    "ours", "theirs", "blamed", "beside", "lacks", "whatever", "what", "speak", "silence", "words",
+}  # fmt: skip
+"""Words in names of tests that do not say what the program does: reports, refuses, warns, …"""
+
 LONGEST_FILE = 500
 """Lines of a file of the packages."""
 
@@ -146,7 +152,7 @@ def test_the_packages_stand_above_each_other(graph: dict[str, set[str]]) -> None
     assert not wrong
 
 
-def test_the_top_of_the_application_is_seen_at_a_glance() -> None:
+def test_the_application_has_few_entries_at_its_top() -> None:
     entries = [p.name for p in (ROOT / "contact_app").iterdir() if p.name != "__pycache__"]
     assert len(entries) <= MOST_ENTRIES, sorted(entries)
 
@@ -277,7 +283,7 @@ def test_prose_has_no_riddles() -> None:
     assert not found
 
 
-def test_names_are_those_of_the_field() -> None:
+def test_names_are_terms_of_the_field() -> None:
     found = [
         f"{path.relative_to(ROOT)}:{node.lineno} {name}"  # type: ignore[attr-defined]
         for package in PACKAGES
@@ -285,6 +291,17 @@ def test_names_are_those_of_the_field() -> None:
         for node in ast.walk(ast.parse(path.read_text(encoding="utf-8")))
         for name in (defined(node),)
         if name.strip("_") in PRIVATE_NAMES | (VAGUE_NAMES if package != "contact_app" else set())
+    ]
+    assert not found
+
+
+def test_names_of_tests_describe_the_program() -> None:
+    found = [
+        f"{path.relative_to(ROOT)}:{node.lineno} {node.name}"
+        for path in sorted((ROOT / "tests").rglob("*.py"))
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8")))
+        if isinstance(node, ast.FunctionDef) and node.name.startswith("test_")
+        if UNCLEAR_IN_TESTS & set(node.name.split("_"))
     ]
     assert not found
 

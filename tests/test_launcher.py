@@ -54,7 +54,7 @@ def pretend(place: Path, **programs: str) -> str:
     return f"{place / 'bin'}:{os.environ['PATH']}"
 
 
-def test_when_nothing_is_missing_it_hands_over_in_silence(place: Path) -> None:
+def test_when_nothing_is_missing_it_hands_over_without_output(place: Path) -> None:
     done = start(place, "run", "two words.yaml", "--set", "title=a 'b' $c *")
     assert done.returncode == 0
     assert done.stderr == ""
@@ -99,14 +99,14 @@ def test_ranks_must_be_a_number(place: Path, words: list[str]) -> None:
     assert "usage: ./contact mpirun -n RANKS" in done.stderr
 
 
-def test_other_pythons_modules_are_not_seen(place: Path) -> None:
+def test_modules_of_another_python_are_ignored(place: Path) -> None:
     program(place / ".venv/bin/contact-app", '#!/bin/sh\necho "${PYTHONPATH-none}"\n')
     assert start(place, PYTHONPATH="/elsewhere").stdout == "none\n"
 
 
 @pytest.mark.skipif(not DEBIAN, reason="the launcher installs on Debian only")
 @pytest.mark.parametrize("change", ["pyproject.toml", "stamp", "packages"])
-def test_what_has_changed_is_looked_at_again(place: Path, change: str) -> None:
+def test_changed_data_are_read_again(place: Path, change: str) -> None:
     """Packages are missing, the user is not root, and sudo refuses: so it must say."""
     if change == "pyproject.toml":
         (place / change).write_text("[project]\n")
@@ -128,7 +128,7 @@ def test_what_has_changed_is_looked_at_again(place: Path, change: str) -> None:
 
 
 @pytest.mark.skipif(not DEBIAN, reason="the launcher installs on Debian only")
-def test_when_apt_fails_its_words_are_shown_and_nothing_is_stamped(place: Path) -> None:
+def test_when_apt_fails_its_output_is_shown_and_nothing_is_stamped(place: Path) -> None:
     (place / ".venv/ready").unlink()
     failing = {
         "dpkg-query": "exit 1",

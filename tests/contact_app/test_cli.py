@@ -165,7 +165,7 @@ def test_a_directory_that_cannot_be_written(cube: Path, capsys: pytest.CaptureFi
         (MemoryError(), "not enough memory"),
     ],
 )
-def test_what_the_machine_lacks_is_told(
+def test_missing_parts_of_the_machine_are_reported(
     cube: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, fault: BaseException, told: str,
     capsys: pytest.CaptureFixture[str],
 ) -> None:  # fmt: skip
@@ -179,7 +179,7 @@ def test_what_the_machine_lacks_is_told(
     assert "Traceback" not in err
 
 
-def test_ranks_speak_once_of_what_all_found_and_each_of_its_own(
+def test_common_errors_of_ranks_are_printed_once_and_others_by_each_rank(
     cube: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     waits: list[float] = []
@@ -197,7 +197,7 @@ def test_ranks_speak_once_of_what_all_found_and_each_of_its_own(
     assert capsys.readouterr().err.startswith("rank 1: the run ended: not enough memory")
 
 
-def test_what_a_terminal_would_obey_is_not_sent_to_it(
+def test_control_characters_are_not_sent_to_a_terminal(
     cube: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     cube.write_text('"\\x1b[31mred": 1\n')
@@ -223,7 +223,7 @@ def test_as_a_module_from_outside() -> None:
     assert done.stderr.strip() == "none.yaml: there is no such file"
 
 
-def test_a_reader_that_has_seen_enough_gets_no_errors_of_petsc(tmp_path: Path) -> None:
+def test_a_closed_pipe_causes_no_errors_of_petsc(tmp_path: Path) -> None:
     """`contact-app check scene.yaml | head -1`"""
     path = scenes.write(scenes.wall("quadrilateral", 2), tmp_path / "scene.yaml")
     command = [sys.executable, "-u", "-m", "contact_app", "check", str(path)]
@@ -236,7 +236,7 @@ def test_a_reader_that_has_seen_enough_gets_no_errors_of_petsc(tmp_path: Path) -
     assert "MPI_ABORT" not in said
 
 
-def test_what_compilers_log_stays_off_the_terminal() -> None:
+def test_logs_of_compilers_do_not_reach_the_terminal() -> None:
     program = (
         "import logging, sys\n"
         "from contact_app import cli\n"

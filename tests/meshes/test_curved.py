@@ -36,7 +36,7 @@ def volumes(mesh: CellMesh, parts: int = 1) -> np.ndarray:
 
 
 @pytest.mark.parametrize(("cell", "name"), NAMES)
-def test_curved_edges_are_kept(cell: str, name: str, tmp_path: Path) -> None:
+def test_curved_edges_stay_curved(cell: str, name: str, tmp_path: Path) -> None:
     """Middles lie on the circles; the volume is right to fourth order, in any cut."""
     mesh = bent(cell, name, tmp_path)
     lacking = name in ("quad8", "hexahedron20")

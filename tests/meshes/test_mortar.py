@@ -193,7 +193,7 @@ def cap(n: int, radius: float, first: int, inward: bool) -> Surface:
 
 
 @pytest.mark.parametrize("make", [arc, cap])
-def test_curved_rows_see_no_rigid_motion(make) -> None:
+def test_curved_rows_vanish_for_rigid_motions(make) -> None:
     """Forces and moments between the bodies balance to round-off, whatever the gap."""
     rows = mean_gaps(make(7, 1.0, 0, False), make(5, 1.05, 1000, True))
     for k in range(3):

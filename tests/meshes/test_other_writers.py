@@ -66,7 +66,7 @@ def test_coordinates_beyond_all_measure_are_refused(tmp_path: Path) -> None:
         load_mesh(path, 3)
 
 
-def test_pieces_without_groups_say_that_the_file_lacks_them(tmp_path: Path) -> None:
+def test_pieces_without_groups_are_reported(tmp_path: Path) -> None:
     given = meshfiles.block("tetrahedron", 2)
     cells = given.cells[0].data
     points = np.concatenate([given.points, given.points + [3.0, 0, 0]])

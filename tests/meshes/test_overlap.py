@@ -425,7 +425,7 @@ def test_boxes_of_all_sizes_meet_as_they_do_pair_by_pair() -> None:
     np.testing.assert_array_equal(pairs[np.lexsort(pairs.T[::-1])], np.argwhere(touch))
 
 
-def test_triangles_cross_as_their_distances_say() -> None:
+def test_triangles_cross_where_distances_change_sign() -> None:
     """All pairs of random triangles: one crosses another if points of it are on its two sides."""
     random = np.random.default_rng(6)
     places = np.repeat(random.uniform(size=(90, 1, 3)), 3, axis=1)

@@ -79,7 +79,7 @@ def test_an_active_set_that_rounding_holds_up_is_left() -> None:
 
 
 @pytest.mark.slow
-def test_a_named_method_that_fails_gives_way_to_others() -> None:
+def test_a_named_method_that_fails_is_replaced() -> None:
     """The paper's algorithm ends there at rounding errors, in the fewest subdomains, too."""
     assert fuzz.judge(269, method="smalbe").kind == "agrees"
 
@@ -129,7 +129,7 @@ def test_an_answer_that_is_off_in_one_body_is_a_fault() -> None:
     assert "body 1" in verdict.detail
 
 
-def test_giving_up_what_the_reference_solves_is_a_fault() -> None:
+def test_giving_up_is_a_fault_if_the_reference_has_an_answer() -> None:
     seed = solvable_seed()
 
     def uncertified(scene: Any, *rest: Any) -> Any:
@@ -203,7 +203,7 @@ def test_a_solve_without_end_is_a_fault() -> None:
     assert fuzz.judge(0, solve=forever, patience=0.2).kind == "hangs"
 
 
-def test_the_random_scenes_are_what_they_should_be() -> None:
+def test_the_random_scenes_have_the_intended_features() -> None:
     """Equal for equal seeds, and with something of everything."""
     from tests.stability.random_scenes import moduli as moduli_of
 

@@ -49,7 +49,7 @@ def test_an_estimate_that_is_a_part_of_the_error_is_raised_to_it(effectivity: fl
     assert raised == pytest.approx(0.2)
 
 
-def test_an_estimate_that_misses_most_of_the_error_is_not_believed() -> None:
+def test_an_estimate_that_misses_most_of_the_error_is_rejected() -> None:
     """A locked mesh: errors of 1 and 0.3, of which the estimates are a fifth."""
     found = verdict(level(1.0, 0.2), level(0.3, 0.2))
     assert not found.agreed
@@ -63,7 +63,7 @@ def test_a_lower_bound_catches_an_estimate_below_it() -> None:
     assert not verdict(coarse, fine).agreed
 
 
-def test_an_estimate_that_does_not_fall_while_the_energy_does_is_not_believed() -> None:
+def test_an_estimate_that_does_not_fall_while_the_energy_does_is_rejected() -> None:
     found = verdict(Measured(2, 1.0, 0.1), Measured(2, 0.5, 0.12))
     assert not found.agreed
     assert "do not fall" in found.doubt
@@ -105,7 +105,7 @@ def test_a_doubt_does_not_matter_far_below_the_target() -> None:
     assert not verdict(level(0.3, 0.2)).confirms(1e-9, 1.0), "nothing is known of one mesh"
 
 
-def test_less_is_believed_where_energies_may_rise() -> None:
+def test_limits_are_stricter_where_energies_may_rise() -> None:
     levels = [level(0.6, 0.6), level(0.2, 0.6)]
     for limits, agreed in ((FALLING, True), (EITHER_WAY, False)):
         run = Agreement(limits)

@@ -134,14 +134,14 @@ def test_a_fine_start_is_confirmed_by_a_coarse_mesh() -> None:
 
 
 @pytest.mark.parametrize("text", [BEAM, COLUMN])
-def test_a_few_cells_are_told_of_where_one_mesh_is_solved(text: str) -> None:
+def test_few_cells_cause_a_warning_on_a_single_mesh(text: str) -> None:
     certificate = solve_scene(built(text)).summary["certificate"]
     (warning,) = [w for w in certificate["warnings"] if "its cells are few" in w]
     assert "lock" in warning
     assert "accuracy:" in warning
 
 
-def test_enough_cells_are_not_told_of() -> None:
+def test_enough_cells_cause_no_warning() -> None:
     scene = built(COLUMN.replace("cells: [2, 2]", "cells: [4, 4]"))
     assert few_cells(scene, 0.3) == []
     few = built(COLUMN)
@@ -179,7 +179,7 @@ contacts:
     assert found.solved.summary["solution"]["active_contacts"] > 0
 
 
-def test_a_mesh_from_a_file_of_enough_cells_is_believed_alone() -> None:
+def test_a_mesh_file_of_enough_cells_needs_no_second_mesh() -> None:
     """After refinement the polygons of a round body do not fit into the bore any more."""
     configs = Path(__file__).parents[3] / "configs"
     scene = build_scene(load(configs / "press_fit.yaml", ["accuracy=0.001"]))

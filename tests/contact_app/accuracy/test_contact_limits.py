@@ -46,7 +46,7 @@ def pushed_against_a_ball(cells: int, degree: int, above: float) -> scenes.Confi
 
 
 @pytest.mark.parametrize("above", [0.035, 0.03])
-def test_a_node_that_hardly_touches_tells_little_of_the_error(above: float) -> None:
+def test_a_node_that_hardly_touches_adds_little_to_the_error(above: float) -> None:
     """The force at its nodes is a tenth of what pushes the ball out of the facet."""
     coarse = solve(pushed_against_a_ball(4, 1, above))
     assert 0 < coarse.summary["solution"]["active_contacts"] <= 4

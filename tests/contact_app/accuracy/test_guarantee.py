@@ -181,7 +181,7 @@ def test_zero_where_nothing_is_strained() -> None:
 
 
 @pytest.mark.parametrize(("parts", "told"), [(1, "crosses an obstacle by"), ([2, 2], "jumps by")])
-def test_what_is_not_admissible_is_refused(
+def test_inadmissible_data_are_refused(
     parts: Any, told: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """An answer moved towards the wall: held nodes are rows of B where it is cut."""
@@ -279,7 +279,7 @@ def test_grids_beyond_the_memory_are_refused() -> None:
         box_surface.refuse_unguaranteed(scene, partition, memory=5e5)
 
 
-def test_what_a_run_says_of_it(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_the_messages_of_a_run(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     path = scenes.write(scenes.wall("quadrilateral", 8), tmp_path / "scene.yaml")
     arguments = ["run", path, "-o", tmp_path / "out", "--set"]
     assert contact_app(*arguments, "certificate.guaranteed=true") == 0

@@ -148,7 +148,7 @@ def test_a_symmetric_half_has_the_nodal_stress_of_the_whole() -> None:
     np.testing.assert_allclose(found[1], found[0], atol=0.06 * largest)
 
 
-def test_nothing_is_recovered_where_it_is_not_asked_for() -> None:
+def test_stresses_are_recovered_on_request_only() -> None:
     made = scenes.wall("quadrilateral", 2)
     for output in ({"fields": ["displacement", "stress"]}, {"xdmf": False}):
         answer = contact_app.solve({**made, "output": output})

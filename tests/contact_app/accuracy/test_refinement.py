@@ -154,7 +154,7 @@ def test_the_price_of_each_level_is_reported(tmp_path: Path) -> None:
     assert "level 1: 18 degrees of freedom: error" in log
 
 
-def test_what_does_not_fit_is_said() -> None:
+def test_arguments_that_do_not_fit_are_reported() -> None:
     made = weight_config("quadrilateral", 0.01)
     made["bodies"][0]["degree"] = 1
     scene = scenes.build(made)
@@ -198,7 +198,7 @@ def test_mesh_files_are_refined_as_a_whole_where_cells_cannot_be() -> None:
     assert mixed.levels[-1].cells < 4 * mixed.levels[0].cells
 
 
-def test_a_given_tolerance_is_kept() -> None:
+def test_a_given_tolerance_does_not_change() -> None:
     made = weight_config("quadrilateral", 0.2)
     assert scenes.build(made).solver.tolerance == "auto"
     made["solver"] = {"tolerance": 1e-9}
@@ -245,7 +245,7 @@ def punch(accuracy: float) -> Scene:
     return build_scene(load(DATA / "flat_punch.yaml", [f"accuracy={accuracy}"]))
 
 
-def test_what_the_best_grid_lines_would_leave_is_foreseen() -> None:
+def test_the_error_with_the_best_grid_lines_is_predicted() -> None:
     even = [[np.full(8, 2.0), np.full(4, 4.0)]]
     assert evenness(even) == pytest.approx(1.0)
     uneven = [[np.full(8, 2.0), np.array([8.0, 8.0, 0.0, 0.0])]]  # half the layers would do: h³
@@ -311,7 +311,7 @@ def test_an_interrupted_run_keeps_the_last_finished_level(tmp_path: Path) -> Non
     assert found.solved.model.problem.classes[0].inverse is None
 
 
-def test_a_run_interrupted_in_its_first_level_writes_what_it_has() -> None:
+def test_a_run_interrupted_in_its_first_level_writes_partial_results() -> None:
     def solve(scene: Scene, /, *, start: LastLevel | None) -> SolvedScene:
         return solve_scene(scene, start=start, monitor=lambda event: True)
 
@@ -320,7 +320,7 @@ def test_a_run_interrupted_in_its_first_level_writes_what_it_has() -> None:
     assert not found.solved.solution.converged
 
 
-def test_a_run_that_is_asked_to_stop_after_a_level_builds_no_further_mesh() -> None:
+def test_a_run_interrupted_after_a_level_builds_no_further_mesh() -> None:
     """The model of the next level may take minutes: it is not begun."""
     solves: list[int] = []
 

@@ -50,7 +50,7 @@ def peak(made: Any) -> tuple[float, list[str]]:
     return contact["max_pressure"], [w for w in warnings if "grows without limit" in w]
 
 
-def test_an_edge_on_a_wider_block_is_told_and_its_pressure_grows_as_in_theory() -> None:
+def test_an_edge_on_a_wider_block_causes_a_warning_and_its_pressure_grows_as_in_theory() -> None:
     """Dundurs and Lee: r^(λ - 1) with λ = 0.7735 for a right angle and equal materials."""
     found = [peak(blocks(times)) for times in (1, 2, 4)]
     for pressure, warnings in found:
@@ -60,13 +60,15 @@ def test_an_edge_on_a_wider_block_is_told_and_its_pressure_grows_as_in_theory() 
     assert rates == pytest.approx(1.0 - 0.7735, abs=0.006)
 
 
-def test_the_edge_is_told_from_the_other_side_of_the_contact() -> None:
+def test_the_edge_causes_a_warning_from_the_other_side_of_the_contact() -> None:
     made = blocks(1)
     made["contacts"] = [{"on": "base.y+", "against": "punch.y-"}]
     assert "at a sharp edge of punch" in peak(made)[1][0]
 
 
-def test_an_edge_at_a_clamped_side_is_told_and_one_at_a_plane_of_symmetry_is_not() -> None:
+def test_an_edge_at_a_clamped_side_causes_a_warning_and_one_at_a_plane_of_symmetry_does_not() -> (
+    None
+):
     for values, told in (([0, -0.01], True), ([0, None], False)):
         made = blocks(1)
         del made["bodies"][1]["hold"]
@@ -86,7 +88,7 @@ def test_blocks_that_end_together_and_soft_blocks_have_no_infinite_pressure() ->
 
 
 @pytest.mark.parametrize(("slope", "told"), [(1.0, True), (0.0, False)])
-def test_an_edge_on_an_obstacle_is_told_if_its_angle_is_larger_than_a_right_angle(
+def test_an_edge_on_an_obstacle_causes_a_warning_if_its_angle_is_larger_than_a_right_angle(
     slope: float, told: bool, tmp_path: Path
 ) -> None:
     """A foot from -1 to 1, pressed on its right, whose sides lean outwards or are upright."""
@@ -124,7 +126,7 @@ def test_a_punch_ends_in_the_middle_of_a_surface() -> None:
 
 
 @pytest.mark.parametrize("name", ["roller_on_block", "hertz_disc", "rigid_ball", "shrink_fit"])
-def test_round_contacts_through_planes_of_symmetry_are_not_told(name: str) -> None:
+def test_round_contacts_through_planes_of_symmetry_cause_no_warning(name: str) -> None:
     made = load(CONFIGS / f"{name}.yaml")
     solved = solve_scene(build_scene(made), MPI.COMM_SELF)
     assert not any("without limit" in w for w in solved.summary["certificate"]["warnings"])

@@ -169,7 +169,7 @@ def test_an_active_set_stalled_by_rounding_errors_ends(cell: str) -> None:
 
 
 @pytest.mark.ratchet
-def test_an_active_set_knows_what_rounding_leaves_outside_the_range_of_the_projector() -> None:
+def test_an_active_set_measures_rounding_errors_outside_the_range_of_the_projector() -> None:
     """A beam 1:300 in thirty subdomains leaves 5e-4 of the right-hand side, which no step removes.
 
     Without this knowledge steps continue up to the limit of two for each unknown.
@@ -182,7 +182,7 @@ def test_an_active_set_knows_what_rounding_leaves_outside_the_range_of_the_proje
     assert on_set.at_round_off
 
 
-def test_an_automatic_tolerance_asks_for_the_gap_where_it_may_decide() -> None:
+def test_an_automatic_tolerance_tests_the_gap_where_it_may_decide() -> None:
     asked: list[bool] = []
 
     def target() -> AutomaticRule:

@@ -50,7 +50,7 @@ def beside(weak: float, strong: bool = True) -> scenes.Config:
 
 @pytest.mark.parametrize("tolerance", [1e-6, "auto"])
 @pytest.mark.parametrize("weak", [1e-2, 1e-6])
-def test_a_weak_body_beside_a_strong_one(weak: float, tolerance: float | str) -> None:
+def test_a_weak_body_with_a_strong_one(weak: float, tolerance: float | str) -> None:
     """Homogeneity: the pressure is that of the body alone, multiplied by the load."""
     alone = solve(beside(1.0, strong=False), tolerance=1e-10).summary
     both = solve(beside(weak), [4, 2, 2], tolerance=tolerance).summary
@@ -62,7 +62,7 @@ def test_a_weak_body_beside_a_strong_one(weak: float, tolerance: float | str) ->
     assert both["solution"]["contact_force"][1] == pytest.approx(force, rel=loose)
 
 
-def test_an_error_of_the_weak_body_is_seen_and_named() -> None:
+def test_an_error_of_the_weak_body_is_measured_and_named() -> None:
     solved = solve(beside(1e-6), [4, 2, 2], tolerance=1e-8)
     problem, answer = solved.model.problem, solved.solution
     assert answer.certificate.passed
@@ -180,7 +180,7 @@ def test_results_without_correct_digits_are_not_certified() -> None:
     assert summary["accuracy"]["total"] is None
 
 
-def test_contact_forces_that_rounding_makes_are_told() -> None:
+def test_contact_forces_of_rounding_errors_cause_a_warning() -> None:
     """A body squeezed by the last digits of its motion: its forces may be rounding errors."""
     summary = solve(moved(1e-14)).summary
     told = summary["certificate"]["warnings"]

@@ -176,7 +176,7 @@ def judged(solution: Any, multiplier: np.ndarray, displacements: list[np.ndarray
     return certify(solution.model.problem, multiplier, displacements, 1e-9)[0].as_dict()
 
 
-def test_sees_a_body_moved_into_the_wall() -> None:
+def test_detects_a_body_moved_into_the_wall() -> None:
     """Moving everything by t: penetration t, held rows off by t, work Σλ·t in complementarity."""
     solution = certified("wall", 1e-10)
     u = [v.copy() for v in solution.solution.displacements]
@@ -195,7 +195,7 @@ def test_sees_a_body_moved_into_the_wall() -> None:
     assert 0.1 * force * 1e-3 / 50 < seen["complementarity"] <= 1.05 * force * 1e-3 / 50
 
 
-def test_sees_a_torn_node() -> None:
+def test_detects_a_torn_node() -> None:
     """One unknown of one subdomain off by t: at most t in jumps, and forces out of balance."""
     solution = certified("wall", 1e-10)
     u = [v.copy() for v in solution.solution.displacements]
@@ -228,7 +228,7 @@ def test_jump_is_the_difference_of_copies() -> None:
 
 
 @pytest.mark.parametrize("change", ["pull", "push", "scale"])
-def test_sees_wrong_contact_forces(change: str) -> None:
+def test_detects_wrong_contact_forces(change: str) -> None:
     solution = certified("wall", 1e-10)
     problem = solution.model.problem
     multiplier = solution.solution.multiplier.copy()

@@ -84,7 +84,7 @@ def test_stored_directions_belong_to_the_original_frames(problem: DualProblem) -
         assert np.abs(rest).max() <= 1e-9 * np.abs(vector).max()
 
 
-def test_the_balanced_preconditioner_is_symmetric_and_exact_on_what_is_not_lost(
+def test_the_balanced_preconditioner_is_symmetric_and_exact_on_its_range(
     problem: DualProblem,
 ) -> None:
     """With turned points it is symmetric and positive; without any it inverts P F on V."""

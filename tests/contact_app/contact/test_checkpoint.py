@@ -238,7 +238,7 @@ def test_a_checkpoint_is_due_by_time_and_at_a_stop(problem: DualProblem, tmp_pat
     np.testing.assert_array_equal(again.multiplier, -np.arange(problem.size))
 
 
-def test_what_a_solve_ended_with_is_held_for_a_stop_that_comes_later(
+def test_the_last_state_of_a_solve_is_held_for_a_later_stop(
     problem: DualProblem, scene: Any, tmp_path: Path
 ) -> None:
     checkpoint = Checkpoint(tmp_path, MPI.COMM_SELF, False)

@@ -120,7 +120,7 @@ def test_smalbe_finds_the_same_answer_without_active_sets(name: str) -> None:
 
 @pytest.mark.parametrize("name", ["cube", "block_2d", "corner"])
 @pytest.mark.parametrize("method", ["smalbe", "active-set"])
-def test_the_method_asked_for_finds_the_same_answer(name: str, method: str) -> None:
+def test_the_requested_method_finds_the_same_answer(name: str, method: str) -> None:
     """The paper's algorithm on any scene; active sets without SMALBE-M behind them."""
     auto = summary(name)
     asked = summary(name, f"solver.method={method}")
@@ -141,7 +141,7 @@ def test_an_expansion_without_a_method_means_the_papers_algorithm() -> None:
     )
 
 
-def test_active_sets_that_do_not_settle_are_told() -> None:
+def test_active_sets_that_do_not_settle_are_reported() -> None:
     scene = build_scene(load(CONFIGS / "cube.yaml", ["solver.method=active-set"]))
     problem = build_model(scene, MPI.COMM_SELF).problem
     found = solve(problem, scene.solver, active_sets=ActiveSetOptions(most_sets=2))

@@ -377,7 +377,7 @@ def test_a_law_that_is_none(change: dict[str, Any], words: str) -> None:
 
 
 @pytest.mark.parametrize(("law", "acts"), [({"tresca": 8.0}, True), ({"coulomb": 0.3}, False)])
-def test_the_status_tells_of_friction_on_open_nodes(law: dict[str, float], acts: bool) -> None:
+def test_the_status_shows_friction_on_open_nodes(law: dict[str, float], acts: bool) -> None:
     solved = solve(rough(scenes.ALL["wall"]("quadrilateral", 6), law))
     nodes, summary = solved.nodes, solved.summary
     pulled = np.linalg.norm(nodes.friction_traction, axis=1) > 0.0

@@ -64,7 +64,7 @@ def test_it_begins_with_given_contact_forces() -> None:
     assert np.abs(warm.multiplier - cold.multiplier).max() < 1e-9 * scale
 
 
-def test_it_stops_when_it_is_told() -> None:
+def test_the_monitor_can_stop_it() -> None:
     problem = build_model(scenes.build(scenes.wall("hexahedron", 4)), MPI.COMM_SELF).problem
     seen = []
     found = solve_by_newton(problem, monitor=lambda step: seen.append(step) or len(seen) == 3)

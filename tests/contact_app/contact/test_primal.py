@@ -161,7 +161,7 @@ def test_a_begun_solve_goes_on_from_contact_forces() -> None:
     assert (warm.multiplier[touching] > 0.0).all()
 
 
-def test_a_stopped_solve_tells_what_it_reached() -> None:
+def test_a_stopped_solve_reports_its_errors() -> None:
     scene = scenes.build({**scenes.wall("hexahedron", 6), "solver": {"method": "primal"}})
     problem = build_model(scene, MPI.COMM_SELF).problem
     steps: list[object] = []

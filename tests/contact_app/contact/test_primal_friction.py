@@ -75,7 +75,7 @@ MULTIGRID_ALWAYS = FactorOptions(small=0.0, thin_seconds=0.0, slow_seconds=0.0)
 
 
 @pytest.mark.parametrize("law", LAWS, ids=str)
-def test_multigrid_knows_rows_that_give_way(law: dict[str, float]) -> None:
+def test_multigrid_handles_elastic_rows(law: dict[str, float]) -> None:
     """The test uses multigrid although `auto` would use a factor; the V-cycle alone would not
     converge on stiff springs."""
     made = {**rough(scenes.ALL["pushed"]("hexahedron", 5), law), "solver": {"method": "primal"}}

@@ -9,7 +9,7 @@ from tests.stability.fuzz_features import feature_scene
 
 
 @pytest.mark.parametrize("method", ["auto", "active-set", "primal", "smalbe"])
-def test_blocks_that_slide_from_under_a_lid_come_to_rest_beside_it(method: str) -> None:
+def test_blocks_that_slide_from_under_a_lid_come_to_rest_next_to_it(method: str) -> None:
     """Two tied blocks on a smooth floor; an inclined rigid lid pushes them away.
 
     In the end nothing presses and no load drives them. The last set is empty, and its coarse

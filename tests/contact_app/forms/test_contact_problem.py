@@ -305,7 +305,7 @@ def grid_problem(stiffer: str = "", support: float = 0.0) -> ContactProblem:
 
 
 @pytest.mark.ratchet
-def test_a_regular_mesh_costs_what_a_box_of_a_scene_does(
+def test_a_regular_mesh_costs_as_much_as_a_box_of_a_scene(
     on_grid: tuple[ContactProblem, Any],
 ) -> None:
     """The same congruent sub-boxes: one factor, as many applications, one answer."""

@@ -107,7 +107,7 @@ def test_friction_of_a_pair_keeps_its_factors_and_is_in_balance() -> None:
     assert np.abs(problem.friction_traction.x.array).max() > 0.0
 
 
-def test_what_friction_cannot_hold_slides_away() -> None:
+def test_a_body_beyond_its_friction_limit_slides_away() -> None:
     rough = Rough("quadrilateral", 1, {"coulomb": 0.15})
     with pytest.raises(NoEquilibriumError, match=r"along \+x .*not even friction at its limit"):
         rough.problem().solve()

@@ -73,7 +73,7 @@ def test_the_second_solve_is_that_of_a_fresh_problem(method: Any, cells: int) ->
 
 
 @pytest.mark.parametrize("cells", [30, 6])
-def test_another_stiffness_or_condition_is_seen(cells: int) -> None:
+def test_another_stiffness_or_condition_changes_the_class(cells: int) -> None:
     own = pressed("auto", cells, (200.0, -5.0, 0.0))
     own.problem.solve()
     own.young.value = 300.0

@@ -218,7 +218,7 @@ def test_an_answer_is_there_after_solving(body: Square, tags: Any) -> None:
         ContactProblem(body.a, body.L, tolerance=0.0)
 
 
-def test_an_answer_that_is_not_certified_is_said() -> None:
+def test_an_uncertified_answer_causes_a_warning() -> None:
     problem = problems.block("hexahedron", 1).problem(tolerance=1e-9, max_iterations=1)
     with pytest.warns(RuntimeWarning, match="not certified"):
         problem.solve()

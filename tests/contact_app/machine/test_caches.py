@@ -64,7 +64,7 @@ def test_a_directory_that_someone_else_may_have_filled_is_not_used(
     assert used.stat().st_mode & 0o777 == 0o700
 
 
-def test_the_log_of_cases_and_steps_tells_of_it(
+def test_the_log_of_cases_and_steps_reports_it(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setenv("XDG_CACHE_HOME", "/dev/null")

@@ -151,9 +151,7 @@ def test_a_closed_or_full_stream_is_no_reason_to_lose_the_result(
     assert "iteration" not in (out / "run.log").read_text().split("INFO", 1)[0]
 
 
-def test_a_reader_that_has_seen_enough_does_not_change_the_exit_code(
-    scene: Path, tmp_path: Path
-) -> None:
+def test_a_closed_pipe_does_not_change_the_exit_code(scene: Path, tmp_path: Path) -> None:
     out = tmp_path / "out"
     done = start("run", scene, "-o", out, shell="| head -1; exit ${PIPESTATUS[0]}")
     assert done.returncode == 0
@@ -162,13 +160,13 @@ def test_a_reader_that_has_seen_enough_does_not_change_the_exit_code(
     assert done.stdout.count("\n") == 1
 
 
-def test_a_lost_answer_on_standard_output_is_told() -> None:
+def test_output_lost_on_standard_output_is_an_error() -> None:
     done = start("schema", shell=">/dev/full")
     assert done.returncode == 4
     assert done.stderr.startswith("the run ended: standard output: No space left on device")
 
 
-def test_a_terminal_of_ascii_gets_what_it_can_show(scene: Path, tmp_path: Path) -> None:
+def test_a_terminal_of_ascii_gets_ascii_characters(scene: Path, tmp_path: Path) -> None:
     ascii_only = {"LC_ALL": "C", "PYTHONIOENCODING": "ascii", "TERM": "dumb"}
     said = []
     for words in (["run", scene, "-o", tmp_path / "out"], ["check", scene], ["run", "--help"]):
@@ -188,7 +186,7 @@ def test_a_terminal_of_ascii_gets_what_it_can_show(scene: Path, tmp_path: Path) 
     ],
     ids=lambda e: " ".join(e),
 )
-def test_without_a_home_it_runs_and_says_where_forms_are_kept(
+def test_without_a_home_it_runs_and_names_the_directory_of_forms(
     scene: Path, tmp_path: Path, environment: dict[str, str]
 ) -> None:
     temporary = tmp_path / "tmp"
@@ -228,7 +226,7 @@ def small_disk(tmp_path: Path) -> Iterator[Path]:
 
 
 @pytest.mark.parametrize("words", [[], ["--set", "output.xdmf=false"]], ids=["xdmf", "json"])
-def test_a_full_disk_ends_with_4_and_says_how_much_is_needed(
+def test_a_full_disk_ends_with_4_and_reports_the_needed_room(
     scene: Path, small_disk: Path, words: list[str]
 ) -> None:
     free = 60 if not words else 4

@@ -43,7 +43,7 @@ def test_a_wheels_own_openblas_does_not_hide_the_slow_one() -> None:
     assert environment.blas_of(mapped) == environment.REFERENCE
 
 
-def test_a_slow_blas_is_said_with_its_remedy() -> None:
+def test_a_slow_blas_causes_a_warning_with_its_remedy() -> None:
     warning = environment.slow_blas_warning(environment.REFERENCE)
     assert warning is not None
     assert "libopenblas0-pthread" in warning
@@ -57,7 +57,7 @@ def test_this_process_has_a_blas_and_the_summary_its_keys() -> None:
     assert str(made["petsc"]).startswith("3.")
 
 
-def test_peak_memory_grows_by_what_is_held() -> None:
+def test_peak_memory_grows_with_allocations() -> None:
     before = environment.peak_rss_gb()
     held = np.ones(int((before + 0.2) * 1e9 / 8))
     assert environment.peak_rss_gb() >= held.nbytes * 1e-9 > before

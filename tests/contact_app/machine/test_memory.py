@@ -51,7 +51,7 @@ def test_the_tightest_of_nested_control_groups_counts(
     assert memory.control_group(tmp_path, own) == 0.0
 
 
-def test_a_limit_on_address_space_is_seen() -> None:
+def test_a_limit_on_address_space_counts() -> None:
     program = "from contact_app.machine.memory import available_bytes; print(available_bytes())"
     limit = 3_000_000_000
     done = subprocess.run(

@@ -191,7 +191,7 @@ def test_curved_bodies_pressed_together(cell: str, name: str, tmp_path: Path) ->
 
 
 @pytest.mark.parametrize("cell", list(meshfiles.SECOND))
-def test_a_polygon_is_told(cell: str, tmp_path: Path) -> None:
+def test_a_polygon_causes_a_warning(cell: str, tmp_path: Path) -> None:
     """Straight edges on a round boundary: the certificate names the sagitta h²/8R."""
     n = 4
     straight = ring(cell, None, n, tmp_path).summary["certificate"]["warnings"]
@@ -205,7 +205,7 @@ def test_a_polygon_is_told(cell: str, tmp_path: Path) -> None:
     assert not any("polygon" in w for w in curved)
 
 
-def test_a_polygon_that_was_refined_is_told() -> None:
+def test_a_refined_polygon_causes_a_warning() -> None:
     """Halved edges of degree 1 have nodes inside the pin of a bore, which its corners clear."""
     path = Path(__file__).parents[3] / "configs" / "bushing.yaml"
     told = {}

@@ -58,7 +58,7 @@ def test_no_neighbouring_split_is_cheaper_by_the_model() -> None:
         ((4, 4, 2), "tetrahedron", 2, (2, 2, 1)),
     ],
 )
-def test_what_the_model_is_told_is_what_is_made(
+def test_the_reported_model_is_the_built_model(
     cells: tuple[int, ...], cell: str, degree: int, split: tuple[int, ...]
 ) -> None:
     shape = box(cells, cell, degree)

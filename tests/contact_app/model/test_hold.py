@@ -41,7 +41,7 @@ def free(cell: str) -> list[str]:
 
 @pytest.mark.parametrize("subdomains", [1, 5])
 @pytest.mark.parametrize("cell", CELLS)
-def test_the_hold_takes_what_drives_the_motion(cell: str, subdomains: int) -> None:
+def test_the_hold_carries_the_driving_force(cell: str, subdomains: int) -> None:
     summary = solve_scene(scenes.build(block_on_a_floor(cell, free(cell), 0.5), subdomains)).summary
     assert summary["certificate"]["passed"]
     assert not summary["certificate"]["warnings"]

@@ -36,7 +36,7 @@ def test_an_edge_on_grid_lines_leaves_nothing_out(cell: str, kind: str) -> None:
 
 
 @pytest.mark.parametrize("cell", ["quadrilateral", "hexahedron", "tetrahedron"])
-def test_facets_that_straddle_the_edge_are_told(cell: str) -> None:
+def test_facets_that_straddle_the_edge_cause_a_warning(cell: str) -> None:
     scene = scenes.build(half_loaded(cell, "x < 0.625"), 2)
     partition = partition_scene(scene, MPI.COMM_SELF)
     assert loaded_facets(scene, partition, scene.tractions[0])[1] == pytest.approx(0.5)
@@ -53,7 +53,7 @@ def test_check_reports_the_area() -> None:
     assert any("per area (8 facets, area 0.5)" in line for line in lines)
 
 
-def test_what_the_mesh_knows_is_not_sampled() -> None:
+def test_boundaries_of_the_mesh_are_not_sampled() -> None:
     scene = scenes.build(scenes.wall("hexahedron", 3))
     partition = partition_scene(scene, MPI.COMM_SELF)
     assert straddled_area(scene, partition, scene.tractions[0]) == 0.0

@@ -193,7 +193,7 @@ def test_the_path_counts_from_the_scene_file(tmp_path: Path) -> None:
     assert scene.bodies[0].mesh.boundaries == ("x-", "x+", "y-", "y+")
 
 
-def test_where_boundaries_see_the_placed_mesh(tmp_path: Path) -> None:
+def test_boundaries_by_expression_use_the_placed_mesh(tmp_path: Path) -> None:
     """Millimetres become metres and x becomes y: the same answer, turned."""
     file = meshfiles.write(meshfiles.block("hexahedron", 4), tmp_path / "block.msh")
     made = two_materials("hexahedron", file)
@@ -215,7 +215,7 @@ def test_where_boundaries_see_the_placed_mesh(tmp_path: Path) -> None:
     )
 
 
-def test_check_and_the_run_say_what_was_repaired(tmp_path: Path) -> None:
+def test_check_and_the_run_report_repairs(tmp_path: Path) -> None:
     given = meshfiles.block("triangle", 2)
     given.cells[0].data = given.cells[0].data[:, ::-1]
     file = meshfiles.write(given, tmp_path / "block.msh")
@@ -255,7 +255,7 @@ WRONG = [
 
 
 @pytest.mark.parametrize(("changes", "told", "allowed"), WRONG, ids=[w[1][:40] for w in WRONG])
-def test_mistakes_are_told_with_file_line_and_key(
+def test_mistakes_are_reported_with_file_line_and_key(
     changes: dict[str, Any], told: str, allowed: str, tmp_path: Path
 ) -> None:
     meshfiles.write(meshfiles.block("triangle", 2), tmp_path / "block.msh")

@@ -324,7 +324,7 @@ def plate_on_held() -> scenes.Config:
 
 
 @pytest.mark.parametrize("method", ["auto", "primal"])
-def test_a_plate_rests_on_what_is_held(method: str) -> None:
+def test_a_plate_rests_on_held_bodies(method: str) -> None:
     """Nodes that conditions hold carry a rigid body, too: there a row has no elastic part."""
     summary = solve(plate_on_held(), method=method).summary
     assert method in ("auto", summary["solver"]["method"])
@@ -529,7 +529,7 @@ def _wrong(change: dict[str, Any]) -> scenes.Config:
         ({"certificate": {"guaranteed": True}}, "certificate.guaranteed is not available"),
     ],
 )  # fmt: skip
-def test_errors_say_where(change: dict[str, Any], said: str) -> None:
+def test_errors_name_their_place(change: dict[str, Any], said: str) -> None:
     """Each names the key and what is allowed."""
     with pytest.raises(ConfigurationError) as found:
         build_scene(from_mapping(_wrong(change)))

@@ -218,7 +218,7 @@ def test_ranks(method: str, tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("free", [False, pytest.param(True, marks=pytest.mark.slow)])
-def test_coarse_increments_are_told_with_their_changes(free: bool) -> None:
+def test_coarse_increments_cause_a_warning_with_their_changes(free: bool) -> None:
     """The changes in the warning are those of two increments, also where a held plate closes."""
     move = {"name": "move", "in": "plate", "displacement": [0.03, -0.047], "rotation": 0.0}
     made = under_a_plate("quadrilateral", {"coulomb": 0.3}, [move])

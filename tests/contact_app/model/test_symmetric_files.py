@@ -427,7 +427,7 @@ def test_bodies_that_are_not_images(change: Any, why: str) -> None:
     assert why in found.notes[0]
 
 
-def test_a_box_beside_a_file(tmp_path: Path) -> None:
+def test_a_box_and_a_mesh_file(tmp_path: Path) -> None:
     """Bodies of both kinds share a plane, or there is none."""
     made = block("triangle", mirrored("triangle", tmp_path, "x"))
     made["bodies"][0]["material"] = HARD

@@ -227,7 +227,7 @@ def test_bodies_on_each_other() -> None:
         np.testing.assert_allclose(same, force, atol=1e-6 * np.abs(force).max())
 
 
-def test_check_tells(capsys: pytest.CaptureFixture[str]) -> None:
+def test_check_reports_the_scene(capsys: pytest.CaptureFixture[str]) -> None:
     from contact_app.run.check import report
 
     made = change(pressed("hexahedron", 2), conditions__3__force=[0, 1, 5])

@@ -297,7 +297,7 @@ def test_cross_point_of_four_blocks(cells: tuple[int, ...]) -> None:
 
 @pytest.mark.parametrize("n", [(4, 4), (4, 6)])
 @pytest.mark.parametrize("push", [7.0, -7.0])
-def test_contact_beside_a_tie(n: tuple[int, int], push: float) -> None:
+def test_contact_next_to_a_tie(n: tuple[int, int], push: float) -> None:
     """The left half is tied, the right half may open; its edge node belongs to both."""
     cell = "quadrilateral"
     made = stacked(cell, cell, n, (1, 1))
@@ -354,7 +354,7 @@ def test_tied_rings_turn_freely(tmp_path: Path) -> None:
     np.testing.assert_allclose(u, exact, rtol=0, atol=1e-9 * np.abs(exact).max())
 
 
-def test_a_gap_is_told_and_carries_moments() -> None:
+def test_a_gap_of_a_tie_is_reported_and_carries_moments() -> None:
     """Two blocks a gap apart, tied and pulled along: joined as by bars, in balance."""
     cell = "quadrilateral"
     made = stacked(cell, cell, (3, 4), (1, 1))

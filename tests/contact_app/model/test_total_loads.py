@@ -124,6 +124,6 @@ def test_two_ranks(tmp_path: Path) -> None:
         ("hexahedron", {"total_force": [0, 0, 0]}, "load nothing"),
     ],
 )
-def test_wrong_use_is_told(cell: str, load: Config, told: str) -> None:
+def test_wrong_use_is_refused(cell: str, load: Config, told: str) -> None:
     with pytest.raises(ConfigurationError, match=told):
         scenes.build(beam(cell, load))

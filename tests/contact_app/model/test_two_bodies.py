@@ -334,7 +334,7 @@ def test_hertz_of_two_elastic_cylinders(finer: str) -> None:
 
 
 @pytest.mark.parametrize(("shift", "warned"), [(0.1, False), (0.4, True)])
-def test_sliding_over_more_than_a_facet_is_told(shift: float, warned: bool) -> None:
+def test_sliding_over_more_than_a_facet_causes_a_warning(shift: float, warned: bool) -> None:
     """The upper block (facets of 1/3) is pushed along the lower one, which holds still."""
     made = stack("hexahedron", "hexahedron", (2, 3), held=False)
     made["conditions"] = [

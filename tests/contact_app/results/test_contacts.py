@@ -298,7 +298,7 @@ def test_pressure_of_a_pair_is_its_force(cell: str, degree: int) -> None:
 
 
 @pytest.mark.parametrize(("cell", "degree"), CELLS)
-def test_half_a_scene_tells_of_the_whole(cell: str, degree: int, tmp_path: Path) -> None:
+def test_half_a_scene_reports_the_whole(cell: str, degree: int, tmp_path: Path) -> None:
     """Walls of which one is left out, a ball in the middle; nodes on the plane count once."""
     d = scenes.dimension(cell)
     body = {**scenes.block(cell, 4), "degree": degree}
@@ -385,7 +385,7 @@ def test_fields_of_contacts_are_written_where_they_overlap(
     assert "contact_pressure" in grid.point_data
 
 
-def test_fields_of_contacts_are_not_written_unasked(tmp_path: Path) -> None:
+def test_fields_of_contacts_are_written_on_request_only(tmp_path: Path) -> None:
     made = {**BETWEEN_WALLS, "output": {"fields": ["displacement", "gap"]}}
     _, grid = file_with_rows(tmp_path, made)
     assert sorted(grid.point_data) == ["displacement", "gap"]

@@ -203,7 +203,7 @@ def test_two_ranks(what: str, tmp_path: Path) -> None:
         assert contact["nodes"] == {"open": 0, "stick": 0, "slip": 15}
 
 
-def test_beside_a_floor_a_body_that_is_held() -> None:
+def test_a_held_body_on_a_floor() -> None:
     """A floor and a body whose top is held level with it: their rows at the seam are equal."""
     cell = "quadrilateral"
     low = scenes.block(cell, 2, "low", lower=(0.5, 0, -1), upper=(1, 1, 0))

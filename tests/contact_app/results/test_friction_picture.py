@@ -105,7 +105,7 @@ def test_the_status_alone_is_drawn(tmp_path: Path) -> None:
     assert "holds no contact_pressure" in remarks[0]
 
 
-def test_an_open_contact_is_told(block: Path) -> None:
+def test_an_open_contact_is_reported(block: Path) -> None:
     stored = read(block)
     stored.point_data["contact_status"][:] = 0.0
     with pytest.raises(friction_picture.NothingPressedError, match="no node sticks or slips"):

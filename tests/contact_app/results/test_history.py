@@ -78,7 +78,7 @@ def test_a_run_that_goes_on_keeps_the_rows_before_it(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("method", ["active-set", "smalbe"])
-def test_the_active_set_and_its_rows_are_told(method: str, tmp_path: Path) -> None:
+def test_the_active_set_and_its_rows_are_reported(method: str, tmp_path: Path) -> None:
     """The last row has the rows that the answer closes; sets and time go up."""
     made = scenes.wall("quadrilateral", 8)
     made["solver"] = {"method": method}

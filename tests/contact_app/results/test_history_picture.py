@@ -23,7 +23,7 @@ def table(path: Path, *more: str) -> Path:
     return path
 
 
-def test_what_a_row_lacks_is_zero(tmp_path: Path) -> None:
+def test_missing_entries_of_a_row_are_zero(tmp_path: Path) -> None:
     columns = read_table(table(tmp_path / "increments.csv", "tip_x"))
     assert columns["time"] == [1.0, 2.0]
     assert columns["tip_x"] == [0.0, 3.0]
@@ -48,7 +48,7 @@ def test_each_kind_of_column_has_a_panel(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     "text", ["", HEAD, "a,b\n1,2\n", f"{HEAD}\n{ROWS[0].replace('0.1', 'x')}\n"]
 )
-def test_what_is_no_table_is_said(text: str, tmp_path: Path) -> None:
+def test_files_without_a_table_are_reported(text: str, tmp_path: Path) -> None:
     (tmp_path / "increments.csv").write_text(text)
     with pytest.raises(HistoryError, match=r"increments.csv is no table of increments"):
         draw_history(tmp_path / "increments.csv", tmp_path / "history.png")

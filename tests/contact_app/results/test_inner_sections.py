@@ -156,7 +156,7 @@ def test_force_and_moment_are_in_balance_with_contact_support_and_weight(
 
 
 @pytest.mark.mpi
-def test_ranks_tell_the_same(tmp_path: Path) -> None:
+def test_ranks_agree(tmp_path: Path) -> None:
     file = meshfiles.write(uneven("tetrahedron"), tmp_path / "b.msh")
     made = held_block(file, "tetrahedron", 2) | {"decomposition": {"subdomains": 5}}
     one, two = (summary_of(made, tmp_path, ranks)["sections"] for ranks in (1, 2))
@@ -228,7 +228,7 @@ def test_symmetry_leaves_a_scene_with_an_inner_surface_whole() -> None:
         ({}, r"sections\.s is empty"),
     ],
 )
-def test_wrong_surfaces_are_told(section: dict[str, Any], told: str) -> None:
+def test_wrong_surfaces_are_refused(section: dict[str, Any], told: str) -> None:
     made = on_two_feet(1, "hexahedron")
     made["output"] = {"sections": {"s": section}}
     with pytest.raises(ConfigurationError, match=told):

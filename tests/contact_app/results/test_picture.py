@@ -115,7 +115,7 @@ def test_a_view_shows_all_points(direction: list[float]) -> None:
     assert (across > 0.9 * view.half).all()
 
 
-def test_pressure_lies_only_on_what_may_touch(tmp_path: Path) -> None:
+def test_pressure_lies_on_contact_boundaries_only(tmp_path: Path) -> None:
     block(tmp_path)
     stored = read(tmp_path)
     faces = stored.boundary()
@@ -152,7 +152,7 @@ def test_a_plane_result_has_two_pictures(tmp_path: Path) -> None:
     assert not any(plain(path) for path in made)
 
 
-def test_the_smoothed_pressure_is_drawn_where_it_is_asked_for(tmp_path: Path) -> None:
+def test_the_smoothed_pressure_is_drawn_on_request(tmp_path: Path) -> None:
     square(tmp_path)
     stored = read(tmp_path)
     stored.point_data["smoothed_contact_pressure"] = np.array([4.0, 4.0, 0.0, 0.0])
@@ -165,7 +165,7 @@ def test_the_smoothed_pressure_is_drawn_where_it_is_asked_for(tmp_path: Path) ->
         draw_contact(read(tmp_path), tmp_path / "none.png", name="smoothed_contact_pressure")
 
 
-def test_a_field_the_result_lacks_is_told(tmp_path: Path) -> None:
+def test_a_missing_field_is_reported(tmp_path: Path) -> None:
     square(tmp_path)
     made, remarks = picture.plot(tmp_path, fields=("von_mises", "stress"), exaggeration=1.0)
     assert len(made) == 2
@@ -272,7 +272,7 @@ def test_a_bore_is_unrolled(all_round: bool) -> None:
         assert abs(across[n // 2, 0]) < 0.2  # where it is pressed most
 
 
-def test_what_lies_behind_a_pressed_face_is_not_drawn_over_it(tmp_path: Path) -> None:
+def test_hidden_facets_are_not_drawn_over_a_pressed_face(tmp_path: Path) -> None:
     """All faces of a block may touch; the picture shows those that look as the pressed one."""
     block(tmp_path)
     stored = read(tmp_path)
@@ -294,14 +294,14 @@ def test_pressure_on_an_edge_alone_is_drawn(tmp_path: Path) -> None:
     assert not plain(draw_contact(stored, tmp_path / "edge.png"))
 
 
-def test_what_does_not_touch_has_no_pressure_to_draw(tmp_path: Path) -> None:
+def test_a_result_without_contact_has_no_pressure_to_draw(tmp_path: Path) -> None:
     square(tmp_path, fields=False)
     made, remarks = picture.plot(tmp_path, fields=("displacement",))
     assert [path.name for path in made] == ["bodies.png"]
     assert "holds no contact_pressure" in remarks[0]
 
 
-def test_the_command_writes_beside_the_result(tmp_path: Path) -> None:
+def test_the_command_writes_into_the_directory_of_the_result(tmp_path: Path) -> None:
     square(tmp_path)
     ran = CliRunner().invoke(app, ["plot", str(tmp_path), "--field", "von_mises", "--scale", "2"])
     assert ran.exit_code == 0, ran.output
@@ -323,7 +323,7 @@ def test_the_view_in_paraview(tmp_path: Path) -> None:
     assert not plain(tmp_path / "view.png")
 
 
-def test_stresses_of_pictures_are_those_at_nodes_on_the_side_of_each_material(
+def test_pictures_show_stresses_at_nodes_on_the_side_of_each_material(
     tmp_path: Path,
 ) -> None:
     """Two hexahedra of two materials: the shared nodes have two stresses."""
@@ -351,7 +351,7 @@ def test_stresses_of_pictures_are_those_at_nodes_on_the_side_of_each_material(
 
 
 @pytest.mark.parametrize(("direction", "hidden"), [([1.0, 0.1, 0.1], False), ([-1, 0.1, 0], True)])
-def test_contact_behind_the_body_is_seen_through_it(
+def test_contact_behind_the_body_shows_through_it(
     direction: list[float], hidden: bool, tmp_path: Path
 ) -> None:
     """The block is pressed at its far end alone."""

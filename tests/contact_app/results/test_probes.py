@@ -59,7 +59,7 @@ def test_a_probe_at_a_node_has_its_displacement() -> None:
     np.testing.assert_allclose(found, answer.displacement[node], rtol=1e-9, atol=1e-12)
 
 
-def test_the_image_of_what_is_solved_has_probes_too() -> None:
+def test_the_mirror_image_has_probes() -> None:
     made = scenes.wall("quadrilateral", 4)
     made["contacts"] = []
     made["output"] = {"probes": {"left": [0.1, 0.9], "right": [0.9, 0.9]}}
@@ -132,7 +132,7 @@ def test_two_ranks(tmp_path: Path) -> None:
         assert two[name]["displacement"] == expected
 
 
-def test_wrong_points_are_told() -> None:
+def test_wrong_points_are_refused() -> None:
     made = scenes.wall("hexahedron", 2)
     made["output"] = {"probes": {"tip": [2.0, 0.5, 0.5]}}
     with pytest.raises(ConfigurationError, match=r"probes.tip: the point \(2, 0.5, 0.5\) lies in"):

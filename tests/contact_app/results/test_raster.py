@@ -54,7 +54,7 @@ def test_each_pixel_of_a_mesh_is_covered_once() -> None:
     assert (buffer.triangle >= 0).all()
 
 
-def test_veils_are_counted_in_front_of_what_is_opaque_alone() -> None:
+def test_transparent_layers_are_counted_in_front_of_opaque_ones_only() -> None:
     buffer = DepthBuffer(SIZE, SIZE)
     buffer.add(square(np.zeros(4), high=SIZE / 2))
     veils = np.concatenate([square(np.full(4, z)) for z in (5.0, 10.0, -5.0, 0.01)])

@@ -101,7 +101,7 @@ def test_a_shared_component_counts_once(cell: str, subdomains: int) -> None:
     np.testing.assert_allclose(foot["point"][: up + 1], middle, atol=1e-12)
 
 
-def test_a_displacement_that_is_given_tells_its_force() -> None:
+def test_a_prescribed_displacement_has_a_reaction() -> None:
     """A bar pulled by 1e-3 of its length in plane stress: σ = E ε."""
     made = scenes.wall("quadrilateral", 4)
     made |= {"dimension": "plane_stress", "contacts": []}

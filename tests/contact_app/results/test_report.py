@@ -59,7 +59,7 @@ def line_with(lines: list[str], start: str) -> str:
     return line
 
 
-def test_the_table_has_what_a_user_asks_first(tmp_path: Path) -> None:
+def test_the_table_has_the_main_results(tmp_path: Path) -> None:
     lines = printed(SUMMARY, tolerance=1e-6, files=[tmp_path / "solution.xdmf"])
     assert lines[0].strip() == "a cube [bold] beside a wall"
     assert line_with(lines, "degrees of freedom").endswith("27,783")
@@ -136,7 +136,7 @@ def test_reactions_sections_and_probes_have_lines() -> None:
     assert line_with(printed({**SUMMARY, "sections": flat}), "  neck").endswith("(4, 5, 0), 7.5")
 
 
-def test_what_is_not_there_is_not_shown_as_a_number() -> None:
+def test_missing_values_are_not_shown_as_numbers() -> None:
     summary = copy.deepcopy(SUMMARY)
     summary["certificate"]["duality_gap"] = None
     summary["solver"].update(converged=False, reason="the limit was reached")
@@ -148,7 +148,7 @@ def test_what_is_not_there_is_not_shown_as_a_number() -> None:
     assert not any(line.startswith("contact force") for line in lines)
 
 
-def test_summary_json_is_valid_whatever_the_numbers(tmp_path: Path) -> None:
+def test_summary_json_is_valid_for_any_numbers(tmp_path: Path) -> None:
     path = tmp_path / "new" / "summary.json"
     summary = {
         "nan": float("nan"),
@@ -211,7 +211,7 @@ def test_the_log_keeps_messages_and_warnings(
     assert "after the end" not in text
 
 
-def test_the_log_tells_what_ended_the_run(tmp_path: Path) -> None:
+def test_the_log_has_the_error_that_ended_the_run(tmp_path: Path) -> None:
     path = tmp_path / "run.log"
     with pytest.raises(ConfigurationError), run_log(path):
         raise ConfigurationError("cube.yaml:3: no mesh")

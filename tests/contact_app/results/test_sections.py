@@ -193,7 +193,7 @@ def test_curved_cells(cell: str, name: str, tmp_path: Path) -> None:
 
 
 @pytest.mark.mpi
-def test_ranks_tell_the_same(tmp_path: Path) -> None:
+def test_ranks_agree(tmp_path: Path) -> None:
     made = cantilever("tetrahedron", 1, {"root": 0.5, "cut": 1.3})
     made["decomposition"] = {"subdomains": 5}
     one, two = (summary_of(made, tmp_path, ranks)["sections"] for ranks in (1, 2))
@@ -216,7 +216,7 @@ def test_ranks_tell_the_same(tmp_path: Path) -> None:
         ({"on": "b.x-"}, r"s\.on names the inner surface 'x-' of b; it is on the surface"),
     ],
 )
-def test_wrong_sections_are_told(section: dict[str, Any], told: str) -> None:
+def test_wrong_sections_are_refused(section: dict[str, Any], told: str) -> None:
     made = cantilever("hexahedron", 1, {})
     made["output"] = {"sections": {"s": section}}
     with pytest.raises(ConfigurationError, match=told):

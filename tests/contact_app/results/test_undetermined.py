@@ -45,7 +45,7 @@ def plays(made: scenes.Config) -> list[str]:
 
 
 @pytest.mark.parametrize("right", [1.2, 1.05])
-def test_the_play_between_two_walls_is_told(right: float) -> None:
+def test_the_play_between_two_walls_causes_a_warning(right: float) -> None:
     """The block may lie anywhere between the walls; under the pressure it is wider by 0.0078."""
     (told,) = plays(between_walls(right))
     words = told.split()
@@ -96,7 +96,7 @@ def test_a_body_on_a_single_point_has_the_play_of_a_tilt() -> None:
     assert "a turn about z" in told
 
 
-def test_two_ranks_tell_the_same_play(tmp_path: Path) -> None:
+def test_two_ranks_report_the_same_play(tmp_path: Path) -> None:
     one, two = (summary_of(between_walls(), tmp_path, ranks) for ranks in (1, 2))
     told = [[w for w in s["certificate"]["warnings"] if "play" in w] for s in (one, two)]
     assert len(told[0]) == 1
@@ -115,7 +115,7 @@ def test_one_sentence_names_each_body_once_with_its_largest_play() -> None:
     assert play_warnings([]) == []
 
 
-def test_a_body_beside_one_wall_can_move_away_without_limit() -> None:
+def test_a_body_with_one_wall_can_move_away_without_limit() -> None:
     made = between_walls()
     del made["contacts"][2]
     warnings = contact_app.solve(made).summary["certificate"]["warnings"]

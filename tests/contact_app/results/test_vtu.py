@@ -26,7 +26,7 @@ CELL_FIELDS = {"stress": 9}
 
 
 @pytest.mark.parametrize("slab", [2, 100])
-def test_read_back_equals_what_was_written(slab: int, tmp_path: Path) -> None:
+def test_read_back_equals_the_written_values(slab: int, tmp_path: Path) -> None:
     """Cells of all types in one file."""
     rng = np.random.default_rng(3)
     parts = {kind: separate_cells(kind, 3, rng) for kind in CELL_TYPES}
@@ -79,7 +79,7 @@ def test_a_file_that_is_not_whole_is_refused(missing: str, tmp_path: Path) -> No
     assert not list(tmp_path.iterdir())
 
 
-def test_a_full_disk_leaves_nothing_and_says_so(
+def test_a_full_disk_leaves_no_file_and_is_reported(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def full(descriptor: int, size: int) -> None:

@@ -50,7 +50,7 @@ def read(path: Path) -> tuple:
 
 @pytest.mark.parametrize("kind", list(CELL_TYPES))
 @pytest.mark.parametrize("slab", [2, 100])
-def test_read_back_equals_what_was_written(kind: str, slab: int, tmp_path: Path) -> None:
+def test_read_back_equals_the_written_values(kind: str, slab: int, tmp_path: Path) -> None:
     rng = np.random.default_rng(7)
     points, cells = separate_cells(kind, 5, rng)
     displacement = rng.normal(size=points.shape)
@@ -183,7 +183,7 @@ def test_an_incomplete_grid_is_refused(
         (lambda file: file.cell_data("s", 1, [1.0]), "rows 1 to 2 of cell/s"),
     ],
 )
-def test_what_does_not_fit_is_refused(call, message: str, tmp_path: Path) -> None:
+def test_arguments_that_do_not_fit_are_refused(call, message: str, tmp_path: Path) -> None:
     with (
         pytest.raises(XDMFError, match=message),
         XDMFWriter(tmp_path / "solution.xdmf", "triangle", 3, 1) as file,
@@ -209,7 +209,7 @@ def test_unknown_names_are_refused(tmp_path: Path) -> None:
         XDMFWriter(tmp_path / "solution.xdmf", [("triangle", 1), ("quadrilateral", 1)], 6, 3)
 
 
-def test_pyvista_sees_one_grid_with_every_field(tmp_path: Path) -> None:
+def test_pyvista_reads_one_grid_with_every_field(tmp_path: Path) -> None:
     pyvista = pytest.importorskip("pyvista", reason="pyvista is not installed")
     rng = np.random.default_rng(9)
     points, cells = separate_cells("hexahedron", 4, rng)

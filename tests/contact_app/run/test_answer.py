@@ -22,7 +22,7 @@ CUBE = ROOT / "configs" / "cube.yaml"
 EXAMPLE = ROOT / "docs" / "guide" / "hertz_in_python.py"
 
 
-def test_a_file_and_what_it_writes(tmp_path: Path) -> None:
+def test_a_file_and_its_description(tmp_path: Path) -> None:
     answer = contact_app.solve(CUBE, ["bodies.0.mesh.box.cells=[6,6,6]"])
     assert answer.certificate.passed
     assert answer.converged
@@ -80,7 +80,7 @@ def test_a_symmetric_scene_has_the_arrays_of_the_whole() -> None:
     assert half.von_mises.sum() == pytest.approx(whole.von_mises.sum(), rel=1e-9)
 
 
-def test_wrong_use_is_told() -> None:
+def test_wrong_use_is_refused() -> None:
     with pytest.raises(ConfigurationError, match="bodies"):
         contact_app.solve({"dimension": 3})
     with pytest.raises(ConfigurationError, match="did you mean"):

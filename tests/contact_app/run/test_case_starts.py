@@ -41,7 +41,7 @@ def test_the_two_nearest_cases_of_many_on_a_line_are_taken() -> None:
     np.testing.assert_allclose(found, [0.0, 0.0, -0.5, 1.5], atol=1e-12)
 
 
-def test_the_opposite_of_a_case_and_what_is_far_away_take_none() -> None:
+def test_the_opposite_of_a_case_and_far_loads_start_from_no_case() -> None:
     assert factors([1, 0, 0], [-1, 0, 0]) is None
     assert factors([1, 0, 0], [1, 5, 0]) is None
 

@@ -261,7 +261,7 @@ def test_a_case_without_equilibrium_is_named() -> None:
         all_cases(made)
 
 
-def test_displacements_that_exclude_each_other_in_one_case_are_told() -> None:
+def test_displacements_that_exclude_each_other_in_one_case_are_refused() -> None:
     made = slot()
     made["cases"] = {"rest": {"push": 1}, "inside": {"settle": 5}}
     with pytest.raises(NoEquilibriumError, match=r"case inside: .*push held nodes into the obst"):
@@ -317,7 +317,7 @@ def fields(path: Path) -> tuple[Config, Config]:
     return points, {name: np.concatenate(values) for name, values in cells.items()}
 
 
-def test_each_case_has_a_directory_beside_an_overview_and_the_envelope(tmp_path: Path) -> None:
+def test_each_case_has_a_directory_and_the_run_an_overview_and_an_envelope(tmp_path: Path) -> None:
     made = slot()
     assert run(scenes.build(made, 4), tmp_path) == 0
     summary = json.loads((tmp_path / "summary.json").read_text())
@@ -374,7 +374,7 @@ def test_the_worst_case_decides_the_exit_code(
 
 
 @pytest.mark.mpi
-def test_two_ranks_say_what_one_says(tmp_path: Path) -> None:
+def test_two_ranks_report_the_same_as_one(tmp_path: Path) -> None:
     made = slot()
     made["decomposition"] = {"subdomains": 4}
     found = [summary_of(made, tmp_path, ranks) for ranks in (1, 2)]
@@ -449,7 +449,7 @@ def test_a_case_that_loads_nothing_is_refused() -> None:
         contact_app.solve(made)
 
 
-def test_what_solves_one_load_case_refuses_several(tmp_path: Path) -> None:
+def test_functions_of_one_load_case_refuse_several(tmp_path: Path) -> None:
     with pytest.raises(ConfigurationError, match="load cases are solved by `run`"):
         solve_scene(scenes.build(slot(3)))
     with pytest.raises(ConfigurationError, match="leaves no checkpoint"):

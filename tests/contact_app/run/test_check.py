@@ -24,7 +24,7 @@ def lines_of(made: dict[str, Any], subdomains: int | list[int] | None = None) ->
     return "\n".join(describe(scene, outline(scene, MPI.COMM_SELF, needed="distinct")))
 
 
-def test_says_which_bodies_nothing_acts_on() -> None:
+def test_unloaded_bodies_are_reported() -> None:
     made = scenes.wall("hexahedron", 2)
     made["bodies"].append(
         scenes.block("hexahedron", 2, name="idle", lower=(3, 0, 0), upper=(4, 1, 1))
@@ -39,7 +39,7 @@ def test_says_which_bodies_nothing_acts_on() -> None:
     assert "nothing loads" not in lines_of(made)
 
 
-def test_the_log_of_a_run_says_the_same(tmp_path: Path) -> None:
+def test_the_log_of_a_run_has_the_lines_of_check(tmp_path: Path) -> None:
     scene = scenes.build(scenes.duplicate_obstacles("quadrilateral", 4), [2, 2])
     known = outline(scene, MPI.COMM_SELF, needed="distinct")
     assert run(scene, tmp_path, MPI.COMM_SELF) == 0
@@ -49,7 +49,7 @@ def test_the_log_of_a_run_says_the_same(tmp_path: Path) -> None:
     assert [line for line in lines if line and line not in logged] == []
 
 
-def test_says_what_is_modelled() -> None:
+def test_the_model_is_reported() -> None:
     text = lines_of(scenes.two_bodies("hexahedron", 4))
     assert "152 nodes, 456 degrees of freedom" in text
     assert "body soft: box (0, 0, 0) to (1, 1, 1) of 4 x 4 x 4 cells (hexahedron)" in text
@@ -75,7 +75,7 @@ def test_says_what_is_modelled() -> None:
         ("sliding", 1, "free in 3 rigid motions on which no load does work"),
     ],
 )
-def test_says_what_is_left_out_and_why(name: str, subdomains: Any, told: str) -> None:
+def test_omissions_are_reported_with_reasons(name: str, subdomains: Any, told: str) -> None:
     made = scenes.ALL.get(name, scenes.wall)("hexahedron", 2)
     if name == "nearly_repeated":
         turned = scenes.plane("hexahedron", (1.001, 0, 0.5), (-1, 0, 1e-3))
@@ -150,7 +150,7 @@ def test_the_report_is_printed(subdomains: Any, capsys: pytest.CaptureFixture[st
     assert "time: about" in out
 
 
-def test_gluing_rows_are_those_of_the_run() -> None:
+def test_gluing_rows_equal_those_of_the_run() -> None:
     scene = scenes.build(scenes.floating_in_corner("hexahedron", 4), [2, 2, 2])
     text = "\n".join(describe(scene, outline(scene, MPI.COMM_SELF)))
     run = solve_scene(scene, MPI.COMM_SELF)

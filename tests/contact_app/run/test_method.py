@@ -74,7 +74,7 @@ def test_a_strip_that_peels_off_takes_few_operator_applications() -> None:
     assert counts["hessian_multiplications"] < 600
 
 
-def test_a_limit_on_iterations_is_kept() -> None:
+def test_a_limit_on_iterations_is_respected() -> None:
     found = solve(strip(), max_iterations=20).summary
     assert not found["solver"]["converged"]
     assert found["solver"]["cg_steps"] <= 20
@@ -175,7 +175,7 @@ def test_with_friction_one_thick_body_takes_multigrid() -> None:
         ("bracket", "so few unknowns"),
     ],
 )
-def test_check_says_why_total_feti_is_taken(name: str, why: str) -> None:
+def test_check_gives_the_reason_for_total_feti(name: str, why: str) -> None:
     assert why in why_total_feti(build_scene(load(CONFIGS / f"{name}.yaml")))
 
 
@@ -184,7 +184,7 @@ def ways(scene: Scene) -> list[tuple[str, int | None]]:
     return [(w.scene.solver.method, w.patience) for w in ways_to(chosen(scene)) if w.scene]
 
 
-def test_multigrid_gives_way_to_total_feti_after_more_iterations_than_any_part_takes() -> None:
+def test_total_feti_follows_multigrid_after_more_iterations_than_any_part_takes() -> None:
     assert ways(pillow_block(1)) == [("primal", PATIENCE_OF_MULTIGRID), ("auto", None)]
 
 

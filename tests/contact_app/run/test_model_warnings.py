@@ -72,14 +72,14 @@ def test_a_pressure_that_varies_within_facets(cell: str) -> None:
     assert "varies within single facets" not in warnings_of(hertz(cell, n, 0.4))
 
 
-def test_a_constant_pressure_on_a_narrow_face_is_not_told() -> None:
+def test_a_constant_pressure_on_a_narrow_face_causes_no_warning() -> None:
     """The face of a column is two facets wide, and no pressure varies within them."""
     config = Path(__file__).parents[3] / "configs" / "confined_column.yaml"
     found = solve_scene(build_scene(load(config))).summary
     assert "facets" not in " ".join(found["certificate"]["warnings"])
 
 
-def test_few_facets_across_a_long_contact_are_told() -> None:
+def test_few_facets_across_a_long_contact_cause_a_warning() -> None:
     """Hertz's ellipse of a ball in a groove, eight times as long as wide."""
     config = Path(__file__).parents[3] / "configs" / "ball_in_grooves.yaml"
     found = solve_scene(build_scene(load(config))).summary
@@ -92,7 +92,7 @@ def test_few_facets_across_a_long_contact_are_told() -> None:
     assert found["solution"]["max_contact_pressure"] > 1.5 * 2249.0  # Hertz
 
 
-def test_round_bodies_that_meet_by_flat_facets_are_told() -> None:
+def test_round_bodies_that_meet_by_flat_facets_cause_a_warning() -> None:
     """A shaft in a hub: facets at degree 1, arcs at degree 2."""
     config, told = Path(__file__).parents[3] / "configs" / "interference_fit.yaml", {}
     for degree in (1, 2):

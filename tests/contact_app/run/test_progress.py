@@ -92,7 +92,7 @@ def test_the_last_step_is_shown_before_the_next_stage() -> None:
     ]
 
 
-def test_together_every_monitor_sees_every_step_and_one_can_stop() -> None:
+def test_together_every_monitor_gets_every_step_and_one_can_stop() -> None:
     seen: list[int] = []
     both = together(lambda event: event.iteration == 2, None, lambda e: seen.append(e.iteration))
     assert [both(step(0, i)) for i in (1, 2, 3)] == [False, True, False]
@@ -100,7 +100,7 @@ def test_together_every_monitor_sees_every_step_and_one_can_stop() -> None:
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
-def test_a_signal_stops_the_solve_with_what_it_has(number: int) -> None:
+def test_a_signal_stops_the_solve_with_a_partial_answer(number: int) -> None:
     def interrupt(event: Step) -> None:
         if event.iteration == 3:
             os.kill(os.getpid(), number)

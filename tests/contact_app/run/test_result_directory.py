@@ -31,7 +31,7 @@ def test_a_file_is_there_whole_or_not_at_all(tmp_path: Path) -> None:
     assert list(tmp_path.iterdir()) == [path]
 
 
-def test_only_what_the_program_made_is_removed(tmp_path: Path) -> None:
+def test_only_own_files_are_removed(tmp_path: Path) -> None:
     checkpoint = ("checkpoint.json", "checkpoint-3.vectors")
     parts = [part_of(tmp_path / name).name for name in RESULTS]
     for name in (*RESULTS, *parts, *checkpoint, "notes.txt", "my.part", "summary.json.bak"):
@@ -53,7 +53,7 @@ def test_a_directory_is_made(tmp_path: Path) -> None:
     assert (tmp_path / "a" / "b").is_dir()
 
 
-def test_no_room_is_told_before_anything_is_written(tmp_path: Path) -> None:
+def test_missing_room_is_reported_before_the_first_file(tmp_path: Path) -> None:
     disk.refuse_without_room(tmp_path, "solution.h5", 1000)
     with pytest.raises(CouldNotRunError, match=r"solution\.h5 needs 1e\+03 TB, .* are free"):
         disk.refuse_without_room(tmp_path, "solution.h5", 10**15)

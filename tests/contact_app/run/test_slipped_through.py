@@ -39,7 +39,7 @@ def lifted(cells: int, cell: str = "quadrilateral", degree: int = 1, **more: Any
 
 
 @pytest.mark.parametrize("cell", ["quadrilateral", "triangle"])
-def test_contact_that_no_node_sees_is_told(cell: str) -> None:
+def test_contact_between_nodes_causes_a_warning(cell: str) -> None:
     coarse = solve(lifted(2, cell))
     moved = coarse.summary["solution"]["max_displacement"]
     assert coarse.summary["solution"]["active_contacts"] == 0
@@ -59,7 +59,7 @@ def test_the_same_on_facets_of_second_order_and_in_parts() -> None:
     assert depths[0] > 0.0
 
 
-def test_interference_with_a_flat_side_is_told() -> None:
+def test_interference_with_a_flat_side_causes_a_warning() -> None:
     """The disc stands in the side before anything moves, where no node is."""
     made = lifted(2)
     made["contacts"][0]["obstacle"]["sphere"]["center"][1] -= 0.002

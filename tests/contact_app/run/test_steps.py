@@ -284,7 +284,7 @@ def test_a_checkpoint_of_another_history_is_refused(tmp_path: Path) -> None:
 
 
 @pytest.mark.mpi
-def test_two_ranks_find_what_one_finds(tmp_path: Path) -> None:
+def test_two_ranks_find_the_same_as_one(tmp_path: Path) -> None:
     made = block(PRESS_AND_PUSH)
     made["decomposition"] = {"subdomains": 4}
     one, two = (summary_of(made, tmp_path, ranks)["steps"] for ranks in (1, 2))
@@ -403,7 +403,7 @@ def test_an_accuracy_is_refused_with_steps(tmp_path: Path) -> None:
         contact_app.solve(path)
 
 
-def test_what_solves_one_loading_refuses_steps() -> None:
+def test_functions_of_one_loading_refuse_steps() -> None:
     with pytest.raises(ConfigurationError, match="load steps are solved by `run`"):
         solve_scene(scenes.build(block([{"press": 1}], 3)))
 
@@ -449,7 +449,7 @@ def on_a_ball(increments: int | None) -> Config:
     return {**made, "steps": [{"press": 1, "increments": increments}]} if increments else made
 
 
-def test_what_halving_an_increment_changes_is_told() -> None:
+def test_changes_by_halving_an_increment_cause_a_warning() -> None:
     """The warning has the numbers of a history in twice as many increments."""
     one, two = (solved(on_a_ball(count)).last for count in (1, 2))
     (said,) = [w for w in one.certificate.warnings if "halving" in w]
@@ -470,7 +470,7 @@ def test_small_increments_are_not_warned_of() -> None:
     assert not [w for w in warnings if "halving" in w]
 
 
-def test_growing_frictional_contact_under_a_load_at_once_is_told() -> None:
+def test_growing_frictional_contact_under_a_load_at_once_causes_a_warning() -> None:
     warnings = contact_app.solve(on_a_ball(None)).summary["certificate"]["warnings"]
     assert [w for w in warnings if "close or open under the load" in w]
 
@@ -481,7 +481,7 @@ def test_large_friction_may_have_several_answers(mu: float, warned: bool) -> Non
     assert any("need not be unique" in w for w in warnings) == warned
 
 
-def test_a_history_without_a_first_answer_says_so(tmp_path: Path) -> None:
+def test_a_history_without_a_first_answer_is_reported(tmp_path: Path) -> None:
     made = block([{"press": 1}], 4)
     made["solver"] = {"max_iterations": 2}
     assert run(scenes.build(made), tmp_path) == Exit.NOT_CERTIFIED

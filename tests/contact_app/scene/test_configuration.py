@@ -63,7 +63,7 @@ def test_numbers_of_yaml_1_2_reach_the_scene(file: Path) -> None:
     assert scene.bodies[0].mesh.upper == (0.001, 0.5, 2)
 
 
-def test_defaults_are_those_of_the_manual(file: Path) -> None:
+def test_defaults_equal_the_manual(file: Path) -> None:
     scene = build_scene(load(file))
     assert scene.solver.tolerance == 1e-6
     assert scene.solver == SolverOptions()
@@ -202,7 +202,7 @@ WRONG = [
 
 
 @pytest.mark.parametrize(("override", "told"), WRONG, ids=[text[:50] for text, _ in WRONG])
-def test_wrong_values_are_told(file: Path, override: str, told: str) -> None:
+def test_wrong_values_are_refused(file: Path, override: str, told: str) -> None:
     message = refused(file, override)
     assert told in message
     assert "\n\n" not in message
@@ -229,7 +229,7 @@ def test_messages_name_file_line_and_key(file: Path, old: str, new: str, told: s
     assert told in refused(file)
 
 
-def test_all_problems_of_a_file_are_told_at_once(file: Path) -> None:
+def test_all_problems_of_a_file_are_reported_together(file: Path) -> None:
     message = refused(file, "title=5", "solver.tolerance=x", f"{BOX}.cells=[0,1,1]")
     assert len(message.splitlines()) == 3
 
@@ -267,22 +267,20 @@ def test_overrides_name_items_as_messages_do(file: Path) -> None:
         (["decomposition.subdomains=0", "title=x"], 0),
     ],
 )
-def test_the_override_that_did_it_is_blamed(
-    file: Path, overrides: list[str], to_blame: int
-) -> None:
+def test_the_wrong_override_is_named(file: Path, overrides: list[str], to_blame: int) -> None:
     for line in refused(file, *overrides).splitlines():
         assert line.startswith(f"--set {overrides[to_blame]}: ")
 
 
 @pytest.mark.parametrize("key", [r"a\nb", r"a\u2028b"])
-def test_a_message_stays_on_its_line_whatever_a_key_holds(file: Path, key: str) -> None:
+def test_a_message_stays_on_its_line_for_keys_with_line_breaks(file: Path, key: str) -> None:
     file.write_text(f'{SCENE}"{key}": 1\n')
     message = refused(file)
     assert len(message.splitlines()) == 1
     assert f"cube.yaml:14: {key} is an unknown key" in message
 
 
-def test_expansions_are_those_of_the_solver() -> None:
+def test_expansions_equal_those_of_the_solver() -> None:
     assert set(EXPANSIONS) == set(expansion_names())
 
 

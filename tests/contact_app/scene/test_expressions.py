@@ -110,7 +110,7 @@ def test_towers_of_powers_end_at_once(text: str) -> None:
 
 
 @pytest.mark.filterwarnings("error")
-def test_division_by_zero_is_infinite_and_says_nothing() -> None:
+def test_division_by_zero_is_infinite_without_a_warning() -> None:
     assert Expression.parse("1/0 > x")(POINTS).all()
 
 
@@ -119,7 +119,7 @@ def test_division_by_zero_is_infinite_and_says_nothing() -> None:
     ["log(-1) < x", "log(-1) != x", "not log(-1) < x", "~(x > log(-1))", "0 < 1 < log(-1)",
      "0/0 == 0/0", "not (x == x and log(-1) > 0)", "min(x, sqrt(-1)) <= x or x != x"],
 )  # fmt: skip
-def test_what_has_no_value_is_left_out_and_reported(text: str) -> None:
+def test_fields_without_values_are_left_out_and_reported(text: str) -> None:
     with pytest.warns(UndecidedWarning, match="has no value at some points"):
         assert not Expression.parse(text)(POINTS).any()
 
@@ -134,7 +134,7 @@ def test_what_has_no_value_is_left_out_and_reported(text: str) -> None:
         ("(sqrt(x) < 1) & (x >= 0)", lambda x: x >= 0 and math.sqrt(x) < 1),
     ],
 )
-def test_logic_decides_what_one_side_alone_decides(text: str, meaning) -> None:
+def test_logic_is_decided_by_one_side(text: str, meaning) -> None:
     assert Expression.parse(text)(POINTS).tolist() == [bool(meaning(p[0])) for p in POINTS]
 
 
@@ -143,7 +143,7 @@ def test_z_is_unknown_in_the_plane() -> None:
         Expression.parse("z < 1", ("x", "y"))
 
 
-def test_messages_say_what_is_allowed() -> None:
+def test_messages_list_allowed_values() -> None:
     with pytest.raises(ExpressionError, match="allowed: numbers, x, y, z"):
         Expression.parse("x.real > 0")
     with pytest.raises(ExpressionError, match="not a condition; compare it"):

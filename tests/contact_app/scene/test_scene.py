@@ -161,7 +161,7 @@ def test_cylinder() -> None:
     assert bar.axis == (0.0, 0.0, 1.0)
 
 
-def test_places_in_the_file_are_kept_for_later_messages() -> None:
+def test_places_in_the_file_are_stored_for_later_messages() -> None:
     scene = build(scenes.wall("hexahedron", 2))
     assert scene.at("contacts[0]") == "scene: contacts[0]"
     assert scene.at("conditions[7]") == "scene: conditions[7]"

@@ -86,7 +86,7 @@ def test_a_method_that_takes_too_long_is_left_out_from_then_on(tmp_path: Path) -
     assert "| 2,187 | 1 s, 1 GB | left out after a smaller mesh |" in table
 
 
-def test_a_process_out_of_time_or_in_error_says_so() -> None:
+def test_a_process_out_of_time_or_in_error_is_reported() -> None:
     with pytest.raises(processes.RunError, match=r"not done after 0\.5 s"):
         processes.python("-c", "import time; time.sleep(30)", limit=0.5)
     with pytest.raises(processes.RunError, match="ValueError: of this"):
@@ -137,7 +137,7 @@ def test_no_parts_of_the_tetrahedra_are_alike(tmp_path: Path) -> None:
     assert len({id(s.reference) for s in parts.subdomains}) == len(parts.subdomains) == 8
 
 
-def test_peers_agree_with_ours_on_the_tetrahedra(tmp_path: Path) -> None:
+def test_peers_agree_on_the_tetrahedra(tmp_path: Path) -> None:
     overrides = (*SERIES[1].mesh(5, tmp_path), "decomposition={subdomains: 4}")
     scene = _scene(*overrides)
     ours = solve_scene(scene).summary

@@ -42,7 +42,7 @@ def points(directory: Path) -> list[dict[str, Any]]:
 
 
 @given(st.lists(st.tuples(NUMBERS, NUMBERS), max_size=12))
-def test_frontier_is_what_nothing_beats(points: list[tuple[float, float]]) -> None:
+def test_frontier_consists_of_undominated_points(points: list[tuple[float, float]]) -> None:
     seconds, errors = [p[0] for p in points], [p[1] for p in points]
     found = frontier(seconds, errors)
     finite = [i for i, p in enumerate(points) if np.isfinite(p).all()]
@@ -221,7 +221,7 @@ def test_only_the_same_chart_goes_on(tmp_path: Path) -> None:
     assert not same.reference(0).exists()
 
 
-def test_an_interrupted_chart_leaves_what_it_had(tmp_path: Path) -> None:
+def test_an_interrupted_chart_writes_its_finished_rows(tmp_path: Path) -> None:
     config = CONFIGS / "block_2d.yaml"
     sweep = chart.plan(config, largest=1000, peers=False)
     done = []
@@ -244,7 +244,7 @@ def test_an_interrupted_chart_leaves_what_it_had(tmp_path: Path) -> None:
     assert (tmp_path / "frontier.png").exists()
 
 
-def test_what_a_scene_does_not_allow_is_said(tmp_path: Path) -> None:
+def test_settings_that_a_scene_does_not_allow_are_reported(tmp_path: Path) -> None:
     path = scenes.write(scenes.two_bodies("hexahedron", 2), tmp_path / "two.yaml")
     sweep = chart.plan(path, largest=20_000)
     assert any("peers" in sentence for sentence in sweep.left_out)
@@ -289,7 +289,7 @@ def test_peers_solve_scenes_with_turned_frames(name: str, cells: str) -> None:
 
 
 @pytest.mark.parametrize("degree", [1, 2])
-def test_fields_of_a_peer_are_those_of_the_mesh_in_the_file(tmp_path: Path, degree: int) -> None:
+def test_fields_of_a_peer_belong_to_the_mesh_in_the_file(tmp_path: Path, degree: int) -> None:
     """A block of tetrahedra pressed on a floor without friction: the pressure is uniform.
 
     Nodal forces of degree 2 are zero at vertices; the pressure there comes from those about them.

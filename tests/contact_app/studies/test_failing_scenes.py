@@ -46,7 +46,7 @@ def check(case: Case) -> None:
 
 
 @pytest.mark.parametrize("case", cases(slow=False), ids=lambda case: case.name)
-def test_ours_holds_or_refuses(case: Case) -> None:
+def test_this_application_certifies_or_refuses(case: Case) -> None:
     check(case)
 
 
@@ -66,13 +66,13 @@ def test_each_of_several_bodies_is_right(case: Case) -> None:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("case", cases(slow=True), ids=lambda case: case.name)
-def test_ours_holds_or_refuses_with_more_work(case: Case) -> None:
+def test_this_application_certifies_or_refuses_with_more_work(case: Case) -> None:
     check(case)
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("case", FRICTION_CASES, ids=lambda case: case.name)
-def test_ours_holds_or_refuses_with_friction(case: Case) -> None:
+def test_this_application_certifies_or_refuses_with_friction(case: Case) -> None:
     """And where the body is held, with the energy of sweeps over contact points."""
     for method, outcome in run_case(case, (OURS, WHOLE, "multigrid"), solve_rough).items():
         allowed = {HOLDS, "degrades"} if case.expected == HOLDS else {REFUSED}
@@ -130,7 +130,7 @@ def test_rods_stay_whole_and_end(cells: list[int], parts: int) -> None:
     assert solved["solver"]["hessian_multiplications"] < 1500
 
 
-def test_a_wrong_answer_is_told() -> None:
+def test_a_wrong_answer_is_detected() -> None:
     """The judge itself."""
     from dataclasses import replace
 
@@ -145,7 +145,7 @@ def test_a_wrong_answer_is_told() -> None:
     assert run_case(case, [OURS], lies)[OURS].verdict == "WRONG"
 
 
-def test_a_wrong_answer_of_one_body_is_told() -> None:
+def test_a_wrong_answer_of_one_body_is_detected() -> None:
     from dataclasses import replace
 
     from contact_app.studies import stability
@@ -162,7 +162,7 @@ def test_a_wrong_answer_of_one_body_is_told() -> None:
     assert (outcome.verdict, "body" in outcome.detail) == ("WRONG", True)
 
 
-def test_an_invented_equilibrium_is_told() -> None:
+def test_an_invented_equilibrium_is_detected() -> None:
     from contact_app.studies import stability
 
     case = next(c for c in CASES if c.expected == REFUSED)
@@ -170,7 +170,7 @@ def test_an_invented_equilibrium_is_told() -> None:
     assert run_case(case, [OURS], lambda *_: answer)[OURS].verdict == "WRONG"
 
 
-def test_the_document_tells_of_every_case_and_method() -> None:
+def test_the_document_has_every_case_and_method() -> None:
     """A row of verdicts, and one of what goes wrong and what guards."""
     from pathlib import Path
 

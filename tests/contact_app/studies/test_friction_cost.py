@@ -16,7 +16,7 @@ from contact_app.studies.friction_cost import (
 )
 
 
-def test_a_row_tells_the_limit_of_its_law() -> None:
+def test_a_row_has_the_limit_of_its_law() -> None:
     """Six times the frictionless solve with Coulomb's law, and nothing certified is missed."""
     assert law_of(SCENES["friction_block"]) == "coulomb"
     cells = [cell.strip() for cell in row("friction_block", "active-set").split("|")]

@@ -121,7 +121,7 @@ COULOMB, TRESCA = ("coulomb", 0.3), ("tresca", 20.0)
         ("hexahedron", (2, 4, 8), 1, TRESCA, 1.2),
     ],
 )
-def test_effectivity_beside_a_fine_answer(
+def test_effectivity_against_a_fine_answer(
     cell: str, meshes: tuple[int, ...], degree: int, law: tuple[str, float], most: float
 ) -> None:
     """The estimate is the error, or up to a half more, and falls at its rate.

@@ -29,7 +29,7 @@ def trials() -> ModuleType:
     return module
 
 
-def test_a_row_tells_what_auto_takes_over_the_better_method() -> None:
+def test_a_row_compares_auto_with_the_better_method() -> None:
     seconds = {"auto": 2.6, "primal": 4.0, "active-set": 2.0}
 
     def run(_path: Path, method: str, _degree: int, _limit: float) -> method_choice.Row:

@@ -34,7 +34,7 @@ def rows() -> dict[str, dict]:
     return found
 
 
-def test_peers_take_several_loads_and_agree_with_ours(rows: dict[str, dict]) -> None:
+def test_peers_take_several_loads_and_agree(rows: dict[str, dict]) -> None:
     assert all(row["converged"] for row in rows.values())
     energy = rows["primal"]["energy"]
     assert rows["tao-bnls"]["energy"] == pytest.approx(energy, rel=1e-8)
@@ -45,7 +45,7 @@ def test_peers_take_several_loads_and_agree_with_ours(rows: dict[str, dict]) -> 
     assert len({row["unknowns"] for row in rows.values()}) == 1
 
 
-def test_the_table_sets_all_methods_beside_the_linear_solve(rows: dict[str, dict]) -> None:
+def test_the_table_compares_all_methods_with_the_linear_solve(rows: dict[str, dict]) -> None:
     row = {"part": "block", "method": "primal", "note": "", "memory": 1.0, **rows["primal"]}
     linear = {**row, "seconds": row["seconds"] / 3.0, "cpu": row["cpu"] / 2.0}
     cells = [cell.strip() for cell in parts.line(row, linear).split("|")]
@@ -87,7 +87,7 @@ def test_peers_take_moments_at_remote_points(tmp_path: Path) -> None:
     assert row["energy"] == pytest.approx(solve(made).summary["solution"]["energy"], rel=1e-8)
 
 
-def test_two_bodies_are_set_beside_one_mesh_through_both(tmp_path: Path) -> None:
+def test_two_bodies_are_compared_with_one_mesh_through_both(tmp_path: Path) -> None:
     file = meshfiles.write(meshfiles.block("tetrahedron", 2), tmp_path / "block.msh")
     (tmp_path / "fused").mkdir()
     (tmp_path / "fused" / "block.msh").write_bytes(file.read_bytes())

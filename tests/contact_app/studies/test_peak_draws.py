@@ -14,7 +14,7 @@ from tests import scenes
 
 
 @pytest.mark.parametrize("cell", ["quadrilateral", "triangle", "hexahedron"])
-def test_three_to_six_facets_across_are_told_with_the_error_to_expect(cell: str) -> None:
+def test_three_to_six_facets_across_cause_a_warning_with_the_expected_error(cell: str) -> None:
     """A ball and a roller with four facets across: the peak is off by less than is told."""
     kind = KINDS[f"{cell} 1"]
     made, right = hertz_scene(kind, 4.0, [0.3 / kind.cells] * (kind.dimension - 1))

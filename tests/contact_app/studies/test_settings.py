@@ -33,13 +33,13 @@ def test_each_setting_has_a_row() -> None:
     assert min(float(row["over the least"]) for row in (whole, part, auto)) == 1.0
 
 
-def test_a_setting_that_a_scene_refuses_is_told() -> None:
+def test_a_setting_that_a_scene_refuses_is_reported() -> None:
     good, bad = table("block_2d", "solver.tolerance=2")
     assert good["method"]
     assert "solver.tolerance" in bad["unknowns"]
 
 
-def test_of_load_cases_the_last_one_is_told() -> None:
+def test_the_last_load_case_is_reported() -> None:
     (row,) = table("load_cases")
     answers = solve(CONFIGS / "load_cases.yaml")
     assert isinstance(answers, CaseAnswers)

@@ -211,6 +211,6 @@ def test_the_papers_292_rows_are_shipped_and_add_up():
         assert row.hessian == (row.outer or 1) + steps
 
 
-def test_missing_sets_say_where_they_are_published(tmp_path):
+def test_missing_data_sets_name_their_source(tmp_path):
     with pytest.raises(DataError, match="libsvmtools"):
         reproduce_svm(tmp_path / "out", tmp_path)

@@ -121,7 +121,7 @@ def test_the_rim_of_a_pressed_contact_slips_under_a_push() -> None:
     assert back < 0.05, row
 
 
-def test_a_block_on_an_incline_slides_where_statics_say() -> None:
+def test_a_block_on_an_incline_slides_as_in_statics() -> None:
     (case,) = find(["incline"])
     (row,) = study(case, [box(4, 1)])
     assert row.certified

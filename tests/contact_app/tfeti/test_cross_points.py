@@ -143,7 +143,7 @@ def test_the_coarse_problem_of_an_active_set_couples_neighbours_only() -> None:
     assert problem.coarse.entries == 36 * 7**3  # 27 neighbours each, less beyond the surface
 
 
-def test_few_subdomains_and_those_in_the_plane_have_no_weights() -> None:
+def test_few_subdomains_and_plane_ones_have_no_weights() -> None:
     plane = build_model(
         scenes.build(scenes.ALL["wall"]("quadrilateral", 12), [12, 9]), MPI.COMM_SELF
     )

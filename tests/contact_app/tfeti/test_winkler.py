@@ -83,7 +83,7 @@ def column(problem: DualProblem, i: int) -> np.ndarray:
 
 
 @pytest.mark.ratchet
-def test_a_ball_kept_by_a_plane_needs_few_products() -> None:
+def test_a_ball_on_a_plane_needs_few_products() -> None:
     """It takes 104 if sets begin at the multiplier of least norm, which presses all over the
     ball."""
     solved = solve_scene(build_scene(load(CONFIGS / "hertz_sphere.yaml")), MPI.COMM_SELF)
@@ -96,7 +96,7 @@ def test_a_ball_kept_by_a_plane_needs_few_products() -> None:
     ("name", "flat"),
     [("wall", True), ("tilted_plane", False), ("sphere", False), ("duplicate_obstacles", False)],
 )
-def test_what_lies_flat(name: str, flat: bool) -> None:
+def test_flat_boundaries(name: str, flat: bool) -> None:
     """All gaps are closed, and no node has two equal rows."""
     scene = scenes.build(scenes.ALL[name]("hexahedron", 4), [2, 2, 2])
     assert gaps_are_zero(build_model(scene, MPI.COMM_SELF).problem) is flat

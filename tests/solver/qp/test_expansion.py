@@ -35,7 +35,7 @@ def test_projected_cg_raises_the_cost_in_the_papers_figure_1():
 
 
 @pytest.mark.parametrize("name", ["grgr-opt", "gfgr-opt", "gfgf-opt"])
-def test_opt_with_alpha_1_solves_figure_1_in_one_step_as_the_paper_says(name):
+def test_opt_with_alpha_1_solves_figure_1_in_one_step_as_in_the_paper(name):
     qp, x0 = figure_1()
     result = first_expansion(qp, name, x0, alpha_u=1.0)
     assert result.converged

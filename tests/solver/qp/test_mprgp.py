@@ -110,7 +110,7 @@ def test_the_answer_comes_as_the_kind_that_b_was():
     np.testing.assert_array_equal(result.x.getArray(), [0.0, 1.0, 2.0, 2.0])
 
 
-def test_monitor_sees_every_step_and_can_stop():
+def test_monitor_gets_every_step_and_can_stop():
     steps: list[Step] = []
     result = MPRGP().solve(membrane(8), monitor=steps.append)
     assert steps == result.history

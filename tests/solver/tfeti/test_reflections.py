@@ -169,7 +169,7 @@ def test_the_schur_complement_comes_from_the_inverse(cells: tuple[int, ...]) -> 
 
 
 @pytest.mark.parametrize("contrast", [1.0, 1e7])
-def test_a_schur_complement_is_kept_in_single_precision_if_its_condition_allows(
+def test_a_schur_complement_is_stored_in_single_precision_if_its_condition_allows(
     contrast: float,
 ) -> None:
     points, K = springs((3, 2))
@@ -201,7 +201,7 @@ def test_a_schur_complement_is_kept_in_single_precision_if_its_condition_allows(
         assert np.abs(found.toarray() - double.toarray()).max() < 1e-6 * np.abs(K).max()
 
 
-def test_averaging_removes_what_breaks_the_symmetry() -> None:
+def test_averaging_removes_asymmetry() -> None:
     points, K = springs((3, 2, 1))
     symmetry = find_symmetry(points, 3, K)
     assert symmetry is not None
