@@ -18,7 +18,7 @@ incompressible cells, in bending and on graded cells. Above `Limits.disagree` th
 rejected: on such meshes estimates do not yet follow the error (locking, few cells across, contact
 at a single node), and another mesh is needed.
 
-The squared errors of compared levels differ by the factor `Limits.apart`, since differences of
+The squared errors of compared levels differ by the factor `Limits.ratio`, since differences of
 nearly equal errors are meaningless. First-order and second-order cells lock differently, so a
 quotient of the two raises nothing: there the coarse estimate has to be right. On round obstacles,
 with mean dilatation and between bodies, energies may lie below the true one and rise. Their change
@@ -38,24 +38,24 @@ class Limits:
 
     Attributes
     ----------
-    apart
+    ratio
         Squared error of the coarser level over that of the finer, from which on they are compared.
     disagree
         Quotient from which on estimates do not follow the error.
     """
 
-    apart: float
+    ratio: float
     disagree: float
 
 
-FALLING = Limits(apart=1.7, disagree=4.0)
+FALLING = Limits(ratio=1.7, disagree=4.0)
 """Limits if energies decrease to the true one.
 
 An estimate that was raised fourfold was half of the error; of about 300 claims of random plane
 scenes with levels that differed by 2.25 none was above 1.1.
 """
 
-EITHER_WAY = Limits(apart=2.25, disagree=2.0)
+EITHER_WAY = Limits(ratio=2.25, disagree=2.0)
 """Limits if energies may rise.
 
 A disc on 5 by 5 cells, whose estimate was a quarter of its error, had a quotient of 2.6 beside 2 by
@@ -180,27 +180,27 @@ def compared(level: Measured, before: list[Measured], limits: Limits = FALLING) 
         return Verdict(1.0)  # exact to round-off on both meshes
     same = [other for other in before if other.degree == level.degree]
     for other in same:
-        if apart(other, level, limits):
+        if differ_enough(other, level, limits):
             q = quotient(other, level)
             if q > limits.disagree:
                 return Verdict(1.0, _disagreement(other, level), DOUBLE * raised(other, level))
             return Verdict(raised(other, level))
     if same:
         return Verdict(1.0, "the meshes so far differ too little to confirm its estimate")
-    if not apart(before[0], level, limits):
+    if not differ_enough(before[0], level, limits):
         return Verdict(1.0, "the meshes so far differ too little to confirm its estimate")
     if quotient(before[0], level) > OTHER_KIND:
         return Verdict(1.0, _disagreement(before[0], level))
     return Verdict(1.0)
 
 
-def apart(coarse: Measured, fine: Measured, limits: Limits) -> bool:
+def differ_enough(coarse: Measured, fine: Measured, limits: Limits) -> bool:
     """Whether the squared errors of two levels differ enough for a comparison.
 
     By their estimates, or by the energy between them where the coarse one's is too small.
     """
     fall = 2.0 * abs(coarse.energy - fine.energy)
-    return max(coarse.square, fall + fine.square) >= limits.apart * fine.square
+    return max(coarse.square, fall + fine.square) >= limits.ratio * fine.square
 
 
 def quotient(coarse: Measured, fine: Measured) -> float:
@@ -234,7 +234,7 @@ def _disagreement(coarse: Measured, fine: Measured) -> str:
     )
 
 
-def alone(estimate: float, target: float, fewest: int) -> bool:
+def needs_no_confirmation(estimate: float, target: float, fewest: int) -> bool:
     """Whether a first mesh needs no confirmation: exact to round-off, or far below the target.
 
     Parameters

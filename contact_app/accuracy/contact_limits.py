@@ -87,12 +87,12 @@ def entered_beside(model: Model, solution: Solution, number: int) -> tuple[int, 
         mask = np.zeros(len(s.nodes), bool)
         mask[s.reference.facets[surface_facets(s, body)]] = True
         mask[boundary_nodes(s, body, contact.boundary)] = False
-        beside = np.flatnonzero(mask)
-        if not len(beside):
+        outside = np.flatnonzero(mask)
+        if not len(outside):
             continue
-        u = solution.displacements[cls][:, column].reshape(-1, d)[beside]
+        u = solution.displacements[cls][:, column].reshape(-1, d)[outside]
         try:
-            gap, normal = contact.gap_and_normal(s.points()[beside])
+            gap, normal = contact.gap_and_normal(s.points()[outside])
         except ConfigurationError:  # a node in the middle of a round obstacle has no normal
             continue
         entered = -(gap + np.einsum("ij,ij->i", normal[:, :d], u))
@@ -198,11 +198,11 @@ def slipped_through(
     pressed = problem.inequality.copy()
     pressed[problem.inequality] = solution.multiplier[problem.inequality] > 0.0
     sources = problem.contact.sources[pressed[problem.inequality]]
-    felt = problem.comm.allreduce(np.bincount(sources, minlength=len(scene.touching)))
+    pressed_nodes = problem.comm.allreduce(np.bincount(sources, minlength=len(scene.touching)))
     for number, contact in enumerate(scene.contacts):
         depth = entered_between(model, solution, number)
         moved = float(solution.measures.deformations[contact.body])
-        if depth > (BETWEEN if felt[number] else unpressed_depth) * moved:
+        if depth > (BETWEEN if pressed_nodes[number] else unpressed_depth) * moved:
             share = "of a body that does not move"
             if moved > 0.0:
                 share = f"{percent(depth / moved)} of the largest displacement"

@@ -87,7 +87,7 @@ def median_gaps(model: Model) -> list[float]:
     ]
 
 
-def beside(sagitta: float, moved: float, gap: float) -> str:
+def compared(sagitta: float, moved: float, gap: float) -> str:
     """Text that names the length in comparison with which a sagitta is large; empty if it is small.
 
     Parameters

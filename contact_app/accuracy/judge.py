@@ -9,7 +9,14 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from contact_app.accuracy.agreement import EITHER_WAY, FALLING, Agreement, Measured, Verdict, alone
+from contact_app.accuracy.agreement import (
+    EITHER_WAY,
+    FALLING,
+    Agreement,
+    Measured,
+    Verdict,
+    needs_no_confirmation,
+)
 from contact_app.accuracy.estimate.calibration import Calibration, conforms
 from contact_app.scene.bodies import CELLS_PER_CUBE, Box
 from contact_app.scene.scene import Decomposition, Scene
@@ -74,7 +81,7 @@ class Judge:
         A round obstacle may pass between its nodes.
         """
         target = self._scene.accuracy or 0.0
-        return self._falling and alone(estimate, target, _fewest(self._scene))
+        return self._falling and needs_no_confirmation(estimate, target, _fewest(self._scene))
 
     def forget(self) -> None:
         """Compare the next levels with those before the last one."""
@@ -86,7 +93,7 @@ class Judge:
         return replace(verdict, raised=self._shortfall * verdict.raised)
 
 
-def coarser(scene: Scene, whole: bool) -> Scene | None:
+def coarser(scene: Scene, even: bool) -> Scene | None:
     """The scene with half the cells along every edge, whose answer can confirm an estimate.
 
     It costs a fraction of a finer mesh. None if a body is not a box of equal cells, has too few
@@ -94,14 +101,14 @@ def coarser(scene: Scene, whole: bool) -> Scene | None:
 
     Parameters
     ----------
-    whole
+    even
         Whether boundaries require that the coarse mesh has grid lines of the scene only.
     """
     bodies = []
     for body in scene.bodies:
         if not isinstance(body.mesh, Box) or min(body.mesh.cells) < FEWEST:
             return None
-        if whole and any(n % 2 for n in body.mesh.cells):
+        if even and any(n % 2 for n in body.mesh.cells):
             return None
         cells = tuple(n // 2 for n in body.mesh.cells)
         bodies.append(replace(body, mesh=replace(body.mesh, cells=cells)))

@@ -49,8 +49,8 @@ def nodal_stresses(model: Model, solution: Solution, estimator: ErrorEstimator) 
     ``material``, NaN away from the material. Empty if the scene requests neither.
     """
     output = model.scene.output
-    wanted = [name for name in NODAL_FIELDS if name in output.fields]
-    if not wanted or not (output.xdmf or output.vtu):
+    requested = [name for name in NODAL_FIELDS if name in output.fields]
+    if not requested or not (output.xdmf or output.vtu):
         return {}
     count = max(len(body.materials) for body in model.scene.bodies)
     patches = estimator.recovery.patches
@@ -62,7 +62,7 @@ def nodal_stresses(model: Model, solution: Solution, estimator: ErrorEstimator) 
     if count > 1:
         stresses |= {f"_material_{k}": side for k, side in enumerate(sides)}
     found = {}
-    for name in wanted:
+    for name in requested:
         for suffix, stress in stresses.items():
             found[name + suffix] = stress if name == "nodal_stress" else von_mises(stress)
     return found

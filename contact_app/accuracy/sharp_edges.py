@@ -117,13 +117,13 @@ def _peak(
     model: Model, nodes: NodeFields, at_nodes: NodesInContact
 ) -> tuple[float, tuple[float, ...], float]:
     """Largest pressure of a contact, its node's place, and the size of its share."""
-    mine: tuple[float, tuple[float, ...], float] = (0.0, (0.0, 0.0, 0.0), 0.0)
+    largest: tuple[float, tuple[float, ...], float] = (0.0, (0.0, 0.0, 0.0), 0.0)
     if len(at_nodes.nodes):
         k = int(np.argmax(at_nodes.pressure))
         share = float(at_nodes.shares[k]) ** (1.0 / (model.scene.dimension - 1))
         point = nodes.points[at_nodes.nodes[k] - nodes.first]
-        mine = float(at_nodes.pressure[k]), tuple(map(float, point)), share
-    return max(model.comm.allgather(mine))
+        largest = float(at_nodes.pressure[k]), tuple(map(float, point)), share
+    return max(model.comm.allgather(largest))
 
 
 def _edge(model: Model, number: int, point: Array, size: float) -> str:
@@ -149,9 +149,9 @@ def _edge(model: Model, number: int, point: Array, size: float) -> str:
     if others is None:
         return ""
     across = others[1]
-    there = (across.turns > SHARP) & across.pressed.any(axis=1)
-    there &= across.distances(point) <= 1.01 * facet
-    if sharp.any() == there.any():
+    opposite = (across.turns > SHARP) & across.pressed.any(axis=1)
+    opposite &= across.distances(point) <= 1.01 * facet
+    if sharp.any() == opposite.any():
         return ""
     bodies = [scene.bodies[touching.body], scene.bodies[touching.other]]
     pressing, pressed = bodies if sharp.any() else bodies[::-1]

@@ -79,8 +79,8 @@ def _writable(directory: Path) -> bool:
 
 def _allowed(directory: Path) -> bool:
     """Whether files may be made in a directory or, if it does not exist, in its nearest parent."""
-    there = next(place for place in (directory, *directory.parents) if place.exists())
-    return os.access(there, os.W_OK | os.X_OK)
+    existing = next(place for place in (directory, *directory.parents) if place.exists())
+    return os.access(existing, os.W_OK | os.X_OK)
 
 
 def _readable(directory: Path) -> bool:

@@ -28,7 +28,7 @@ MOMENT = 2.0
 DISK_FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
 FORBIDDEN = (errno.EACCES, errno.EPERM, errno.EROFS)
 
-MET, TOLD = 30_101, 30_102
+ENDING, PRINTED = 30_101, 30_102
 """Tags of messages between ending ranks; solvers use small tags, and MPI allows 32,767."""
 
 LONGEST = 1000
@@ -77,11 +77,11 @@ def _what_happened(error: BaseException) -> str:
         )
     if isinstance(error, OSError):
         return _of_system(error)
-    what = f"{type(error).__name__}: {error}".strip().splitlines()[0].rstrip(": ")
+    text = f"{type(error).__name__}: {error}".strip().splitlines()[0].rstrip(": ")
     where = logged_in(error)
     place = f"the traceback is in {where}" if where else "the traceback is above"
     return (
-        f"the run ended by an internal error of the program ({what}); {place}: please report it "
+        f"the run ended by an internal error of the program ({text}); {place}: please report it "
         "together with the scene"
     )
 
@@ -91,7 +91,7 @@ def _of_system(error: OSError) -> str:
     number = error.errno
     if isinstance(error, TimeoutError) and not number:  # from dolfinx's compiler, with a remedy
         return f"the run ended: {str(error).splitlines()[0]}"
-    what = os.strerror(number) if number else str(error).splitlines()[0] or type(error).__name__
+    text = os.strerror(number) if number else str(error).splitlines()[0] or type(error).__name__
     where = f"{error.filename}: " if error.filename else ""
     if number in DISK_FULL:
         place = "there" if where else "on the disk"
@@ -100,7 +100,7 @@ def _of_system(error: OSError) -> str:
         remedy = "change its permissions, or name another directory with --output"
     else:
         remedy = "look at this file or device, or name another directory with --output"
-    return f"the run ended: {where}{what}; {remedy}"
+    return f"the run ended: {where}{text}; {remedy}"
 
 
 def _is_memory(error: BaseException) -> bool:
@@ -138,21 +138,21 @@ def end(error: BaseException) -> Exit:
         traceback.print_exception(error)
     world = _world()
     if world is None:
-        _tell_without_mpi(message, of_all=isinstance(error, ContactError))
+        _print_without_mpi(message, of_all=isinstance(error, ContactError))
         return code
     found = _exchanged(world, (int(code), message[:LONGEST]))
     if found is None:
-        tell(message, world.rank)
+        print_message(message, world.rank)
         world.Abort(int(code))
         return code  # not reached
     if world.rank == 0:
         for rank, (_, text) in found.items():
             if rank == 0 or text != found[0][1]:
-                tell(text, rank)
+                print_message(text, rank)
         for rank in range(1, world.size):
-            world.send(None, dest=rank, tag=TOLD)
+            world.send(None, dest=rank, tag=PRINTED)
     else:
-        world.recv(source=0, tag=TOLD)  # the first rank that exits ends the others
+        world.recv(source=0, tag=PRINTED)  # the first rank that exits ends the others
     return Exit(max(number for number, _ in found.values()))
 
 
@@ -170,19 +170,19 @@ def _world() -> Any:
     return world if world.size > 1 else None
 
 
-def _exchanged(world: Any, mine: tuple[int, str]) -> dict[int, tuple[int, str]] | None:
+def _exchanged(world: Any, message: tuple[int, str]) -> dict[int, tuple[int, str]] | None:
     """Code and message of every rank, by rank; None if some do not arrive in `PATIENCE` seconds.
 
     Uses point-to-point messages: ranks without an exception may be inside any collective operation,
     which another collective would corrupt.
     """
     others = [rank for rank in range(world.size) if rank != world.rank]
-    sent = [world.isend(mine, dest=rank, tag=MET) for rank in others]
-    found, began = {world.rank: mine}, time.monotonic()
+    sent = [world.isend(message, dest=rank, tag=ENDING) for rank in others]
+    found, began = {world.rank: message}, time.monotonic()
     while len(found) < world.size:
         for rank in others:
-            if rank not in found and world.iprobe(source=rank, tag=MET):
-                found[rank] = world.recv(source=rank, tag=MET)
+            if rank not in found and world.iprobe(source=rank, tag=ENDING):
+                found[rank] = world.recv(source=rank, tag=ENDING)
         if time.monotonic() - began > PATIENCE:
             return None
         time.sleep(0.01)
@@ -191,13 +191,13 @@ def _exchanged(world: Any, mine: tuple[int, str]) -> dict[int, tuple[int, str]] 
     return dict(sorted(found.items()))
 
 
-def _tell_without_mpi(message: str, of_all: bool) -> None:
+def _print_without_mpi(message: str, of_all: bool) -> None:
     """Print the message before MPI has begun, when the first rank that exits ends the others."""
     rank = rank_by_environment()
     if rank > 0 and of_all:
         time.sleep(MOMENT)
         return
-    tell(message, rank)
+    print_message(message, rank)
 
 
 def rank_by_environment() -> int:
@@ -208,7 +208,7 @@ def rank_by_environment() -> int:
     return 0
 
 
-def tell(message: str, rank: int = 0) -> None:
+def print_message(message: str, rank: int = 0) -> None:
     """Print a message; control characters are shown as codes."""
     if rank > 0:
         message = f"rank {rank}: {message}"

@@ -21,10 +21,10 @@ from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from typing import TextIO
 
-ERRORS = "contact-app-alike"
+ERRORS = "contact-app-ascii"
 """Name of the handler of characters that an encoding lacks."""
 
-ALIKE = {
+SIMILAR = {
     "×": "x", "…": "...", "‖": "||", "≤": "<=", "≥": ">=", "≠": "!=", "·": "*", "−": "-",
     "–": "-", "—": "-", "‘": "'", "’": "'", "“": '"', "”": '"', "∞": "inf", "→": "->", "°": "deg",
     "ν": "nu", "λ": "lambda", "μ": "mu", "σ": "sigma", "ε": "epsilon", "ρ": "rho", "Γ": "Gamma",
@@ -32,18 +32,18 @@ ALIKE = {
 }  # fmt: skip
 
 
-def alike(text: str) -> str:
+def in_ascii(text: str) -> str:
     """The text in ASCII, with similar characters.
 
-    >>> alike("‖u‖ ≤ 2 × 10⁻³ …")
+    >>> in_ascii("‖u‖ ≤ 2 × 10⁻³ …")
     '||u|| <= 2 x 10-3 ...'
     """
     found = []
     for c in text:
         if c.isascii():
             found.append(c)
-        elif c in ALIKE:
-            found.append(ALIKE[c])
+        elif c in SIMILAR:
+            found.append(SIMILAR[c])
         elif "─" <= c <= "╿":  # lines of boxes
             found.append("+")
         else:
@@ -55,7 +55,7 @@ def alike(text: str) -> str:
 def _replace(error: UnicodeError) -> tuple[str, int]:
     if not isinstance(error, UnicodeEncodeError):
         raise error
-    return alike(error.object[error.start : error.end]), error.end
+    return in_ascii(error.object[error.start : error.end]), error.end
 
 
 codecs.register_error(ERRORS, _replace)

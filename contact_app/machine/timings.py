@@ -33,9 +33,9 @@ class Timings:
         try:
             yield
         finally:
-            spent = self._clock() - begin
-            self.seconds[stage] += spent - self._inner
-            self._inner = outer + spent
+            seconds = self._clock() - begin
+            self.seconds[stage] += seconds - self._inner
+            self._inner = outer + seconds
 
     def branched(self, total: float) -> Timings:
         """A copy of the present timings, for one of several runs that share this part.

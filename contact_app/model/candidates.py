@@ -38,8 +38,8 @@ def distinct(rows: ContactRows, held: NDArray[np.bool_]) -> NDArray[np.bool_]:
     needed = np.ones(len(rows.nodes), bool)
     single = ~rows.wide & held[rows.sources]
     direction, entries = np.zeros_like(rows.normals), rows.entries
-    mine = single[entries.row]
-    direction[entries.row[mine], entries.component[mine]] = entries.value[mine]
+    chosen = single[entries.row]
+    direction[entries.row[chosen], entries.component[chosen]] = entries.value[chosen]
     norm = np.linalg.norm(direction, axis=1)
     norm[norm == 0.0] = 1.0
     direction, gap = direction / norm[:, None], rows.gaps / norm

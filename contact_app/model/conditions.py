@@ -161,9 +161,9 @@ def contradiction(scene: Scene, error: ContradictionError) -> ContactError:
             f"{scene.bodies[contact.body].name} no room: they overlap by {error.amount:.6g} in "
             "the direction in which it can move, and no displacement satisfies both"
         )
-    what = "the obstacle" if isinstance(contact, Contact) else "the other body"
+    obstacle = "the obstacle" if isinstance(contact, Contact) else "the other body"
     return NoEquilibriumError(
         f"{scene.source}: the displacement conditions on {scene.bodies[contact.body].name} push "
-        f"held nodes into {what} of {contact.source}, by up to {error.amount:.6g}: no "
+        f"held nodes into {obstacle} of {contact.source}, by up to {error.amount:.6g}: no "
         "displacement satisfies both"
     )

@@ -38,14 +38,14 @@ LONGEST = 3.0
 """Largest ratio of length to width of sub-boxes, as far as the cells allow."""
 
 
-def choose_split(box: BoxShape, at_least: int = 1, alone: bool = True) -> tuple[int, ...]:
+def choose_split(box: BoxShape, at_least: int = 1, single: bool = True) -> tuple[int, ...]:
     """Sub-boxes along each axis for `decomposition: auto`.
 
     Parameters
     ----------
     at_least
         Least number of sub-boxes: one per rank.
-    alone
+    single
         Whether it is the only body; several bodies have a coarse problem for any splits.
     """
     undecomposed = (1,) * box.dimension
@@ -53,14 +53,14 @@ def choose_split(box: BoxShape, at_least: int = 1, alone: bool = True) -> tuple[
     if at_least == 1 and edges[-1] > SLENDER * edges[-2] and box.nodes <= SLENDER_NODES:
         return undecomposed
     enough = [split for split in _splits(box) if math.prod(split) >= at_least]
-    best = min(enough, key=lambda split: seconds(box, split, alone), default=box.cells)
-    most = WORTH_SPLITTING * seconds(box, undecomposed, alone)
-    if at_least == 1 and seconds(box, best, alone) > most:
+    best = min(enough, key=lambda split: seconds(box, split, single), default=box.cells)
+    most = WORTH_SPLITTING * seconds(box, undecomposed, single)
+    if at_least == 1 and seconds(box, best, single) > most:
         return undecomposed
     return best
 
 
-def seconds(box: BoxShape, split: tuple[int, ...], alone: bool = True) -> float:
+def seconds(box: BoxShape, split: tuple[int, ...], single: bool = True) -> float:
     """Predicted seconds of a run with a box in given sub-boxes; parameters as in `choose_split`."""
     subdomains = math.prod(split)
     groups = groups_of(box, split)
@@ -71,7 +71,7 @@ def seconds(box: BoxShape, split: tuple[int, ...], alone: bool = True) -> float:
     applications = (
         APPLICATIONS_GLUED * (edge / EDGE) ** 0.2 if subdomains > 1 else APPLICATIONS_WHOLE
     )
-    return run_seconds(groups, rows, applications, subdomains > 1 or not alone)
+    return run_seconds(groups, rows, applications, subdomains > 1 or not single)
 
 
 def groups_of(box: BoxShape, split: tuple[int, ...]) -> list[Group]:
@@ -104,7 +104,7 @@ def groups_of(box: BoxShape, split: tuple[int, ...]) -> list[Group]:
 def _splits(box: BoxShape) -> Iterator[tuple[int, ...]]:
     """One sub-box, and splits into sub-boxes of about every size."""
     yield (1,) * box.dimension
-    seen = set()
+    counted = set()
     length = max(c * h for c, h in zip(box.cells, box.spacing, strict=True))
     target, shortest = length, float(min(box.spacing))
     while target > shortest:
@@ -113,9 +113,9 @@ def _splits(box: BoxShape) -> Iterator[tuple[int, ...]]:
             for cells, spacing in zip(box.cells, box.spacing, strict=True)
         ]
         for split in product(*choices):
-            if split in seen or math.prod(split) == 1:
+            if split in counted or math.prod(split) == 1:
                 continue
-            seen.add(split)
+            counted.add(split)
             edges = [c * h / p for c, h, p in zip(box.cells, box.spacing, split, strict=True)]
             # a short axis of the whole box makes no sub-box too narrow
             free = [e for e, p in zip(edges, split, strict=True) if p > 1]

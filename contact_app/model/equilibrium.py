@@ -72,7 +72,7 @@ def body_balances(
     for nth in range(rigid.count):
         work[elastic + nth] = rigid.loads(nth)
         scale[elastic + nth] = np.abs(work[elastic + nth]).sum()
-    seen, joined = (contact_motions(scene, partition, rows, rigid) for rows in (contact, tied))
+    touching, joined = (contact_motions(scene, partition, rows, rigid) for rows in (contact, tied))
     points = None
     if friction is not None:
         slips = contact_motions(scene, partition, friction.rows, rigid)
@@ -81,11 +81,11 @@ def body_balances(
     for group in groups_in_contact(scene):
         held_rows, requested = _holding(scene, partition, held, rigid, group)
         columns = (group[:, None] * MOTIONS[d] + np.arange(MOTIONS[d])).ravel()
-        some, tied_rows = seen[:, columns], joined[:, columns]
-        mine = np.diff(some.indptr) > 0
-        contact_rows = some[mine].toarray()
+        some, tied_rows = touching[:, columns], joined[:, columns]
+        nonzero = np.diff(some.indptr) > 0
+        contact_rows = some[nonzero].toarray()
         tied_rows = tied_rows[np.diff(tied_rows.indptr) > 0].toarray()
-        cones = points.cones(mine, columns) if points is not None else None
+        cones = points.cones(nonzero, columns) if points is not None else None
         both = np.concatenate([block_diag(*held_rows), block_diag(*requested), tied_rows])
         load = work[group].ravel()
         found = balance(comm, both, contact_rows, load, float(scale[group].sum()), cones)
@@ -181,9 +181,9 @@ def _holding(
             requested.append(np.zeros((0, MOTIONS[d])))
             continue
         first, last = partition.first_node[b], partition.first_node[b + 1]
-        mine = (held.nodes >= first) & (held.nodes < last)
-        motions = rigid_motions(held.points[mine], d, *body_frame(scene.bodies[b]))
-        held_rows.append(motions[held.held[mine]])
+        in_body = (held.nodes >= first) & (held.nodes < last)
+        motions = rigid_motions(held.points[in_body], d, *body_frame(scene.bodies[b]))
+        held_rows.append(motions[held.held[in_body]])
         _refuse_held_twice(scene, b, held_motions(comm, held_rows[-1]))
         listed = list(scene.bodies[b].hold) if comm.rank == 0 else []  # once over all ranks
         requested.append(np.eye(MOTIONS[d])[listed])
@@ -225,11 +225,11 @@ class ContactPoints:
 
     def cones(self, chosen: NDArray[np.bool_], columns: NDArray[np.int64]) -> FrictionCones:
         """The cones of some contact rows (rows,), on the motions of some columns."""
-        mine = chosen[self.normal]
-        normal = (np.cumsum(chosen) - 1)[self.normal[mine]]
+        of_normal = chosen[self.normal]
+        normal = (np.cumsum(chosen) - 1)[self.normal[of_normal]]
         return FrictionCones(
-            self.slips[mine][:, columns].toarray(), normal, self.friction.coefficients[mine],
-            self.friction.limits[mine],
+            self.slips[of_normal][:, columns].toarray(), normal,
+            self.friction.coefficients[of_normal], self.friction.limits[of_normal],
         )  # fmt: skip
 
 
@@ -261,9 +261,9 @@ def contact_motions(
     body = np.searchsorted(partition.first_node, entries.node, side="right") - 1
     values = np.zeros((len(entries.row), MOTIONS[d]))
     for b in np.unique(body):
-        mine = np.flatnonzero(body == b)
-        motions = rigid_motions(entries.points[mine], d, *body_frame(scene.bodies[b]))
-        values[mine] = motions[np.arange(len(mine)), entries.component[mine]]
+        of_body = np.flatnonzero(body == b)
+        motions = rigid_motions(entries.points[of_body], d, *body_frame(scene.bodies[b]))
+        values[of_body] = motions[np.arange(len(of_body)), entries.component[of_body]]
     values *= entries.value[:, None]
     column = body[:, None] * MOTIONS[d] + np.arange(MOTIONS[d])
     row = np.broadcast_to(entries.row[:, None], column.shape)
@@ -287,14 +287,16 @@ def _moved_by_contact(
     d = scene.dimension
     moved = np.zeros((len(contact.nodes), d, len(group), MOTIONS[d]))
     for number, touching in enumerate(scene.touching):
-        mine = np.flatnonzero(contact.sources == number)
+        of_contact = np.flatnonzero(contact.sources == number)
         sides = [(touching.body, 1.0)]
         sides += [(touching.other, -1.0)] if isinstance(touching, BodyContact) else []
         for body, sign in sides:
             place = np.flatnonzero(group == body)
             if len(place):
                 frame = body_frame(scene.bodies[body])
-                moved[mine, :, place[0]] += sign * rigid_motions(contact.points[mine], d, *frame)
+                moved[of_contact, :, place[0]] += sign * rigid_motions(
+                    contact.points[of_contact], d, *frame
+                )
     return moved.reshape(-1, len(group) * MOTIONS[d])
 
 

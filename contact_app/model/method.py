@@ -99,10 +99,10 @@ def chosen(scene: Scene) -> Scene:
     if _friction_is_faster_decomposed(scene):
         return scene
     large = _unknowns(scene) >= (LEAST_ALONE if len(bodies) == 1 else LEAST_OF_SEVERAL)
-    alike = any(body.mesh.congruent for body in bodies)
+    congruent = any(body.mesh.congruent for body in bodies)
     pairs_of_degree_2 = len(bodies) > 1 and any(body.degree > 1 for body in bodies)
     soft = any(m.poisson > COMPRESSIBLE for body in bodies for m in body.materials)
-    if scene.dimension == 2 or not large or alike or soft or pairs_of_degree_2:
+    if scene.dimension == 2 or not large or congruent or soft or pairs_of_degree_2:
         return scene
     if len(bodies) == 1 and may_peel(scene):
         return scene

@@ -30,7 +30,7 @@ from contact_app.model.equilibrium import (
     upward,
 )
 from contact_app.model.method import feti_options, is_undecomposed
-from contact_app.model.outline import Outline, Tell, outline
+from contact_app.model.outline import Outline, Report, outline
 from contact_app.model.probes import Probe
 from contact_app.model.rigid import RigidUnknowns, rigid_subdomains, subdomains_of_copies
 from contact_app.model.sections import SectionPiece
@@ -118,14 +118,14 @@ def build_model(
     comm: MPI.Intracomm,
     timings: Timings | None = None,
     needed: Needed = "all",
-    tell: Tell | None = None,
+    report: Report | None = None,
     options: TotalFetiOptions | None = None,
 ) -> Model:
     """Mesh, assemble, write the constraints, factor; parameters and errors of `outline`.
 
     Parameters
     ----------
-    tell
+    report
         Called with the scene and its outline before anything is assembled (collective).
     options
         Options of the constraints and the coarse problem.
@@ -133,8 +133,8 @@ def build_model(
     timings = timings or Timings()
     with timings.measure("setup"):
         known = outline(scene, comm, timings, needed)
-        if tell is not None:
-            tell(scene, known)
+        if report is not None:
+            report(scene, known)
         return model_of_outline(scene, known, timings, options)
 
 

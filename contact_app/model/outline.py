@@ -71,7 +71,7 @@ def partition_scene(scene: Scene, comm: MPI.Intracomm) -> Partition:
     """
     try:
         shapes = [body.mesh.shape(body.degree) for body in scene.bodies]
-        choose = partial(choose_split, alone=len(shapes) == 1)
+        choose = partial(choose_split, single=len(shapes) == 1)
         return decompose(shapes, subdomains_of(scene, comm), comm, choose)
     except ValueError as error:
         raise ConfigurationError(f"{scene.at('decomposition')}: {error}") from error
@@ -170,7 +170,7 @@ class Outline:
         return single & held & (self.friction is None)
 
 
-Tell = Callable[[Scene, Outline], None]
+Report = Callable[[Scene, Outline], None]
 
 
 def outline(

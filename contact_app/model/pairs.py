@@ -46,8 +46,8 @@ def gather_surface(
         return None
     nodes, points, inside = (np.concatenate(part) for part in zip(*gathered, strict=True))
     for k, mirror in enumerate(scene.mirrors):
-        beside = ~on_planes(scene, points)[k]
-        nodes = np.concatenate([nodes, nodes + beside * (partition.nodes << k)])
+        off_planes = ~on_planes(scene, points)[k]
+        nodes = np.concatenate([nodes, nodes + off_planes * (partition.nodes << k)])
         points, inside = (np.concatenate([x, mirror.image(x)]) for x in (points, inside))
     return Surface.of(partition.dimension, nodes, points, inside)
 

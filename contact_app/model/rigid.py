@@ -191,9 +191,11 @@ def moving_rows(
     of_body = np.array([-1 if c.rigid is None else c.rigid for c in scene.contacts])
     keep = np.ones(len(rows.nodes), bool)
     for number in scene.moving:
-        mine = of_body[rows.sources] == number
-        direction = rows.normals[mine, :d]
-        keep[mine] = tightest_of_each_node(rows.nodes[mine], direction, rows.gaps[mine])
+        in_contact = of_body[rows.sources] == number
+        direction = rows.normals[in_contact, :d]
+        keep[in_contact] = tightest_of_each_node(
+            rows.nodes[in_contact], direction, rows.gaps[in_contact]
+        )
     keep &= _tightest_on_held(rows, unknowns, partition.comm)
     return rows.of(keep), rows.of(~keep)
 
@@ -207,24 +209,29 @@ def _tightest_on_held(
     Collective. Raises `NoEquilibriumError` if these rows leave a rigid body no room.
     """
     count, d = len(rows.nodes), unknowns.scene.dimension
-    alone = np.bincount(rows.entries.row, minlength=count) == 0
-    alone &= rows.on_rigid
+    without_nodes = np.bincount(rows.entries.row, minlength=count) == 0
+    without_nodes &= rows.on_rigid
     own = rows.rigid
     body = np.zeros(count, np.int64)
     body[own.row] = unknowns.body_of(own.node)
     place = unknowns.motion_of(own.node, own.component)
     vectors = np.zeros((count, NODES * d))
     vectors[own.row, place] = own.value
-    mine = HeldNodes(body[alone], rows.sources[alone], vectors[alone], rows.gaps[alone])
-    parts = comm.allgather(mine)
+    held = HeldNodes(
+        body[without_nodes],
+        rows.sources[without_nodes],
+        vectors[without_nodes],
+        rows.gaps[without_nodes],
+    )
+    parts = comm.allgather(held)
     every = HeldNodes.joined(parts)
     if not len(every.gaps):
         return np.ones(count, bool)
     refuse_no_room(unknowns.scene, every, unknowns.length)
     length = np.linalg.norm(every.vectors, axis=1)
     length[length == 0.0] = 1.0
-    alike = np.column_stack([every.body, np.round(every.vectors / length[:, None], 9)])
-    _, group = np.unique(alike, axis=0, return_inverse=True)
+    keys = np.column_stack([every.body, np.round(every.vectors / length[:, None], 9)])
+    _, group = np.unique(keys, axis=0, return_inverse=True)
     group = group.reshape(-1)
     order = np.lexsort((every.gaps / length, group))
     first = order[np.concatenate([[True], np.diff(group[order]) > 0])]
@@ -232,7 +239,7 @@ def _tightest_on_held(
     best[first] = True
     start = sum(len(part.gaps) for part in parts[: comm.rank])
     result = np.ones(count, bool)
-    result[alone] = best[start : start + len(mine.gaps)]
+    result[without_nodes] = best[start : start + len(held.gaps)]
     return result
 
 
@@ -245,16 +252,16 @@ def with_motions(rows: ContactRows, unknowns: RigidUnknowns) -> ContactRows:
     force[:, :d] = rows.normals
     for nth, number in enumerate(scene.moving):
         about = [i for i, c in enumerate(scene.contacts) if c.rigid == number]
-        mine = np.isin(rows.sources, about)
-        arm = rows.points[mine] - unknowns.center(nth)
-        turn = np.cross(arm, force[mine]) + rows.moments[mine]
-        own = np.concatenate([rows.normals[mine], turn if d == 3 else turn[:, 2:]], axis=1)
+        chosen = np.isin(rows.sources, about)
+        arm = rows.points[chosen] - unknowns.center(nth)
+        turn = np.cross(arm, force[chosen]) + rows.moments[chosen]
+        own = np.concatenate([rows.normals[chosen], turn if d == 3 else turn[:, 2:]], axis=1)
         own /= unknowns.units
         longest = np.maximum(1.0, np.linalg.norm(arm, axis=1) / unknowns.length)
         own[np.abs(own) < FAINT * longest[:, None]] = 0.0
         own[:, unknowns.held(nth)[0]] = 0.0
-        body[mine], values[mine] = nth, own
-        gaps[mine] += own @ unknowns.placed(nth)
+        body[chosen], values[chosen] = nth, own
+        gaps[chosen] += own @ unknowns.placed(nth)
     row, component = np.nonzero(values)
     node, inside = np.divmod(unknowns.slots[component], d)
     entries = ContactEntries(
@@ -303,12 +310,12 @@ def slips_of_held(rows: ContactRows, unknowns: RigidUnknowns, before: Scene | No
     for source, contact in enumerate(scene.contacts):
         if contact.rigid is None:
             continue
-        mine = rows.sources == source
+        of_source = rows.sources == source
         held, values = scene.held_components(contact.rigid)
         earlier = 0.0 if before is None else np.asarray(before.held_components(contact.rigid)[1])
         moved = (np.asarray(values) - earlier) * unknowns.units
-        along = _along(rows.of(mine), unknowns, contact.rigid)
-        added[mine] = -along[:, held] @ moved[held]
+        along = _along(rows.of(of_source), unknowns, contact.rigid)
+        added[of_source] = -along[:, held] @ moved[held]
     return added
 
 

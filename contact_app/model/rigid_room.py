@@ -64,8 +64,8 @@ def refuse_no_room(scene: Scene, held: HeldNodes, length: float) -> None:
         Held nodes enter a rigid body wherever its free motions take it.
     """
     for nth in np.unique(held.body[held.gaps < 0.0]):
-        mine = np.flatnonzero(held.body == nth)
-        rows, gaps = held.vectors[mine], held.gaps[mine] / length
+        of_body = np.flatnonzero(held.body == nth)
+        rows, gaps = held.vectors[of_body], held.gaps[of_body] / length
         motions = rows.shape[1]
         found = linprog(
             np.append(np.zeros(motions), 1.0), A_ub=np.column_stack([rows, -np.ones(len(rows))]),
@@ -74,7 +74,7 @@ def refuse_no_room(scene: Scene, held: HeldNodes, length: float) -> None:
         if found.status != 0 or found.fun <= ENTERS:
             continue
         pressed = np.abs(found.ineqlin.marginals)
-        sources = np.unique(held.sources[mine][pressed > 1e-6 * pressed.max()])
+        sources = np.unique(held.sources[of_body][pressed > 1e-6 * pressed.max()])
         name = scene.rigid_bodies[scene.moving[int(nth)]].name
         where = " and ".join(scene.touching[k].source for k in sources)
         raise NoEquilibriumError(

@@ -35,8 +35,10 @@ def support_rows(
         motions = balances[s.body].free_motions
         if motions.shape[1]:
             chosen = fixing_nodes(points, scene.dimension)
-            seen = rigid_motions(points[chosen], scene.dimension, *body_frame(body)) @ motions
-            basis = np.linalg.qr(seen.reshape(-1, motions.shape[1]))[0]
+            motions_there = (
+                rigid_motions(points[chosen], scene.dimension, *body_frame(body)) @ motions
+            )
+            basis = np.linalg.qr(motions_there.reshape(-1, motions.shape[1]))[0]
             for row in basis.T:
                 supports.add(start + chosen, row.reshape(len(chosen), -1))
     return supports

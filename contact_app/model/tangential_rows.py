@@ -102,11 +102,11 @@ def tangential_rows(
     parts, coefficients, limits = [contact.none()], [np.zeros(0)], [np.zeros(0)]
     reused = _taken_over(rough, contact, merged)
     for each in rough:
-        mine = contact.sources == each.number
-        own = contact.of(mine)
+        of_contact = contact.sources == each.number
+        own = contact.of(of_contact)
         rows, left = each.slips(own)
         parts.append(rows.of(left))
-        limits.append(np.repeat(each.limits(own) + reused[mine], d - 1)[left])
+        limits.append(np.repeat(each.limits(own) + reused[of_contact], d - 1)[left])
         coefficients.append(np.full(int(left.sum()), each.law.coulomb or 0.0))
     of_rows, of_limits = np.concatenate(coefficients), np.concatenate(limits)
     nodes, sources = (np.concatenate([getattr(p, n) for p in parts]) for n in ("nodes", "sources"))
@@ -182,8 +182,8 @@ def _taken_over(rough: Sequence[RoughContact], contact: ContactRows, merged: Con
         for nth in range(int((last - first).max(initial=0))):
             at = np.minimum(first + nth, max(len(contact.nodes) - 1, 0))
             same = ~found & (first + nth < last)
-            apart = np.abs(contact.normals[at] - own.normals).max(axis=1, initial=0.0)
-            same &= apart < PARALLEL
+            difference = np.abs(contact.normals[at] - own.normals).max(axis=1, initial=0.0)
+            same &= difference < PARALLEL
             np.add.at(result, at[same], limit[same])
             found |= same
     return result

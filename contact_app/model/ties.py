@@ -79,8 +79,8 @@ def tied_rows(
                 f"are {found.size:.3g} large: they are joined across the gap, as by bars"
             )
         parts += [owned_rows(exchange, rows, number) for rows in found.rows]
-        taken = [decided.tied_before, *(rows.nodes for rows in found.rows)]
-        decided = replace(decided, tied_before=np.unique(np.concatenate(taken)))
+        nodes = [decided.tied_before, *(rows.nodes for rows in found.rows)]
+        decided = replace(decided, tied_before=np.unique(np.concatenate(nodes)))
     rows = ContactRows.join(parts)
     try:
         for sign in (-1.0, 1.0):

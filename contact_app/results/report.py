@@ -20,7 +20,7 @@ from rich.table import Table
 from rich.text import Text
 
 from contact_app.machine.atomic_file import atomic
-from contact_app.machine.exits import is_own_failure, mark_logged, message_of, tell
+from contact_app.machine.exits import is_own_failure, mark_logged, message_of, print_message
 from contact_app.results.percent import percent
 from contact_app.results.report_rows import named_rows, number, vector
 
@@ -85,7 +85,7 @@ def run_log(path: Path | None, first: bool = True) -> Iterator[logging.Logger]:
         handler.close()
         fault = getattr(handler, "fault", None)
         if fault is not None:
-            tell(f"{path} is incomplete: {getattr(fault, 'strerror', None) or fault}")
+            print_message(f"{path} is incomplete: {getattr(fault, 'strerror', None) or fault}")
 
 
 def _log_end(error: BaseException, path: Path, first: bool) -> None:

@@ -219,9 +219,9 @@ def solve(
     if built.steps:
         return _step_answers(built, comm)
     if built.accuracy is None:
-        solved = solve_scene(built, comm, tell=_refuse)
+        solved = solve_scene(built, comm, report=_refuse)
         return _answer(solved, solved.summary)
-    refined = solve_to_accuracy(built, partial(solve_scene, comm=comm, tell=_refuse))
+    refined = solve_to_accuracy(built, partial(solve_scene, comm=comm, report=_refuse))
     return _answer(refined.solved, with_levels(refined.solved.summary, refined))
 
 

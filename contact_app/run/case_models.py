@@ -24,7 +24,7 @@ from contact_app.errors import NoEquilibriumError
 from contact_app.machine.timings import Timings
 from contact_app.model.candidates import Needed
 from contact_app.model.model import Model, build_model, model_of_case, model_of_outline
-from contact_app.model.outline import Outline, Tell, outline, outline_of_case
+from contact_app.model.outline import Outline, Report, outline, outline_of_case
 from contact_app.run.step_equilibrium import leaving_in_step
 from contact_app.scene.scene import Scene
 from solver.contact.solution import Solution
@@ -129,13 +129,13 @@ class CaseModels:
         self._earlier: list[_Earlier] = []
         self._directions: Directions | None = None
 
-    def model(self, scene: Scene, timings: Timings, needed: Needed, tell: Tell | None) -> Model:
+    def model(self, scene: Scene, timings: Timings, needed: Needed, report: Report | None) -> Model:
         """The model of the scene of a loading; parameters as in `build_model`.
 
         A loading gets a model of its own if it has other subdomains or rigid bodies (whose
         placements differ), or if other rows are redundant.
         """
-        model = self._model_of(scene, timings, needed, tell)
+        model = self._model_of(scene, timings, needed, report)
         problem = model.problem
         if not problem.factored or problem.coarse is None:
             return model
@@ -145,15 +145,17 @@ class CaseModels:
             return model
         return replace(model, problem=shared)
 
-    def _model_of(self, scene: Scene, timings: Timings, needed: Needed, tell: Tell | None) -> Model:
+    def _model_of(
+        self, scene: Scene, timings: Timings, needed: Needed, report: Report | None
+    ) -> Model:
         with timings.measure("setup"):
             if not self._outlines:
                 self._outlines = outlines_of_cases(self._scene, self._comm, timings)
             known = self._outline(scene, timings)
         if known is None or scene.rigid_bodies or scene.decomposition != self._scene.decomposition:
-            return build_model(scene, self._comm, timings, needed, tell)
+            return build_model(scene, self._comm, timings, needed, report)
         with timings.measure("setup"):
-            return self._shared(scene, known, timings, needed, tell)
+            return self._shared(scene, known, timings, needed, report)
 
     def _outline(self, scene: Scene, timings: Timings) -> Outline | None:
         """The outline of a loading; within a step, with the rows that the steps need."""
@@ -164,22 +166,22 @@ class CaseModels:
         return known and known.with_needed(first.needed)
 
     def _shared(
-        self, scene: Scene, known: Outline, timings: Timings, needed: Needed, tell: Tell | None
+        self, scene: Scene, known: Outline, timings: Timings, needed: Needed, report: Report | None
     ) -> Model:
         """The model of a case with the factors of other cases, or with new ones for more rows."""
-        wanted = known.needed.copy()
+        rows = known.needed.copy()
         if not isinstance(needed, str):
-            wanted |= needed
+            rows |= needed
         elif needed == "all":
-            wanted[:] = True
+            rows[:] = True
         if self._model is not None:
-            more = bool((wanted & ~self._model.needed).any())
+            more = bool((rows & ~self._model.needed).any())
             if not self._comm.allreduce(int(more)):
                 return model_of_case(self._model, known.with_needed(self._model.needed), scene)
-            wanted |= self._model.needed
-        known = known.with_needed(wanted)
-        if tell is not None:
-            tell(self._scene, known)
+            rows |= self._model.needed
+        known = known.with_needed(rows)
+        if report is not None:
+            report(self._scene, known)
         self._patches = None
         self._model = model_of_outline(scene, known, timings)
         return self._model
@@ -201,14 +203,14 @@ class CaseModels:
 
     def on(self, model: Model) -> Array | None:
         """Initial multipliers (dual,); None if no earlier case is near (collective)."""
-        alike = [e for e in self._earlier if e.B is model.problem.B]
-        if not alike:
+        comparable = [e for e in self._earlier if e.B is model.problem.B]
+        if not comparable:
             return None
-        vectors = np.array([e.effect for e in alike] + [model.problem.effect_of_loads])
+        vectors = np.array([e.effect for e in comparable] + [model.problem.effect_of_loads])
         shares = nearest_combination(self._comm.allreduce(vectors @ vectors.T))
         if shares is None:
             return None
-        return np.asarray(shares @ np.array([e.multiplier for e in alike]))
+        return np.asarray(shares @ np.array([e.multiplier for e in comparable]))
 
 
 def nearest_combination(products: Array) -> Array | None:
@@ -236,15 +238,15 @@ def nearest_combination(products: Array) -> Array | None:
     if left[best] > FAR**2 * square or not share[best] > 0.0:
         return None
     chosen, found, rest = [best], share[[best]], max(float(left[best]), 0.0)
-    apart = square - 2.0 * own + squares
+    distances = square - 2.0 * own + squares
     while rest > NEAR**2 * square and len(chosen) < min(MOST, len(own)):
         joined = [_joined(inner, own, square, [*chosen, k]) for k in range(len(own))]
         after = np.array([one[1] for one in joined])
         after[chosen] = np.inf
         if after.min() > GAINED**2 * rest:
             break
-        alike = after <= max(2.0 * after.min(), NEAR**2 * square)
-        k = int(np.argmin(np.where(alike, apart, np.inf)))
+        nearly_best = after <= max(2.0 * after.min(), NEAR**2 * square)
+        k = int(np.argmin(np.where(nearly_best, distances, np.inf)))
         chosen, found, rest = [*chosen, k], joined[k][0], float(after[k])
     result = np.zeros(len(own))
     result[chosen] = found

@@ -17,10 +17,9 @@ from mpi4py import MPI
 from contact_app.accuracy.solved_scene import SolvedScene
 from contact_app.errors import ConfigurationError
 from contact_app.machine.environment import environment
-from contact_app.machine.exits import Exit
-from contact_app.machine.exits import tell as say
+from contact_app.machine.exits import Exit, print_message
 from contact_app.model.method import chosen
-from contact_app.model.outline import Tell
+from contact_app.model.outline import Report
 from contact_app.results.envelope import Envelope
 from contact_app.results.history import History
 from contact_app.results.report import log, print_cases, write_summary
@@ -46,7 +45,7 @@ def solved_cases(
     scene: Scene,
     comm: MPI.Intracomm,
     monitor_of: Callable[[str], Monitor | None],
-    tell: Tell | None = None,
+    report: Report | None = None,
 ) -> Iterator[SolvedScene]:
     """Solve the cases of a scene one after another; writes nothing (collective).
 
@@ -54,14 +53,19 @@ def solved_cases(
     ----------
     monitor_of
         Returns the monitor of a case, given its name; called before the case is solved.
-    tell
+    report
         Called with the scene and the outline of the model of its first case.
     """
     scene = chosen(scene)
     models = CaseModels(scene, comm)
     for case in scene.cases:
         solved = solve_scene(
-            scene.under(case), comm, monitor_of(case.name), tell=tell, start=models, cases=models
+            scene.under(case),
+            comm,
+            monitor_of(case.name),
+            report=report,
+            start=models,
+            cases=models,
         )
         models.add(solved.model, solved.solution)
         yield solved
@@ -198,8 +202,8 @@ def _solve_and_write(
             path = directory / name / "history.csv" if comm.rank == 0 else None
             return together(progress, histories.enter_context(History(path)), attention)
 
-        tell = partial(log_model_that_fits, directory=directory)
-        for solved in solved_cases(scene, comm, monitor_of, tell):
+        report = partial(log_model_that_fits, directory=directory)
+        for solved in solved_cases(scene, comm, monitor_of, report):
             histories.close()
             left.remove(solved.model.scene.case)
             with without_parts(directory / solved.model.scene.case):
@@ -221,4 +225,6 @@ def _print(summary: dict[str, Any], warnings: list[str], files: list[Path]) -> N
     try:
         print_cases(summary, warnings, files)
     except OSError as error:
-        say(f"the overview could not be printed ({error.strerror}); {files[0].parent} has it")
+        print_message(
+            f"the overview could not be printed ({error.strerror}); {files[0].parent} has it"
+        )

@@ -41,8 +41,8 @@ def report(scene: Scene, comm: MPI.Intracomm = MPI.COMM_WORLD) -> None:
     refuse_unguaranteed(scene, known.partition)
     lines = describe(scene, known)
     for name, own in outlines.items():
-        what = f"case {name}" if scene.cases else name
-        lines += [f"{what}: {line}" for line in loads_on_bodies(scene, own)]
+        label = f"case {name}" if scene.cases else name
+        lines += [f"{label}: {line}" for line in loads_on_bodies(scene, own)]
     if scene.symmetry:
         lines = [*halving.notes, "", *lines]
     elif halving.scene.mirrors:

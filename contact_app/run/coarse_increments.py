@@ -132,8 +132,8 @@ class CoarseIncrements:
         if not suspicions:
             return ""
         self._checked.add(step)
-        seen = "; ".join(suspicions)
-        text = f"the friction forces may depend on the size of this increment ({seen})"
+        reasons = "; ".join(suspicions)
+        text = f"the friction forces may depend on the size of this increment ({reasons})"
         change = halved(self._models, middle(), now, monitor())
         if change is None:
             return (
@@ -145,7 +145,7 @@ class CoarseIncrements:
         return (
             f"halving this increment changes friction forces by {percent(change.forces)} of "
             f"their limits and displacements by {percent(change.displacements)} of the "
-            f"largest ({seen}): give the step more increments"
+            f"largest ({reasons}): give the step more increments"
         )
 
 
@@ -190,24 +190,28 @@ def halved(
     middle
         The scene with the loads half-way through the increment.
     """
-    whole, comm = now.model, now.model.comm
-    alike = replace(middle, solver=whole.scene.solver, decomposition=whole.scene.decomposition)
+    model_now, comm = now.model, now.model.comm
+    halfway = replace(
+        middle, solver=model_now.scene.solver, decomposition=model_now.scene.decomposition
+    )
     rigid = bool(middle.rigid_bodies)  # each of their placements has a model of its own
-    model = models.model(alike, Timings(), "all" if rigid else whole.needed, None)
-    same = rigid or model.problem.B is whole.problem.B
+    model = models.model(halfway, Timings(), "all" if rigid else model_now.needed, None)
+    same = rigid or model.problem.B is model_now.problem.B
     if not comm.allreduce(int(same), op=MPI.MIN):
         return None
-    options = replace(whole.scene.solver, tolerance=max(TOLERANCE, now.solution.tolerance))
+    options = replace(model_now.scene.solver, tolerance=max(TOLERANCE, now.solution.tolerance))
     limited = together(monitor, _Patience(max(LEAST, int(TIMES * now.solution.counts.hessian))))
-    first = solve(_alone(model.problem), options, limited, start=models.on(model))
+    first = solve(_without_recycling(model.problem), options, limited, start=models.on(model))
     if not first.converged:
         return None
     if rigid:
-        there = models.after(alike, first.displacements)
-        problem = _alone(there.model(whole.scene, Timings(), whole.needed, None).problem)
+        moved = models.after(halfway, first.displacements)
+        problem = _without_recycling(
+            moved.model(model_now.scene, Timings(), model_now.needed, None).problem
+        )
     else:
-        problem = _alone(whole.problem).with_slip_from(first.displacements)
-    if not comm.allreduce(int(problem.size == whole.problem.size), op=MPI.MIN):
+        problem = _without_recycling(model_now.problem).with_slip_from(first.displacements)
+    if not comm.allreduce(int(problem.size == model_now.problem.size), op=MPI.MIN):
         return None
     second = solve(problem, options, limited, start=now.solution.multiplier)
     if not second.converged:
@@ -223,7 +227,7 @@ def halved(
     return found
 
 
-def _alone(problem: DualProblem) -> DualProblem:
+def _without_recycling(problem: DualProblem) -> DualProblem:
     """The problem with separate search directions, so that those of increments do not change."""
     return problem.recycling(None) if problem.factored and problem.coarse is not None else problem
 
@@ -256,8 +260,8 @@ def _change(
             max((float(np.abs(b).max(initial=0.0)) for _, b in pairs), default=0.0),
         ]
     )
-    apart, largest = np.max(comm.allgather(own), axis=0)
+    change, largest = np.max(comm.allgather(own), axis=0)
     return Change(
         float(moved / limits) if limits > 0.0 else 0.0,
-        float(apart / largest) if largest > 0.0 else 0.0,
+        float(change / largest) if largest > 0.0 else 0.0,
     )

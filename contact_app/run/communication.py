@@ -42,9 +42,9 @@ class Communication:
         self.comm = comm
         if comm.size > 1:
             PETSc.Log.begin()
-        self._before = self._seen()
+        self._before = self._messages()
 
-    def _seen(self) -> Any:
+    def _messages(self) -> Any:
         if self.comm.size == 1:
             return np.zeros(2)
         event = PETSc.Log.Event(HALO).getPerfInfo()
@@ -58,7 +58,7 @@ class Communication:
         if self.comm.size == 1:
             return None
         # PETSc counts what is sent and what is received
-        messages, length = 0.5 * self.comm.allreduce(self._seen() - self._before)
+        messages, length = 0.5 * self.comm.allreduce(self._messages() - self._before)
         multiplications = max(counts.hessian, 1)
         return {
             "messages": round(messages / multiplications, 1),

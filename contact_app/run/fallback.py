@@ -140,9 +140,9 @@ def solve_directly(
         return None
     multiplier = feasible_multiplier(problem, found.multiplier, found.multiplier > 0.0)
     certificate, measures = certify(problem, multiplier, found.displacements, tolerance)
-    spent = found.counts if before is None else before.counts + found.counts
+    counts = found.counts if before is None else before.counts + found.counts
     return Solution(
-        multiplier, found.displacements, certificate, measures, spent, found.reason, tolerance,
+        multiplier, found.displacements, certificate, measures, counts, found.reason, tolerance,
         method="newton",
     )  # fmt: skip
 

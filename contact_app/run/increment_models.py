@@ -22,7 +22,7 @@ from contact_app.accuracy.solved_scene import SolvedScene
 from contact_app.machine.timings import Timings
 from contact_app.model.candidates import Needed
 from contact_app.model.model import Model
-from contact_app.model.outline import Tell
+from contact_app.model.outline import Report
 from contact_app.model.rigid import RigidUnknowns, slips_of_held
 from contact_app.results.friction import approach_of_held
 from contact_app.run.case_models import CaseModels
@@ -67,9 +67,9 @@ class IncrementModels:
         """
         self._last, self._earlier = last, read
 
-    def model(self, scene: Scene, timings: Timings, needed: Needed, tell: Tell | None) -> Model:
+    def model(self, scene: Scene, timings: Timings, needed: Needed, report: Report | None) -> Model:
         """The model of an increment, with slip measured from the last one."""
-        model = self._models.model(scene, timings, needed, tell)
+        model = self._models.model(scene, timings, needed, report)
         problem = model.problem
         if self._earlier is not None:
             self._displacements = self._earlier([(len(f), f.shape[1]) for f in problem.forces])

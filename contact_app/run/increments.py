@@ -22,7 +22,7 @@ from mpi4py import MPI
 from contact_app.accuracy.solved_scene import SolvedScene
 from contact_app.errors import NoEquilibriumError
 from contact_app.model.method import chosen
-from contact_app.model.outline import Tell
+from contact_app.model.outline import Report
 from contact_app.run.coarse_increments import CoarseIncrements
 from contact_app.run.fallback import NoWayLeftError
 from contact_app.run.increment_models import IncrementModels
@@ -107,7 +107,7 @@ def solved_increments(
     scene: Scene,
     comm: MPI.Intracomm,
     monitor_of: Callable[[Place], Monitor | None],
-    tell: Tell | None = None,
+    report: Report | None = None,
     models: IncrementModels | None = None,
     begin: Position | None = None,
 ) -> Iterator[SolvedIncrement]:
@@ -119,7 +119,7 @@ def solved_increments(
     ----------
     monitor_of
         Returns the monitor of an increment; called before the increment is solved.
-    tell
+    report
         Called with the scene and the outline of the model of its first increment.
     models, begin
         Models and position after increments that were solved before.
@@ -139,7 +139,7 @@ def solved_increments(
         while ahead:
             part = ahead.pop()
             place = Place(step, part[1], number + 1)
-            solved = _solved(scene, comm, place, monitor_of, tell, models)
+            solved = _solved(scene, comm, place, monitor_of, report, models)
             halved = _halvings(part, given.increments)
             if not _is_final(solved) and halved < HALVINGS:
                 middle = (part[0] + part[1]) / 2
@@ -189,13 +189,15 @@ def _solved(
     comm: MPI.Intracomm,
     place: Place,
     monitor_of: Callable[[Place], Monitor | None],
-    tell: Tell | None,
+    report: Report | None,
     models: IncrementModels,
 ) -> SolvedScene | NoWayLeftError:
     """The solution of an increment, or the reason for its failure (collective)."""
     loaded = _loaded(scene, place)
     try:
-        return solve_scene(loaded, comm, monitor_of(place), tell=tell, start=models, cases=models)
+        return solve_scene(
+            loaded, comm, monitor_of(place), report=report, start=models, cases=models
+        )
     except LeavesInStepError:
         raise
     except NoEquilibriumError as error:

@@ -213,22 +213,22 @@ def _decomposed(scene: Scene, known: Outline) -> list[str]:
     ]
     obstacles = [body.name for body in scene.rigid_bodies if body.name not in scene.body_names]
     lines += [f"  {name}: held in all components, so it is a fixed obstacle" for name in obstacles]
-    whole = np.append(known.eliminated, np.zeros(len(scene.moving), bool))
-    for name, found, eliminated in zip(scene.body_names, known.balances, whole, strict=True):
+    undecomposed = np.append(known.eliminated, np.zeros(len(scene.moving), bool))
+    for name, found, eliminated in zip(scene.body_names, known.balances, undecomposed, strict=True):
         if eliminated:
-            how = "held by its conditions and not decomposed: no gluing and no coarse problem"
+            state = "held by its conditions and not decomposed: no gluing and no coarse problem"
         elif name not in [body.name for body in scene.bodies] and not found.free_motions.shape[1]:
-            how = "rigid: its contacts and its conditions hold it"
+            state = "rigid: its contacts and its conditions hold it"
         elif found.held:
-            how = "held by its conditions; its subdomains float (Total FETI)"
+            state = "held by its conditions; its subdomains float (Total FETI)"
         elif found.free_motions.shape[1]:
-            how = (
+            state = (
                 f"free in {found.free_motions.shape[1]} rigid motions on which no load does work: "
                 "the run holds the body in its place"
             )
         else:
-            how = "held by its contacts alone, or by its contacts and conditions together"
-        lines.append(f"  {name}: {how}")
+            state = "held by its contacts alone, or by its contacts and conditions together"
+        lines.append(f"  {name}: {state}")
     if not scene.touching:
         lines.append("  no contacts: conjugate gradients solve the linear problem")
     if may_peel(scene):

@@ -31,7 +31,7 @@ from contact_app.accuracy.contact_limits import (
     pressed_facets,
     slipped_through,
 )
-from contact_app.accuracy.faceted_curves import beside, median_gaps, pair_sagittas, sagittas
+from contact_app.accuracy.faceted_curves import compared, median_gaps, pair_sagittas, sagittas
 from contact_app.accuracy.sharp_edges import sentences, sharp_peaks
 from contact_app.accuracy.trust import few_cells
 from contact_app.model.loaded_area import loaded_facets, straddled_area
@@ -135,7 +135,7 @@ def _straight_edges(answer: Answer) -> Iterator[str]:
     gaps = median_gaps(answer.model) if any(found) else []
     for contact, sagitta, gap in zip(scene.contacts, found, gaps, strict=False):
         body = scene.bodies[contact.body]
-        share = beside(sagitta, moved[contact.body], gap)
+        share = compared(sagitta, moved[contact.body], gap)
         if share:
             second = "a mesh file of second order (in Gmsh: Mesh.ElementOrder = 2)"
             remedy = f"use {second}" if body.degree == 2 else f"use degree: 2 and {second}"
@@ -152,7 +152,7 @@ def _straight_facets(answer: Answer) -> Iterator[str]:
     found = pair_sagittas(answer.model, answer.nodes)
     gaps = median_gaps(answer.model)[len(scene.contacts) :] if any(found) else []
     for pair, sagitta, gap in zip(scene.pairs, found, gaps, strict=False):
-        share = beside(sagitta, max(moved[pair.body], moved[pair.other]), gap)
+        share = compared(sagitta, max(moved[pair.body], moved[pair.other]), gap)
         if not share:
             continue
         names = f"{scene.bodies[pair.body].name} and {scene.bodies[pair.other].name}"
@@ -414,7 +414,7 @@ def _plays(answer: Answer) -> list[str]:
     return play_warnings(undetermined(answer.model, answer.solution))
 
 
-def _apart(answer: Answer) -> list[str]:
+def _tied_over_gaps(answer: Answer) -> list[str]:
     """Tied surfaces at a distance from each other."""
     return [note for note in answer.model.notes if "the tied surfaces are" in note]
 
@@ -482,6 +482,6 @@ CHECKS: tuple[Callable[[Answer], Iterable[str]], ...] = (
     _between_nodes, _coarse_pressures, _sharp_edges, _sliding_bodies, _locking_in_volume,
     _locking_in_bending, _moved_far, _coarse_meshes, _stresses_beside_expansion, _straddled_facets,
     _without_facets, _certificates, _free_motions, _slides, _rubs_where_open, _closes_at_once,
-    _several_answers, _plays, _apart,
+    _several_answers, _plays, _tied_over_gaps,
 )  # fmt: skip
 """The tests of an answer, in the order of their warnings."""

@@ -119,13 +119,13 @@ def _misplaced(solved: SolvedScene, places: list[Placement]) -> float:
     for number, item in enumerate(scene.contacts):
         if item.rigid not in scene.moving:
             continue
-        mine = contact.sources == number
-        points, size = contact.points[mine], float(moved[item.body])
+        of_contact = contact.sources == number
+        points, size = contact.points[of_contact], float(moved[item.body])
         if not len(points) or size == 0.0:
             continue
         distance, normal = _distance_and_normal(scene, places, item, points)
         gap, turned = after.contacts[number].gap_and_normal(points)
-        near = pressed[mine] | (gap <= size)
+        near = pressed[of_contact] | (gap <= size)
         error = np.abs(gap - distance) / size + np.linalg.norm(turned - normal, axis=1)
         worst = max(worst, float(error[near].max(initial=0.0)))
     return float(model.comm.allreduce(worst, op=MPI.MAX))

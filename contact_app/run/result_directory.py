@@ -51,7 +51,7 @@ def clear(directory: Path, resume: bool) -> None:
     directory.mkdir(parents=True, exist_ok=True)
     _clear_cases(directory)
     going_on = resume and (directory / CHECKPOINT).is_file()
-    retained = _kept(directory) if going_on else ()
+    retained = _retained(directory) if going_on else ()
     increments = [path.name for path in directory.iterdir() if OF_INCREMENTS.fullmatch(path.name)]
     for name in (*RESULTS, *increments):
         if name not in retained:
@@ -61,17 +61,17 @@ def clear(directory: Path, resume: bool) -> None:
     remove_parts(directory)
 
 
-def _kept(directory: Path) -> set[str]:
+def _retained(directory: Path) -> set[str]:
     """The files that a resumed run keeps in its directory."""
-    kept = {HISTORY}
+    retained = {HISTORY}
     try:
         saved = json.loads((directory / CHECKPOINT).read_text(encoding="utf-8"))
         finished = len(saved["records"])
     except (OSError, ValueError, KeyError, TypeError):
-        return kept
-    kept |= {"summary.json", "increments.csv", "solution.xdmf", "solution.h5", "solution.pvd"}
+        return retained
+    retained |= {"summary.json", "increments.csv", "solution.xdmf", "solution.h5", "solution.pvd"}
     numbers = range(1, finished + 1)
-    return kept | {f"solution-{n}.{suffix}" for n in numbers for suffix in ("h5", "vtu")}
+    return retained | {f"solution-{n}.{suffix}" for n in numbers for suffix in ("h5", "vtu")}
 
 
 def _clear_cases(directory: Path) -> None:

@@ -10,8 +10,7 @@ from typing import TYPE_CHECKING, Any
 from mpi4py import MPI
 
 from contact_app.errors import ConfigurationError, CouldNotRunError
-from contact_app.machine.exits import Exit, add_remedy
-from contact_app.machine.exits import tell as say
+from contact_app.machine.exits import Exit, add_remedy, print_message
 from contact_app.results.history import History
 from contact_app.results.report import log, print_summary, run_log
 from contact_app.run.communication import on_first
@@ -85,12 +84,12 @@ def run(
         progress.stage(f"modelling {scene.title or scene.source.name}")
         refined = None
         if scene.accuracy is None:
-            tell = partial(log_model_that_fits, directory=directory)
-            solved = solve_scene(scene, comm, monitor, checkpoint, tell)
+            report = partial(log_model_that_fits, directory=directory)
+            solved = solve_scene(scene, comm, monitor, checkpoint, report)
         else:
-            once = partial(solve_scene, comm=comm, monitor=monitor, tell=log_model)
+            solve_level = partial(solve_scene, comm=comm, monitor=monitor, report=log_model)
             refined = _to_accuracy(
-                scene, once, progress, lambda: interruption.requested_by_any(comm)
+                scene, solve_level, progress, lambda: interruption.requested_by_any(comm)
             )
             solved = refined.solved
         solution = solved.solution
@@ -116,12 +115,12 @@ def run(
 
 
 def _to_accuracy(
-    scene: Scene, once: Solve, progress: Progress, stop: Callable[[], bool]
+    scene: Scene, solve_level: Solve, progress: Progress, stop: Callable[[], bool]
 ) -> Refined:
     """The answer on meshes refined to the requested accuracy (collective)."""
     from contact_app.accuracy.refine.refinement import solve_to_accuracy
 
-    return solve_to_accuracy(scene, once, progress.stage, stop=stop)
+    return solve_to_accuracy(scene, solve_level, progress.stage, stop=stop)
 
 
 def _run_of_loadings(scene: Scene) -> Callable[[Scene, Path, MPI.Intracomm, bool, float], int]:
@@ -140,4 +139,6 @@ def _print(summary: dict[str, Any], tolerance: float, files: list[Path]) -> None
     try:
         print_summary(summary, tolerance, files)
     except OSError as error:
-        say(f"the summary could not be printed ({error.strerror}); {files[0].parent} has it")
+        print_message(
+            f"the summary could not be printed ({error.strerror}); {files[0].parent} has it"
+        )

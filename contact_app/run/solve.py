@@ -20,7 +20,7 @@ from contact_app.machine.timings import Timings
 from contact_app.model.candidates import Needed
 from contact_app.model.method import chosen, is_undecomposed
 from contact_app.model.model import Model, build_model
-from contact_app.model.outline import Tell
+from contact_app.model.outline import Report
 from contact_app.results.fields import cell_fields, node_fields
 from contact_app.results.report import log
 from contact_app.results.rigid import placements_of
@@ -77,7 +77,7 @@ class Shared(Protocol):
     def keeps_subdomains(self) -> bool:
         """Whether a model must have the subdomains of the models before, where slip is known."""
 
-    def model(self, scene: Scene, timings: Timings, needed: Needed, tell: Tell | None) -> Model:
+    def model(self, scene: Scene, timings: Timings, needed: Needed, report: Report | None) -> Model:
         """The model of a scene; parameters as in `build_model`."""
 
     def estimator(self, model: Model) -> ErrorEstimator:
@@ -102,18 +102,18 @@ class _Request:
     comm: MPI.Intracomm
     monitor: Monitor | None
     checkpoint: Checkpoint | None
-    tell: Tell | None
+    report: Report | None
     start: Start | None
     timings: Timings
-    spent: Counts = field(default_factory=Counts)
+    counts_before: Counts = field(default_factory=Counts)
     needed: Needed = "distinct"
     cases: Shared | None = None
 
     def model(self) -> Model:
         """The model of the scene (collective)."""
         if self.cases is not None:
-            return self.cases.model(self.scene, self.timings, self.needed, self.tell)
-        return build_model(self.scene, self.comm, self.timings, self.needed, self.tell)
+            return self.cases.model(self.scene, self.timings, self.needed, self.report)
+        return build_model(self.scene, self.comm, self.timings, self.needed, self.report)
 
     def estimator(self, model: Model) -> ErrorEstimator:
         """The estimator of errors of its answers."""
@@ -125,7 +125,7 @@ def solve_scene(
     comm: MPI.Intracomm = MPI.COMM_WORLD,
     monitor: Monitor | None = None,
     checkpoint: Checkpoint | None = None,
-    tell: Tell | None = None,
+    report: Report | None = None,
     start: Start | None = None,
     needed: Needed = "distinct",
     cases: Shared | None = None,
@@ -136,7 +136,7 @@ def solve_scene(
     ----------
     start
         Initial guess from the answer to another scene.
-    tell
+    report
         Called with the scene and the outline of its model (collective).
     needed
         Candidate contact rows to begin with; more join if the answer penetrates others.
@@ -149,14 +149,14 @@ def solve_scene(
         The scene cannot be modelled, or has no equilibrium.
     """
     if scene.loadings:
-        key, what = ("cases", "load cases") if scene.cases else ("steps", "load steps")
+        key, loadings = ("cases", "load cases") if scene.cases else ("steps", "load steps")
         raise ConfigurationError(
-            f"{scene.at(key)}: {what} are solved by `run` and by `contact_app.solve`; give a scene "
-            "without them"
+            f"{scene.at(key)}: {loadings} are solved by `run` and by `contact_app.solve`; give a "
+            "scene without them"
         )
     scene = chosen(scene)
     request = _Request(
-        scene, comm, monitor, checkpoint, tell, start, Timings(), needed=needed, cases=cases
+        scene, comm, monitor, checkpoint, report, start, Timings(), needed=needed, cases=cases
     )
     solved = _at_rest(request)
     if not scene.guaranteed:
@@ -187,7 +187,7 @@ def _at_rest(request: _Request) -> SolvedScene:
         places = relaxation.towards(solved.model.scene.placements, places)
         request = replace(
             request, scene=request.scene.placed(places), start=SameRows(solved.solution.multiplier),
-            checkpoint=None, spent=solved.solution.counts, tell=None,
+            checkpoint=None, counts_before=solved.solution.counts, report=None,
         )  # fmt: skip
     solved = never_placed(solved)
     return replace(solved, summary=summary_of(solved))
@@ -196,12 +196,14 @@ def _at_rest(request: _Request) -> SolvedScene:
 def _certified(request: _Request) -> SolvedScene:
     """Solve a scene by the first method that ends with a certificate (collective)."""
 
-    def solve_one_way(scene: Scene, spent: Counts, first: bool) -> SolvedScene:
+    def solve_one_way(scene: Scene, counts_before: Counts, first: bool) -> SolvedScene:
         checkpoint = request.checkpoint if first else None
-        return _solved(replace(request, scene=scene, checkpoint=checkpoint, spent=spent))
+        return _solved(
+            replace(request, scene=scene, checkpoint=checkpoint, counts_before=counts_before)
+        )
 
     keeps = request.cases is not None and request.cases.keeps_subdomains
-    return first_certified(request.scene, request.comm, solve_one_way, request.spent, keeps)
+    return first_certified(request.scene, request.comm, solve_one_way, request.counts_before, keeps)
 
 
 def _solved(request: _Request) -> SolvedScene:
@@ -225,7 +227,7 @@ def _solved(request: _Request) -> SolvedScene:
             comm.allreduce(int(needed.sum() - model.needed.sum())),
         )
         # the checkpoint remains that of the first solve, with which a resumed run begins
-        request = replace(request, checkpoint=None, spent=solution.counts, needed=needed)
+        request = replace(request, checkpoint=None, counts_before=solution.counts, needed=needed)
     return _solve_once(replace(request, needed="all"))
 
 
@@ -253,7 +255,9 @@ def _solve_once(request: _Request) -> SolvedScene:
     record = communication.per_multiplication(solution.counts)
     with timings.measure("estimate"):
         accuracy = solution.accuracy or estimator.accuracy(solution)
-        solution = replace(solution, accuracy=accuracy, counts=request.spent + solution.counts)
+        solution = replace(
+            solution, accuracy=accuracy, counts=request.counts_before + solution.counts
+        )
     with timings.measure("output"):
         nodes = node_fields(model, solution)
         cells = cell_fields(model, solution)

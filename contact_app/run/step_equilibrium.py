@@ -58,18 +58,18 @@ def leaving_in_step(
     digits
         Relative accuracy of the factor.
     """
-    stands, leaves, share = 0.0, 1.0, 0.0  # test the start of the step first
-    while leaves - stands > digits * leaves and leaves > LEAST:
+    balanced, leaves, share = 0.0, 1.0, 0.0  # test the start of the step first
+    while leaves - balanced > digits * leaves and leaves > LEAST:
         loaded = scene.under(scene.loading_at(step, share))
         try:
             if known is None or outline_of_case(known, loaded) is None:
                 known = outline(loaded, comm, needed="distinct")
-            stands = share
+            balanced = share
         except NoEquilibriumError as earlier:
             leaves, error = share, earlier
-        share = 0.5 * (stands + leaves)
+        share = 0.5 * (balanced + leaves)
     message = str(error).removeprefix(f"{scene.source}: ")
-    found = 0.5 * (stands + leaves) if stands else 0.0
-    where = f"from its factor {found:.3g} on" if stands else "from its start on"
+    found = 0.5 * (balanced + leaves) if balanced else 0.0
+    where = f"from its factor {found:.3g} on" if balanced else "from its start on"
     text = f"{scene.at(f'steps[{step}]')}: step {step + 1}, {where}: {message}"
     return LeavesInStepError(text, found)

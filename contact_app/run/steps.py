@@ -9,8 +9,7 @@ from typing import Any
 
 from mpi4py import MPI
 
-from contact_app.machine.exits import Exit
-from contact_app.machine.exits import tell as say
+from contact_app.machine.exits import Exit, print_message
 from contact_app.results.history import History
 from contact_app.results.output import Fields, write_fields
 from contact_app.results.report import log, print_steps, write_summary
@@ -146,9 +145,9 @@ def _solve_and_write(
         reached = files.reached
         at = scene.loading_at(files.position.step - 1, float(files.position.share))
         models.go_on(scene.under(at), lambda shapes: reached.displacements(shapes, comm))
-    tell = partial(log_model_that_fits, directory=files.directory)
+    report = partial(log_model_that_fits, directory=files.directory)
     over, code, failed = files.position, Exit.CERTIFIED, ""
-    for increment in solved_increments(scene, comm, monitor_of, tell, models, over):
+    for increment in solved_increments(scene, comm, monitor_of, report, models, over):
         solution = increment.solved.solution
         if solution.reason is Reason.STOPPED and not solution.converged and files.records:
             break
@@ -206,4 +205,6 @@ def _print(summary: dict[str, Any], files: list[Path]) -> None:
     try:
         print_steps(summary, files)
     except OSError as error:
-        say(f"the summary could not be printed ({error.strerror}); {files[0].parent} has it")
+        print_message(
+            f"the summary could not be printed ({error.strerror}); {files[0].parent} has it"
+        )

@@ -57,7 +57,7 @@ from solver.driver import reason_text
 class Solve(Protocol):
     """Solve a scene by one method (collective)."""
 
-    def __call__(self, scene: Scene, spent: Counts, first: bool) -> SolvedScene:
+    def __call__(self, scene: Scene, counts_before: Counts, first: bool) -> SolvedScene:
         """Solve after some work spent before; the first method may go on from a checkpoint.
 
         Raises
@@ -127,7 +127,7 @@ def first_certified(
     scene: Scene,
     comm: MPI.Intracomm,
     solve: Solve,
-    spent: Counts,
+    counts_before: Counts,
     keeps_subdomains: bool = False,
 ) -> SolvedScene:
     """The answer of the first method that ends with a certificate, or of the last one (collective).
@@ -158,7 +158,7 @@ def first_certified(
         before = answer if way.keeps else None
         scene, answer = own, None  # free the factors of the last method
         try:
-            answer = solve(_limited(own, way.patience), spent, number == 0)
+            answer = solve(_limited(own, way.patience), counts_before, number == 0)
         except NoAnswerError as error:
             failed = _Failure(str(error), error.subdomains)
             if before is not None:
@@ -171,7 +171,7 @@ def first_certified(
             warnings.append("multigrid left no certified answer, either")
             answer = before
             continue
-        spent = answer.solution.counts
+        counts_before = answer.solution.counts
         failed = _Failure(reason_text(answer.solution), answer.model.partition.count)
     if answer is None:
         raise NoWayLeftError(

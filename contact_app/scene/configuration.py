@@ -101,7 +101,9 @@ class Configuration(Model):
     def _title(cls, value: str) -> str:
         if not value.isprintable():
             raise PydanticCustomError(
-                "told", "is {value}; one line of printable text is allowed", {"value": repr(value)}
+                "refused",
+                "is {value}; one line of printable text is allowed",
+                {"value": repr(value)},
             )
         return value
 

@@ -203,12 +203,12 @@ def _depth(tree: ast.AST) -> int:
 def _check(node: ast.expr, variables: tuple[str, ...]) -> str:
     """Whether a node is a `number` or a `condition`; raises where it is neither."""
 
-    def check(child: ast.expr, wanted: str) -> str:
+    def check(child: ast.expr, expected: str) -> str:
         found = _check(child, variables)
-        if found != wanted:
+        if found != expected:
             logic = isinstance(node, ast.BinOp) and isinstance(node.op, _LOGIC)
             raise ExpressionError(
-                f"uses `{_source(child)}`, a {found}, where a {wanted} belongs"
+                f"uses `{_source(child)}`, a {found}, where a {expected} belongs"
                 + ("; put comparisons in parentheses around & and |" if logic else "")
             )
         return found

@@ -46,7 +46,7 @@ def message(
         return f"{at.rsplit(': ', 1)[0]}: {key_text(path)} {allowed}"
     at = where(path, file, lines, overridden)
     text = shown(value)
-    if kind in ("unknown_key", "told"):
+    if kind in ("unknown_key", "refused"):
         return f"{at} {details['msg']}"
     sections = {section.__name__: section for section in Model.__subclasses__()}
     section, keys = sections.get(str(context.get("class_name"))), ""
@@ -55,7 +55,7 @@ def message(
     limit = next((f"{context[k]:g}" for k in ("gt", "ge", "lt", "le") if k in context), "")
     if context.get("ge") == SMALLEST:
         limit = f"{SMALLEST:g}, that is above 0"
-    wanted = {
+    allowed = {
         "finite_number": "a finite number is allowed",
         "float_type": "a number is allowed",
         "int_type": "a whole number is allowed",
@@ -75,9 +75,9 @@ def message(
         "string_too_long": f"at most {context.get('max_length')} characters are allowed",
     }.get(kind, details["msg"])
     if kind == "literal_error" and isinstance(value, str):
-        near = difflib.get_close_matches(value, re.findall(r"'([^']+)'", wanted), 1)
-        wanted += f"; did you mean {near[0]}?" if near else ""
-    return f"{at} is {text}; {wanted}"
+        near = difflib.get_close_matches(value, re.findall(r"'([^']+)'", allowed), 1)
+        allowed += f"; did you mean {near[0]}?" if near else ""
+    return f"{at} is {text}; {allowed}"
 
 
 def _real_path(location: Sequence[str | int], data: Any) -> Key:

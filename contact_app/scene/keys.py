@@ -46,18 +46,18 @@ class Keys:
         """Raise a ConfigurationError: file, line and key, then the message."""
         raise ConfigurationError(self.configuration.where(path) + " " + message)
 
-    def vector(self, values: Sequence[float], path: Place, what: str) -> tuple[float, ...]:
+    def vector(self, values: Sequence[float], path: Place, kind: str) -> tuple[float, ...]:
         """A vector with one component per axis of the scene."""
         if len(values) != self.dimension:
             self.fail(
                 path,
-                f"has {len(values)} components; {what} in {self.dimension}D has {self.dimension}",
+                f"has {len(values)} components; {kind} in {self.dimension}D has {self.dimension}",
             )
         return tuple(values)
 
-    def space(self, values: Sequence[float], path: Place, what: str) -> Vector:
+    def space(self, values: Sequence[float], path: Place, kind: str) -> Vector:
         """A vector of the scene with three components, zero across a plane."""
-        vector = self.vector(values, path, what)
+        vector = self.vector(values, path, kind)
         x, y, z = (*vector, *(0.0,) * (3 - len(vector)))
         return x, y, z
 

@@ -44,18 +44,18 @@ def read_factors(
     given: Mapping[str, float],
     path: Place,
     known: Sequence[str],
-    beside: Sequence[str] = (),
+    others: Sequence[str] = (),
 ) -> tuple[tuple[str, float], ...]:
     """Factors of conditions by name; unknown names are errors.
 
     Parameters
     ----------
-    beside
-        Further keys that are allowed beside the names.
+    others
+        Further keys that are allowed in addition to the names.
     """
     for name in given:
         if name not in known:
-            near = difflib.get_close_matches(name, [*known, *beside], 1)
+            near = difflib.get_close_matches(name, [*known, *others], 1)
             hint = f"; did you mean {near[0]}?" if near else ""
             keys.fail((*path, name), f"names no condition{hint} (known: {', '.join(known)})")
     return tuple(given.items())
@@ -106,10 +106,10 @@ def read_steps(keys: Keys) -> tuple[LoadStep, ...]:
     return tuple(steps)
 
 
-def _refuse_without_names(keys: Keys, what: str, known: Sequence[str]) -> None:
+def _refuse_without_names(keys: Keys, key: str, known: Sequence[str]) -> None:
     if not known:
         keys.fail(
-            (what,),
+            (key,),
             "give factors to conditions by their names, and no condition has a name: add one, e.g. "
             "{name: press, on: …}",
         )
@@ -117,7 +117,7 @@ def _refuse_without_names(keys: Keys, what: str, known: Sequence[str]) -> None:
 
 def _refuse_bad_names(keys: Keys, names: Sequence[str]) -> None:
     """Refuse names of cases that are not valid, distinct names of directories."""
-    seen: dict[str, str] = {}
+    earlier: dict[str, str] = {}
     for name in names:
         short = len(name) <= LONGEST and name.lower() not in RESERVED
         if not short or not re.fullmatch(r"\w[\w-]*", name):
@@ -126,10 +126,10 @@ def _refuse_bad_names(keys: Keys, names: Sequence[str]) -> None:
                 "is no valid name of a case: it becomes the name of a directory; letters, digits, "
                 f"_ and - are allowed, {LONGEST} at most",
             )
-        if name.lower() in seen:
+        if name.lower() in earlier:
             keys.fail(
                 ("cases", name),
-                f"and {seen[name.lower()]} differ in upper and lower case only, and some systems "
-                "do not distinguish their directories",
+                f"and {earlier[name.lower()]} differ in upper and lower case only, and some "
+                "systems do not distinguish their directories",
             )
-        seen[name.lower()] = name
+        earlier[name.lower()] = name

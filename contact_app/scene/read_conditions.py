@@ -78,14 +78,14 @@ class ConditionReader:
         own, other = (mesh.inner, mesh.boundaries) if inner else (mesh.boundaries, mesh.inner)
         known = [*own, *self.bodies[body].boundaries]
         if boundary not in known:
-            what = "inner surface" if inner else "boundary"
+            kind = "inner surface" if inner else "boundary"
             near = difflib.get_close_matches(boundary, known, 1)
             hint = f"; did you mean {name}.{near[0]}?" if near else ""
             if boundary in other:
                 hint = "; it is on the surface" if inner else "; it lies inside, for sections alone"
             listing = ", ".join(known) or "none that divides the body"
             self.keys.fail(
-                path, f"names the {what} {boundary!r} of {name}{hint} (known: {listing})"
+                path, f"names the {kind} {boundary!r} of {name}{hint} (known: {listing})"
             )
         return body, boundary
 

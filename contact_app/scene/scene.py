@@ -257,11 +257,11 @@ class Scene:
         title = self.title
         if self.cases:
             title = f"{self.title or self.source.name}, case {case.name}"
-        alone = replace(
+        loaded = replace(
             self, **scaled, title=title, cases=(), steps=(), case=case.name,
             in_step=bool(self.steps),
         )  # fmt: skip
-        return alone.placed_as_held()
+        return loaded.placed_as_held()
 
     @property
     def loadings(self) -> tuple[LoadCase, ...]:

@@ -74,7 +74,7 @@ def test_no_convergence_exits_with_1_and_leaves_everything(
 
 
 @pytest.mark.parametrize(
-    ("change", "told"),
+    ("change", "message"),
     [
         ("bodis=1", "bodis is an unknown key; did you mean bodies?"),
         (
@@ -94,18 +94,18 @@ def test_no_convergence_exits_with_1_and_leaves_everything(
 )
 @pytest.mark.parametrize("command", ["run", "check"])
 def test_bad_input_exits_with_2(
-    cube: Path, tmp_path: Path, command: str, change: str, told: str | None,
+    cube: Path, tmp_path: Path, command: str, change: str, message: str | None,
     capsys: pytest.CaptureFixture[str],
 ) -> None:  # fmt: skip
     where = ["-o", str(tmp_path / "out")] if command == "run" else []
     nose = "bodies.0.boundaries.nose.where=x > 5"
     code = contact_app(command, cube, *where, "--set", nose, "--set", change)
     err = capsys.readouterr().err
-    if told is None:
+    if message is None:
         assert code == 0
     else:
         assert code == 2
-        assert told in err
+        assert message in err
         assert "Traceback" not in err
 
 
@@ -159,14 +159,14 @@ def test_a_directory_that_cannot_be_written(cube: Path, capsys: pytest.CaptureFi
 
 
 @pytest.mark.parametrize(
-    ("fault", "told"),
+    ("fault", "message"),
     [
         (OSError(28, "No space left on device"), "No space left on device"),
         (MemoryError(), "not enough memory"),
     ],
 )
 def test_missing_parts_of_the_machine_are_reported(
-    cube: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, fault: BaseException, told: str,
+    cube: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, fault: BaseException, message: str,
     capsys: pytest.CaptureFixture[str],
 ) -> None:  # fmt: skip
     def fail(*_: object, **__: object) -> int:
@@ -175,7 +175,7 @@ def test_missing_parts_of_the_machine_are_reported(
     monkeypatch.setattr("contact_app.run.run.run", fail)
     assert contact_app("run", cube, "-o", tmp_path / "out") == 4
     err = capsys.readouterr().err
-    assert told in err
+    assert message in err
     assert "Traceback" not in err
 
 

@@ -43,22 +43,22 @@ def refused(mesh: meshio.Mesh, cell: str, folder: Path, degree: int = 1) -> str:
 @pytest.mark.parametrize("cell", CELLS)
 def test_a_node_pulled_through_its_cells(cell: str, tmp_path: Path) -> None:
     mesh = meshfiles.tangled(cell, 3)
-    told = refused(mesh, cell, tmp_path)
-    assert ("folded" if cell in ("quadrilateral", "hexahedron") else "same side") in told
+    message = refused(mesh, cell, tmp_path)
+    assert ("folded" if cell in ("quadrilateral", "hexahedron") else "same side") in message
 
 
 @pytest.mark.parametrize(
-    ("name", "told"),
+    ("name", "message"),
     [
         ("tangled_square", "has 2 triangles that overlap their neighbours.* cell 37 of the file"),
         ("tangled_cube", "has 6 tetrahedrons that overlap their neighbours.* cell 10 of the file"),
         ("triangle_on_square", "has 1 triangles that overlap their neighbours.* cell 129 of the"),
     ],
 )
-def test_files_that_were_turned_and_solved(name: str, told: str) -> None:
+def test_files_that_were_turned_and_solved(name: str, message: str) -> None:
     """Blocks whose cells were turned before anyone asked what they lay on; area 1.59 of 1."""
     path = Path(__file__).parents[1] / "data" / f"{name}.vtu"
-    with pytest.raises(MeshError, match=told):
+    with pytest.raises(MeshError, match=message):
         load_mesh(path, 3 if name == "tangled_cube" else 2)
 
 
@@ -67,9 +67,9 @@ def test_the_first_tangled_triangle_is_named(tmp_path: Path) -> None:
     points = np.array([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0], [1.7, 0.5, 0]])
     cells = np.array([[0, 1, 4], [3, 0, 4], [1, 2, 4], [2, 3, 4]])
     mesh = meshfiles.of_cells("triangle", points, cells)
-    told = refused(mesh, "triangle", tmp_path)
-    assert told.startswith("has 1 triangles that overlap their neighbours")
-    assert "the first is cell 3 of the file, at (1.23333, 0.5), over cell 1 of the file" in told
+    message = refused(mesh, "triangle", tmp_path)
+    assert message.startswith("has 1 triangles that overlap their neighbours")
+    assert "the first is cell 3 of the file, at (1.23333, 0.5), over cell 1 of the file" in message
     # the same cells listed the other way round, and each other one
     for rows in (slice(None), slice(None, None, 2)):
         turned = cells.copy()
@@ -85,9 +85,9 @@ def test_a_cell_too_many(tmp_path: Path) -> None:
     at = [np.flatnonzero(np.abs(points - x).max(axis=1) < 1e-9)[0]
           for x in ([0, 0, 0], [0.125, 0, 0], [0.5, 0.5, 0])]  # fmt: skip
     mesh = meshfiles.of_cells("triangle", points, np.vstack([cells, [at]]))
-    told = refused(mesh, "triangle", tmp_path)
-    assert "has 1 triangles that overlap their neighbours" in told
-    assert "the first is cell 129 of the file" in told
+    message = refused(mesh, "triangle", tmp_path)
+    assert "has 1 triangles that overlap their neighbours" in message
+    assert "the first is cell 129 of the file" in message
 
 
 @pytest.mark.parametrize("cell", SOLID)
@@ -95,8 +95,8 @@ def test_all_cells_of_a_reversed_half(cell: str, tmp_path: Path) -> None:
     """A block folded over: the upper half lies on the lower one."""
     points, cells = meshfiles.lattice(cell, (2, 2, 4))
     points[:, 2] = np.where(points[:, 2] > 0.5, 0.97 - 0.9 * points[:, 2], points[:, 2])
-    told = refused(meshfiles.of_cells(cell, points, cells), cell, tmp_path)
-    assert f"{cell}s that overlap their neighbours: they lie on the same side of a face" in told
+    message = refused(meshfiles.of_cells(cell, points, cells), cell, tmp_path)
+    assert f"{cell}s that overlap their neighbours: they lie on the same side of a face" in message
 
 
 def test_a_band_with_one_side(tmp_path: Path) -> None:
@@ -112,17 +112,17 @@ def test_a_band_with_one_side(tmp_path: Path) -> None:
         a, b = 2 * k, 2 * k + 1
         c, d = (2 * k + 2, 2 * k + 3) if k + 1 < n else (1, 0)
         cells += [[a, b, c], [b, d, c]]
-    told = refused(meshfiles.of_cells("triangle", points, np.array(cells)), "triangle", tmp_path)
-    assert "same side of an edge" in told
-    assert "Möbius" in told
+    message = refused(meshfiles.of_cells("triangle", points, np.array(cells)), "triangle", tmp_path)
+    assert "same side of an edge" in message
+    assert "Möbius" in message
 
 
 def test_a_facet_of_three_cells_is_named(tmp_path: Path) -> None:
     points = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, -1, 0], [0.2, 0.5, 0]], float)
     cells = np.array([[0, 1, 2], [0, 3, 1], [0, 1, 4]])
-    told = refused(meshfiles.of_cells("triangle", points, cells), "triangle", tmp_path)
-    assert "its cells overlap" in told
-    assert "the cells 1, 2, 3 of the file" in told
+    message = refused(meshfiles.of_cells("triangle", points, cells), "triangle", tmp_path)
+    assert "its cells overlap" in message
+    assert "the cells 1, 2, 3 of the file" in message
 
 
 @pytest.mark.parametrize("cell", CELLS)
@@ -143,8 +143,8 @@ def test_a_hexahedron_folded_inside(tmp_path: Path) -> None:
          [-0.54, 0.54, 1], [1, 0, 1.54], [0.46, 1.54, 1], [0.54, 1.54, 0.46]]
     )  # fmt: skip
     mesh = meshfiles.of_cells("hexahedron", points, np.arange(8)[None])
-    told = refused(mesh, "hexahedron", tmp_path)
-    assert "has 1 hexahedrons folded inside: their Jacobian is positive at their corners" in told
+    message = refused(mesh, "hexahedron", tmp_path)
+    assert "has 1 hexahedrons folded inside: their Jacobian is positive at their corners" in message
 
 
 @settings(max_examples=30, deadline=None)
@@ -166,8 +166,10 @@ def test_warped_hexahedra_are_looked_at_inside(seed: int) -> None:
 @pytest.mark.parametrize("cell", CELLS)
 @pytest.mark.parametrize("turns", [1.3, 2.4])
 def test_a_spiral_wider_than_its_pitch(cell: str, turns: float, tmp_path: Path) -> None:
-    told = refused(meshfiles.spiral(cell, turns, 0.4, 0.25), cell, tmp_path)
-    assert "on the surface of the body cross those of others" in told or "in other cells" in told
+    message = refused(meshfiles.spiral(cell, turns, 0.4, 0.25), cell, tmp_path)
+    assert (
+        "on the surface of the body cross those of others" in message or "in other cells" in message
+    )
     narrow = meshfiles.spiral(cell, turns, 0.2, 0.25)
     assert loaded(narrow, cell, tmp_path).total_cells == len(narrow.cells[0].data)
 
@@ -175,15 +177,15 @@ def test_a_spiral_wider_than_its_pitch(cell: str, turns: float, tmp_path: Path) 
 @pytest.mark.parametrize("cell", SOLID)
 def test_a_helix_higher_than_its_pitch(cell: str, tmp_path: Path) -> None:
     """The boundaries cross in nothing but the end faces; cells lie within others."""
-    told = refused(meshfiles.spiral(cell, 2.2, 0.4, 0.0, 0.3), cell, tmp_path)
-    assert "of the file" in told
+    message = refused(meshfiles.spiral(cell, 2.2, 0.4, 0.0, 0.3), cell, tmp_path)
+    assert "of the file" in message
     loaded(meshfiles.spiral(cell, 2.2, 0.28, 0.0, 0.3), cell, tmp_path)
 
 
 @pytest.mark.parametrize("cell", CELLS)
 def test_a_path_that_crosses_itself(cell: str, tmp_path: Path) -> None:
-    told = refused(meshfiles.loop(cell, far=False), cell, tmp_path)
-    assert "on the surface of the body cross those of others" in told
+    message = refused(meshfiles.loop(cell, far=False), cell, tmp_path)
+    assert "on the surface of the body cross those of others" in message
     if cell in SOLID:
         loaded(meshfiles.loop(cell, far=True), cell, tmp_path)
 
@@ -196,8 +198,8 @@ def test_a_ring_closed_over_itself(cell: str, beyond: float, tmp_path: Path) -> 
     if beyond <= 0.0:
         assert loaded(mesh, cell, tmp_path).total_cells == len(mesh.cells[0].data)
         return
-    told = refused(mesh, cell, tmp_path)
-    assert "in other cells" in told or "cross those of others" in told or "hanging" in told
+    message = refused(mesh, cell, tmp_path)
+    assert "in other cells" in message or "cross those of others" in message or "hanging" in message
 
 
 def test_the_cells_that_cross_are_named(tmp_path: Path) -> None:
@@ -207,11 +209,11 @@ def test_the_cells_that_cross_are_named(tmp_path: Path) -> None:
     points = np.pad(np.concatenate([corners + wide, corners - wide]), ((0, 0), (0, 1)))
     cells = np.array([[k, k + 1, k + 6, k + 5] for k in range(4)])
     mesh = meshfiles.of_cells("quadrilateral", points, cells)
-    told = refused(mesh, "quadrilateral", tmp_path)
-    assert "has 2 quadrilaterals whose edges on the surface of the body cross" in told
-    assert "the first is cell 1 of the file" in told
-    assert "crossed by cell 4 of the file" in told
-    assert "bodies of their own" in told
+    message = refused(mesh, "quadrilateral", tmp_path)
+    assert "has 2 quadrilaterals whose edges on the surface of the body cross" in message
+    assert "the first is cell 1 of the file" in message
+    assert "crossed by cell 4 of the file" in message
+    assert "bodies of their own" in message
 
 
 # --- cells within others -----------------------------------------------------------------------
@@ -223,11 +225,11 @@ def test_two_sheets_about_a_slit(tmp_path: Path) -> None:
     x = mesh.points[mesh.cells[0].data][:, :, :2]
     a, b = x[:, 2] - x[:, 0], x[:, 3] - x[:, 1]
     assert (a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0] > 0.0).all()
-    told = refused(mesh, "quadrilateral", tmp_path)
-    assert "quadrilaterals that lie in other cells" in told
+    message = refused(mesh, "quadrilateral", tmp_path)
+    assert "quadrilaterals that lie in other cells" in message
     triangles = mesh.cells[0].data[:, [(0, 1, 2), (0, 2, 3)]].reshape(-1, 3)
-    told = refused(meshfiles.of_cells("triangle", mesh.points, triangles), "triangle", tmp_path)
-    assert "triangles that lie in other cells" in told
+    message = refused(meshfiles.of_cells("triangle", mesh.points, triangles), "triangle", tmp_path)
+    assert "triangles that lie in other cells" in message
 
 
 def test_two_sheets_in_space(tmp_path: Path) -> None:
@@ -269,8 +271,8 @@ def test_curved_edges_across_a_gap(cell: str, tmp_path: Path) -> None:
     """A gap of 0.1: edges bulge by 0.2 into the other prong; with straight edges they do not."""
     name = meshfiles.SECOND[cell][-1]
     mesh = bulging(cell, name, 0.1, 0.2, 0.0)
-    told = refused(mesh, cell, tmp_path, degree=2)
-    assert "cross those of others" in told
+    message = refused(mesh, cell, tmp_path, degree=2)
+    assert "cross those of others" in message
     assert loaded(mesh, cell, tmp_path, degree=1).middles is None
 
 
@@ -290,8 +292,8 @@ def test_curved_gaps_are_fine(
 def test_the_middle_of_a_patch_may_lie_across_a_gap(tmp_path: Path) -> None:
     """Edges that bulge by 0.08: the middle of a quadratic triangle does by 4/3 of that, 0.107."""
     mesh = bulging("tetrahedron", "tetra10", 0.1, 0.08, 0.0)
-    told = refused(mesh, "tetrahedron", tmp_path, degree=2)
-    assert "cross those of others" in told or "in other cells" in told
+    message = refused(mesh, "tetrahedron", tmp_path, degree=2)
+    assert "cross those of others" in message or "in other cells" in message
 
 
 @pytest.mark.parametrize("cell", CELLS)
@@ -309,8 +311,8 @@ def test_a_spiral_of_curved_cells(cell: str, tmp_path: Path) -> None:
         return meshfiles.second_order(flat, cell, meshfiles.SECOND[cell][-1], shape)
 
     assert loaded(wound(0.22), cell, tmp_path, degree=2).middles is not None
-    told = refused(wound(0.3), cell, tmp_path, degree=2)
-    assert "cross those of others" in told or "in other cells" in told
+    message = refused(wound(0.3), cell, tmp_path, degree=2)
+    assert "cross those of others" in message or "in other cells" in message
 
 
 # --- what is legal -----------------------------------------------------------------------------
@@ -347,8 +349,8 @@ def test_graded_meshes(cell: str, tmp_path: Path) -> None:
     assert loaded(meshfiles.of_cells(cell, bent, cells), cell, tmp_path).total_cells == len(cells)
     bent[:, 0] *= np.where(angle > 5.5, 1.2, 1.0)
     bent[:, :2] = (radius * np.array([np.cos(1.2 * angle), np.sin(1.2 * angle)])).T
-    told = refused(meshfiles.of_cells(cell, bent, cells), cell, tmp_path)
-    assert "of the file" in told or "hanging" in told
+    message = refused(meshfiles.of_cells(cell, bent, cells), cell, tmp_path)
+    assert "of the file" in message or "hanging" in message
 
 
 @pytest.mark.parametrize("path", SAMPLES, ids=lambda p: "-".join(p.parts[-2:]))

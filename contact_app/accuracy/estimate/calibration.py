@@ -73,10 +73,10 @@ class Calibration:
         """
         before = self._levels.setdefault(kind, [])
         found = self._quotients.setdefault(kind, [])
-        apart = [(e, s) for e, s in before if s >= APART * square]
+        comparable = [(e, s) for e, s in before if s >= APART * square]
         before.append((energy, square))
-        if apart:
-            other, larger = apart[-1]
+        if comparable:
+            other, larger = comparable[-1]
             quotient = 2.0 * (other - energy) / (larger - square)
             if quotient >= LEAST or quotient <= 0.0:
                 found.append(quotient if quotient > 0.0 else 1.0)

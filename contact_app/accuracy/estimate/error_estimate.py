@@ -64,8 +64,11 @@ class _Recovered:
 
     def is_of(self, other: Solution) -> bool:
         """Whether the recovery belongs to the same multipliers and displacements."""
-        mine = self.solution
-        return mine.multiplier is other.multiplier and mine.displacements is other.displacements
+        solution = self.solution
+        return (
+            solution.multiplier is other.multiplier
+            and solution.displacements is other.displacements
+        )
 
 
 class ErrorEstimator:

@@ -164,9 +164,9 @@ class Meeting:
         comes[first] = 1
         self._place = np.cumsum(comes)[first] - 1
         self._at = self._place[at.reshape(-1)]
-        kept, foreign = self._at[exchange.own_part], np.delete(self._at, exchange.own_part)
+        local, foreign = self._at[exchange.own_part], np.delete(self._at, exchange.own_part)
         self._sums = sparse.csr_matrix(
-            (np.ones(len(kept)), (kept, exchange.own)), shape=(len(self.known), len(numbers))
+            (np.ones(len(local)), (local, exchange.own)), shape=(len(self.known), len(numbers))
         )
         # what comes from other ranks belongs to few of the nodes
         self._shared, place = np.unique(foreign, return_inverse=True)
@@ -231,8 +231,8 @@ class Copies(Meeting):
 
     def of_class(self, values: NDArray, cls: int) -> NDArray:
         """View (n, members, …) of the copies of a class in (count, …)."""
-        mine = values[self.starts[cls] : self.starts[cls + 1]]
-        return mine.reshape(*self.shapes[cls], *values.shape[1:])
+        part = values[self.starts[cls] : self.starts[cls + 1]]
+        return part.reshape(*self.shapes[cls], *values.shape[1:])
 
     def sum(self, by_class: Sequence[Array]) -> Array:
         """Sum (n, members, width) of each class over the copies of a node."""
@@ -329,7 +329,7 @@ class LinearFits:
         Determinant from which the cells around a vertex determine a polynomial.
     """
 
-    kept = 1
+    count = 1
     """Coefficients that `at_vertices` gives."""
 
     def __init__(
@@ -411,7 +411,7 @@ class QuadraticFits:
     def __init__(self, comm: MPI.Intracomm, cells: Sequence[Cells], copies: Copies) -> None:
         self._cells, self._copies, self._comm = cells, copies, comm
         d = cells[0].dimension
-        self.kept = self._size = size = monomial_count(d, 2)
+        self.count = self._size = size = monomial_count(d, 2)
         A, kind, root = scaled_moments(cells, copies, size)
         linear = 1 + d
         flat = np.linalg.det(A[:, :linear, :linear]) <= FLAT

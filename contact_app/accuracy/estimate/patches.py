@@ -266,12 +266,12 @@ class Cells:
         vtk = self.element.reference.cells
         place = np.zeros(len(self.places), np.int64)
         place[self.vertices] = np.arange(len(self.vertices))
-        seen, nodes, sources, share = np.zeros(len(self.places), bool), [], [], []
+        done, nodes, sources, share = np.zeros(len(self.places), bool), [], [], []
         for column, on in enumerate(amid):
             first, rows = np.unique(self.nodes[:, column], return_index=True)
-            rows = rows[~seen[first]]
-            first = first[~seen[first]]
-            seen[first] = True
+            rows = rows[~done[first]]
+            first = first[~done[first]]
+            done[first] = True
             for vertex in on:
                 nodes.append(first)
                 sources.append(place[vtk[rows, vertex]])

@@ -67,9 +67,9 @@ class PointValues:
         )
         self._pieces = []
         for number, part in enumerate(values):
-            mine = np.flatnonzero(model.place[:, 0] == number)
-            mine = mine[np.argsort(model.place[mine, 1])]
-            members = [model.partition.subdomains[i] for i in mine]
+            places = np.flatnonzero(model.place[:, 0] == number)
+            places = places[np.argsort(model.place[places, 1])]
+            members = [model.partition.subdomains[i] for i in places]
             self._pieces.append(
                 _Piece(
                     members[0].reference,

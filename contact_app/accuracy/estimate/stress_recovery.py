@@ -247,7 +247,7 @@ class StressRecovery:
         patches = self.patches
         found, s = patches.fits.at_vertices(self.samples(displacements)), len(self.V)
         recovered = [
-            c.at_nodes(part.reshape(*part.shape[:2], patches.fits.kept, s))
+            c.at_nodes(part.reshape(*part.shape[:2], patches.fits.count, s))
             for c, part in zip(self.cells, patches.copies.spread(found), strict=True)
         ]
         patches.surface.meet(changes, recovered)

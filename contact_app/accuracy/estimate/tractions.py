@@ -112,9 +112,9 @@ class Surface:
             s = values.shape[2]
             begin, end = np.searchsorted(self._exterior, copies.starts[cls : cls + 2])
             row, member = np.divmod(self._exterior[begin:end] - copies.starts[cls], values.shape[1])
-            mine, before = changes[begin:end], values[own[row], member]
-            removed = mine[:, : s * s].reshape(-1, s, s) @ before[..., None]
-            values[own[row], member] = before - removed[..., 0] + mine[:, s * s :]
+            change, before = changes[begin:end], values[own[row], member]
+            removed = change[:, : s * s].reshape(-1, s, s) @ before[..., None]
+            values[own[row], member] = before - removed[..., 0] + change[:, s * s :]
 
 
 @dataclass(frozen=True, eq=False)
@@ -154,8 +154,8 @@ def _equations(model: Model, subdomain: Subdomain, normals: Array, touch: OnSubd
     known, load = _known_tractions(model, subdomain, normals, touch)
     parts = [a[subdomain.exterior] for a in (known, normals, load)]
     count, d = parts[1].shape[1:]
-    alike = all(bool((a == a[:, :1]).all()) for a in parts)
-    if alike:  # one equation for all nodes of a facet
+    uniform = all(bool((a == a[:, :1]).all()) for a in parts)
+    if uniform:  # one equation for all nodes of a facet
         parts = [a[:, :1] for a in parts]
     known, normal, load = parts
     s = d * (d + 1) // 2
@@ -170,7 +170,7 @@ def _equations(model: Model, subdomain: Subdomain, normals: Array, touch: OnSubd
     squares = (transposed @ C).reshape(-1, s * s)
     right = (transposed @ t).reshape(-1, s)
     found = np.concatenate([squares, right], axis=1)
-    return np.repeat(found, count, axis=0) if alike else found
+    return np.repeat(found, count, axis=0) if uniform else found
 
 
 def _known_tractions(

@@ -187,11 +187,11 @@ class BoxSurface:
         share = 0.5 if s.reference.cell == "tetrahedron" else 1.0
         for face in range(2 * d):
             axis, _, plane = self.side(face)
-            mine = np.abs(centres[:, axis] - plane) <= ON_PLANE * self._size
-            if mine.any():
+            on_face = np.abs(centres[:, axis] - plane) <= ON_PLANE * self._size
+            if on_face.any():
                 across = [k for k in range(d) if k != axis]
-                place = tuple(_between(self.axes[k], centres[mine, k]) for k in across)
-                yield FacetsOnFace(face, rows[mine], place, share)
+                place = tuple(_between(self.axes[k], centres[on_face, k]) for k in across)
+                yield FacetsOnFace(face, rows[on_face], place, share)
 
     def _facets(
         self, boundary: str, source: str, with_nodes: bool = False
@@ -214,14 +214,14 @@ class BoxSurface:
         shares = [np.asarray(self.comm.allreduce(share)) for share in shares]
         inside = [share > 0.75 for share in shares]
         divided = any(((share > 0.25) & (share < 0.75)).any() for share in shares)
-        if self.comm.allreduce(self._alone(inside, np.concatenate(nodes))) or divided:
+        if self.comm.allreduce(self._isolated(inside, np.concatenate(nodes))) or divided:
             raise NoAdmissibleStressError(
                 f"the boundary of {source} is not made of whole facets of the grid: it has nodes "
                 "beside them, or halves of them"
             )
         return inside
 
-    def _alone(self, inside: list[NDArray[np.bool_]], points: Array) -> int:
+    def _isolated(self, inside: list[NDArray[np.bool_]], points: Array) -> int:
         """Number of points that are no corner of the facets."""
         belongs = np.zeros(len(points), bool)
         places = [_nearest(x, points[:, k]) for k, x in enumerate(self.axes)]

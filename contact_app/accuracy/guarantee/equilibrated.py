@@ -171,7 +171,7 @@ class AdmissibleStresses:
         self.direct = DIRECT[len(axes)] if direct is None else direct
         self.space = GridStresses(axes)
         self._compliance, size = compliance, self.space.size
-        self.wanted = np.repeat(-force, int(np.prod(self.space.cells)))
+        self.divergence = np.repeat(-force, int(np.prod(self.space.cells)))
         self._low, self._high = np.full(size, np.inf), np.full(size, -np.inf)
         self.work, self._load = np.zeros(size), np.zeros(size)
         self.contact = np.zeros(size, bool)
@@ -217,10 +217,10 @@ class AdmissibleStresses:
     def _refuse_contradictions(self) -> None:
         known = np.isfinite(self._low)
         largest = np.abs(self._high[known]).max(initial=0.0)
-        apart = np.flatnonzero(known)[(self._high - self._low)[known] > AGREE * largest]
-        if not len(apart):
+        different = np.flatnonzero(known)[(self._high - self._low)[known] > AGREE * largest]
+        if not len(different):
             return
-        space, row = self.space, apart[0]
+        space, row = self.space, different[0]
         component = next(k for k, part in enumerate(space.parts) if part.start <= row < part.stop)
         place = np.unravel_index(row - space.parts[component].start, space.shapes[component])
         pair = space.pairs[component - space.dimension]
@@ -345,11 +345,11 @@ class _Subspace:
     """B s = -f with some values free: projections onto it, by the diagonal of the energy."""
 
     def __init__(self, stresses: AdmissibleStresses, free: NDArray[np.bool_]) -> None:
-        self._B, self._wanted, self._free = stresses.space.divergence, stresses.wanted, free
+        self._B, self._divergence, self._free = stresses.space.divergence, stresses.divergence, free
         self._inverse = np.where(free, 1.0 / stresses.matrix.diagonal(), 0.0)
         self._S = sparse.csr_matrix(self._B @ sparse.diags(self._inverse) @ self._B.T)
         self._preconditioner: Callable[[Array], Array]
-        if len(self._wanted) <= stresses.direct:
+        if len(self._divergence) <= stresses.direct:
             diagonal = self._S.diagonal()
             shift = SHIFT * np.where(diagonal > 0.0, diagonal, diagonal.max(initial=1e-300))
             factor = CholeskyFactor(self._S + sparse.diags(shift))
@@ -359,10 +359,10 @@ class _Subspace:
 
     def balanced(self, s: Array, most: int = BALANCINGS) -> Array:
         """The nearest stress in equilibrium, by at most the given number of projections."""
-        missing = self._wanted - self._B @ s
+        missing = self._divergence - self._B @ s
         for _ in range(most):
             better = s + self._inverse * (self._B.T @ self._solved(missing))
-            left = self._wanted - self._B @ better
+            left = self._divergence - self._B @ better
             if np.linalg.norm(left) >= 0.5 * np.linalg.norm(missing):
                 break
             s, missing = better, left
@@ -383,8 +383,8 @@ class _Subspace:
 
     def residual(self, s: Array) -> float:
         """Largest component of B s + f, relative to the largest sum of its terms' magnitudes."""
-        left = float(np.abs(self._wanted - self._B @ s).max())
-        scale = float((np.abs(self._wanted) + abs(self._B) @ np.abs(s)).max())
+        left = float(np.abs(self._divergence - self._B @ s).max())
+        scale = float((np.abs(self._divergence) + abs(self._B) @ np.abs(s)).max())
         return left / scale if scale > 0.0 else 0.0
 
     def _solved(self, right: Array) -> Array:

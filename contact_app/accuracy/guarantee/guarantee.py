@@ -294,11 +294,11 @@ class _Answer:
             if s.body != number:
                 continue
             for on in body.facets_on_faces(s, s.exterior):
-                mine = pressed[on.face][on.place]
-                if not mine.any():
+                opposed = pressed[on.face][on.place]
+                if not opposed.any():
                     continue
                 axis, sign, _ = body.side(on.face)
-                place, rows = tuple(k[mine] for k in on.place), on.rows[mine]
+                place, rows = tuple(k[opposed] for k in on.place), on.rows[opposed]
                 u = self.displacements[piece.cls][axis :: self.dimension, piece.column]
                 gap = body.faces[on.face].gap[place]
                 slack = gap[:, None] - sign * u[s.reference.facets[rows]]

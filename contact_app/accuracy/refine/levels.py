@@ -64,8 +64,8 @@ class Level:
     def __str__(self) -> str:
         corrected = ""
         if self.calibration != 1.0:
-            how = "lowered" if self.calibration < 1.0 else "raised"
-            corrected = f" (estimate {percent(self.estimate)}, {how})"
+            change = "lowered" if self.calibration < 1.0 else "raised"
+            corrected = f" (estimate {percent(self.estimate)}, {change})"
         return (
             f"{self.dofs:,} degrees of freedom: error {percent(self.error)}{corrected}, "
             f"{self.hessian_multiplications} Hessian multiplications, {self.seconds:.1f} s"

@@ -33,20 +33,20 @@ LEAST = 0.3
 """Smallest share: a mesh with few new cells costs a solve and gains little."""
 
 
-def locally_refined(scene: Scene, solved: SolvedScene, wanted: float) -> Scene:
+def locally_refined(scene: Scene, solved: SolvedScene, target: float) -> Scene:
     """The scene with finer meshes (collective).
 
     Parameters
     ----------
     scene
         The scene of the last solve.
-    wanted
+    target
         Target of the error relative to the present error.
     """
     squares = cell_errors(solved)
     total = sum(float(part.sum()) for part in squares)
     degree = min(body.degree for body in scene.bodies)
-    theta = float(np.clip((1.0 - wanted**2) / (1.0 - 4.0**-degree), LEAST, MOST))
+    theta = float(np.clip((1.0 - target**2) / (1.0 - 4.0**-degree), LEAST, MOST))
     indivisible = [not _divisible(body) for body in scene.bodies]
     left = (1.0 - theta) * total / len(scene.bodies)
     bodies, marked_share = [], 0.0

@@ -197,9 +197,9 @@ def whole_layers(factor: float, cells: Sequence[int], even: Sequence[float]) -> 
     ([9, 9], [6, 10])
     """
     layers = [max(math.floor(factor * n + 1e-9), 1) for n in cells]
-    wanted = factor ** len(cells) * math.prod(cells) * (1.0 - 1e-9)
+    least = factor ** len(cells) * math.prod(cells) * (1.0 - 1e-9)
     for axis in sorted(range(len(cells)), key=lambda a: round(even[a], 6)):
-        if math.prod(layers) < wanted:
+        if math.prod(layers) < least:
             layers[axis] = max(math.ceil(factor * cells[axis] - 1e-9), 1)
     return layers
 

@@ -122,7 +122,7 @@ class Solve(Protocol):
 def solve_to_accuracy(
     scene: Scene,
     solve: Solve,
-    tell: Callable[[str], None] = lambda text: None,
+    report: Callable[[str], None] = lambda text: None,
     limits: Limits | None = None,
     stop: Callable[[], bool] | None = None,
 ) -> Refined:
@@ -134,7 +134,7 @@ def solve_to_accuracy(
     ----------
     solve
         Solves one level, beginning with the solution of the last one.
-    tell
+    report
         Called with a sentence on each level.
     stop
         Whether the user has asked to stop, the same on all ranks; called after each level, since
@@ -142,7 +142,7 @@ def solve_to_accuracy(
     """
     assert scene.accuracy is not None
     limits = limits or Limits()
-    levels = _Levels(scene, scene.accuracy, solve, tell, limits.levels)
+    levels = _Levels(scene, scene.accuracy, solve, report, limits.levels)
     current, start = scene, None
     finished: SolvedScene | None = None
     while True:
@@ -202,13 +202,13 @@ class _Levels:
     """
 
     def __init__(
-        self, scene: Scene, accuracy: float, solve: Solve, tell: Callable[[str], None], most: int
+        self, scene: Scene, accuracy: float, solve: Solve, report: Callable[[str], None], most: int
     ) -> None:
         self._most = most
         self.levels: list[Level] = []
         self.checks: list[Level] = []
         self.factors = [1.0]
-        self._scene, self._solve, self._tell = scene, solve, tell
+        self._scene, self._solve, self._report = scene, solve, report
         self._files = not all(isinstance(body.mesh, Box) for body in scene.bodies)
         self._integer = needs_multiples(scene)
         self._target = MARGIN * accuracy
@@ -244,7 +244,7 @@ class _Levels:
             self._judge.forget()
         solved = replace(solved, accuracy=estimate.calibrated(share))
         self.levels.append(level_of(solved, math.sqrt(share)))
-        self._tell(f"level {len(self.levels)}: {self.levels[-1]}")
+        self._report(f"level {len(self.levels)}: {self.levels[-1]}")
         crossed = _crossed(solved)
         error = self.levels[-1].error
         if not unseen and math.hypot(error, crossed) > self._enough >= error:
@@ -256,7 +256,9 @@ class _Levels:
             if checked is not None:
                 verdict = self._judge.compare_with(_measured(checked))
                 self.checks.append(level_of(checked, 1.0))
-                self._tell(f"a mesh of half the cells was solved to confirm it: {self.checks[-1]}")
+                self._report(
+                    f"a mesh of half the cells was solved to confirm it: {self.checks[-1]}"
+                )
                 if verdict.raised > 1.0:
                     solved = replace(solved, accuracy=estimate.calibrated(verdict.raised))
                     self.levels[-1] = level_of(solved, math.sqrt(verdict.raised))
@@ -290,7 +292,7 @@ class _Levels:
         if self._doubts > 1 and self.levels[-1].dofs > LARGE * self._scene.dimension:
             return assessed.doubt
         if assessed.doubt:
-            self._tell(f"one more level: {assessed.why}")
+            self._report(f"one more level: {assessed.why}")
         return None
 
     # ------------------------------------------------------------------ the next level
@@ -304,7 +306,7 @@ class _Levels:
             scene = locally_refined(current, assessed.solved, target / level.error)
         elif self._degree(current) == 1 and has_free_degree(self._scene):
             self._scene = quadratic(self._scene)
-            self._tell("cells of degree 2 from here on")
+            self._report("cells of degree 2 from here on")
             finest = self._integer or bool(doubt) or not has_even_cells(current)
             factor = self._last if finest else 0.5 * self._last
             self.factors, scene = [], refined(self._scene, factor)
@@ -328,7 +330,7 @@ class _Levels:
         squares = layer_errors(solved, lines)
         slow = len(factors) > 1 and rate_of(factors, errors, degree) < SINGULAR[degree]
         if self._grids is None and (slow or degree == 2 and evenness(squares) < UNEVEN):
-            self._tell("the error is concentrated: cells are graded from here on")
+            self._report("the error is concentrated: cells are graded from here on")
             self._grids, self._last = lines, layers_for_one(lines, equal_lines(scene))
         if self._grids is None:
             factor = next_factor(factors, errors, target, self._integer, degree)

@@ -134,8 +134,8 @@ class LastLevel:
                 force, facets, np.einsum("fjk,fji->fki", weights, traction[:, : weights.shape[1]])
             )
             of_class = problem.classes[cls]
-            mine = result[slices[cls]].reshape(of_class.members, -1)
-            mine[column] = -force.ravel()[of_class.interface]
+            values = result[slices[cls]].reshape(of_class.members, -1)
+            values[column] = -force.ravel()[of_class.interface]
         return result
 
 
@@ -226,6 +226,6 @@ def _areas(model: Model) -> Array:
     areas = contact.areas.copy()
     for i, touching in enumerate(model.scene.touching):
         shares = boundary_shares(model, surface, touching)
-        mine = (contact.sources == i) & np.isnan(contact.areas)
-        areas[mine] = shares[at[mine]]
+        unknown = (contact.sources == i) & np.isnan(contact.areas)
+        areas[unknown] = shares[at[unknown]]
     return areas

@@ -21,7 +21,7 @@ from meshes.symmetric_half import (
     mesh_images,
 )
 
-ALIKE = 1e-12
+ROUNDED = 1e-12
 """Relative difference below which two numbers of a scene count as equal."""
 
 
@@ -35,13 +35,13 @@ class Half:
         The lower half of the body; None if the body is the mirror image of another one.
     surface
         Surface of the half and its mirror image.
-    kept
+    number
         Number of the body that is solved: the body itself, or the one whose mirror image it is.
     """
 
     body: Body | None
     surface: HalfSurface
-    kept: int
+    number: int
 
 
 def middle_plane(bodies: Sequence[Body], axis: int) -> Mirror:
@@ -70,62 +70,62 @@ def halves_about(bodies: Sequence[Body], mirror: Mirror) -> list[Half]:
     middles = _ends(bodies, mirror.axis).mean(axis=1)
     away = middles - mirror.at
     boxes = np.array([isinstance(b.mesh, Box) for b in bodies])
-    tolerance = np.where(boxes, ALIKE * max(size, *np.abs(middles)), SAME * size)
+    tolerance = np.where(boxes, ROUNDED * max(size, *np.abs(middles)), SAME * size)
     found: dict[int, Half] = {}
     for k in np.flatnonzero(np.abs(away) <= tolerance):
         half, surface = _half(bodies[k], mirror)
         found[int(k)] = Half(half, surface, int(k))
     for k in np.flatnonzero(away < -tolerance):
         image = _image(bodies, int(k), mirror, set(found))
-        surfaces = _beside(bodies[k], bodies[image], mirror, size)
+        surfaces = _surfaces(bodies[k], bodies[image], mirror, size)
         found[int(k)] = Half(bodies[k], surfaces[0], int(k))
         found[image] = Half(None, surfaces[1], int(k))
     for k in range(len(bodies)):
         if k not in found:
-            raise _alone(bodies[k], mirror)
+            raise _without_image(bodies[k], mirror)
     return [found[k] for k in range(len(bodies))]
 
 
-def _alone(body: Body, mirror: Mirror) -> AsymmetryError:
+def _without_image(body: Body, mirror: Mirror) -> AsymmetryError:
     return AsymmetryError(
         f"{body.name} is off the middle of all bodies, {'xyz'[mirror.axis]} = {mirror.at:g}, and "
         "no other is its image"
     )
 
 
-def _image(bodies: Sequence[Body], number: int, mirror: Mirror, taken: set[int]) -> int:
+def _image(bodies: Sequence[Body], number: int, mirror: Mirror, used: set[int]) -> int:
     """The body at the place of the mirror image of a body."""
     body, size = bodies[number], scene_size(bodies)
     corners = np.array([body.mesh.lower, body.mesh.upper])
     corners[:, mirror.axis] = 2.0 * mirror.at - corners[::-1, mirror.axis]
     for k, other in enumerate(bodies):
-        there = np.array([other.mesh.lower, other.mesh.upper])
-        near = np.abs(corners - there).max() <= SAME * size
-        if near and k not in taken and isinstance(other.mesh, Box) == isinstance(body.mesh, Box):
+        ends = np.array([other.mesh.lower, other.mesh.upper])
+        near = np.abs(corners - ends).max() <= SAME * size
+        if near and k not in used and isinstance(other.mesh, Box) == isinstance(body.mesh, Box):
             return k
-    raise _alone(body, mirror)
+    raise _without_image(body, mirror)
 
 
-def _beside(
+def _surfaces(
     body: Body, other: Body, mirror: Mirror, size: float
 ) -> tuple[HalfSurface, HalfSurface]:
     """The surfaces of a body and of its mirror image, another body."""
-    mesh, there, name = body.mesh, other.mesh, f"{body.name} and {other.name}"
+    mesh, image, name = body.mesh, other.mesh, f"{body.name} and {other.name}"
     if mesh.upper[mirror.axis] > mirror.at - SAME * size:
         raise AsymmetryError(f"{name} meet at their plane of symmetry")
     if body.degree != other.degree:
         raise AsymmetryError(f"{name} are of different degree")
     materials = [*body.materials, *other.materials]
     kinds = tuple(np.array([materials.index(m) for m in b.materials]) for b in (body, other))
-    if isinstance(mesh, Box) and isinstance(there, Box):
-        if (mesh.cells, mesh.cell) != (there.cells, there.cell):
+    if isinstance(mesh, Box) and isinstance(image, Box):
+        if (mesh.cells, mesh.cell) != (image.cells, image.cell):
             raise AsymmetryError(f"{name} have different cells")
         if kinds[0] != kinds[1]:
             raise AsymmetryError(f"{name} are of different materials")
-        return box_images(mesh.shape(body.degree), there.shape(body.degree), mirror.axis)
+        return box_images(mesh.shape(body.degree), image.shape(body.degree), mirror.axis)
     try:
         return mesh_images(
-            mesh.shape(1), there.shape(1), body.degree, (kinds[0], kinds[1]), mirror.axis, mirror.at
+            mesh.shape(1), image.shape(1), body.degree, (kinds[0], kinds[1]), mirror.axis, mirror.at
         )
     except AsymmetryError as why:
         raise AsymmetryError(f"{body.name} {why}") from None
@@ -145,8 +145,8 @@ def _half(body: Body, mirror: Mirror) -> tuple[Body, HalfSurface]:
             cut = f"cut across {'xyz'[axis]}"
             while cut in (*mesh.boundaries, *body.boundaries):
                 cut += "'"
-            alike = np.array([body.materials.index(m) for m in body.materials])
-            half, surface = half_mesh(mesh.shape(1), body.degree, alike, axis, at, cut)
+            numbers = np.array([body.materials.index(m) for m in body.materials])
+            half, surface = half_mesh(mesh.shape(1), body.degree, numbers, axis, at, cut)
     except AsymmetryError as why:
         raise AsymmetryError(f"{body.name} {why}") from None
     return replace(body, mesh=half, cuts=(*body.cuts, cut)), surface

@@ -24,7 +24,7 @@ class BoundaryPart:
     ----------
     nodes, facets : (2, nodes), (2, facets)
         Masks of nodes and facets of the half on the boundary, and of those whose images are on it.
-    beside : (nodes,)
+    off_plane : (nodes,)
         Mask of the nodes that do not lie on the plane.
     samples : (2, points)
         Values of an expression at further points.
@@ -32,7 +32,7 @@ class BoundaryPart:
 
     nodes: Bools
     facets: Bools
-    beside: Bools
+    off_plane: Bools
     samples: Bools
 
     def key(self, image: bool = False) -> Key:
@@ -41,31 +41,31 @@ class BoundaryPart:
         parts = [np.packbits(m[order], axis=1) for m in (self.nodes, self.facets, self.samples)]
         return tuple(sha1(p.tobytes(), usedforsecurity=False).digest() for p in parts)
 
-    def kept(self, by_facets: bool) -> bool:
+    def on_lower_side(self, by_facets: bool) -> bool:
         """Whether a condition here acts on the half; otherwise it is the image of one that does."""
-        here, there = (self.facets if by_facets else self.nodes & self.beside).any(axis=1)
-        return bool(here or not there)
+        below, above = (self.facets if by_facets else self.nodes & self.off_plane).any(axis=1)
+        return bool(below or not above)
 
 
 def part_of(body: Body, surface: HalfSurface, boundary: str, samples: int) -> BoundaryPart:
     """The parts of a boundary on a symmetric body."""
-    beside, points = ~surface.on_plane, (surface.points, surface.images)
+    off_plane, points = ~surface.on_plane, (surface.points, surface.images)
     if boundary not in body.boundaries:
         facets = np.stack(surface.sides[boundary])
-        nodes = np.zeros((2, len(beside)), bool)
+        nodes = np.zeros((2, len(off_plane)), bool)
         for found, rows in zip(nodes, facets, strict=True):
             found[surface.facets[rows]] = True
-        nodes |= nodes[::-1] & ~beside  # nodes on the plane are their own images
-        return BoundaryPart(nodes, facets, beside, np.zeros((2, 0), bool))
+        nodes |= nodes[::-1] & ~off_plane  # nodes on the plane are their own images
+        return BoundaryPart(nodes, facets, off_plane, np.zeros((2, 0), bool))
     expression = body.boundaries[boundary]
     own = np.ones(len(surface.facets), bool)
     for name in body.cuts:
         own &= ~np.any(surface.sides[name], axis=0)
     both = list(zip(points, surface.of, strict=True))
     nodes = np.stack([expression(x) & has for x, has in both])
-    nodes[1, ~beside] = nodes[0, ~beside]
+    nodes[1, ~off_plane] = nodes[0, ~off_plane]
     facets = nodes[:, surface.facets].all(axis=2) & own
-    on_surface = np.zeros(len(beside), bool)
+    on_surface = np.zeros(len(off_plane), bool)
     on_surface[surface.facets[own]] = True
     between = np.zeros((2, 0), bool)
     if samples:
@@ -74,7 +74,7 @@ def part_of(body: Body, surface: HalfSurface, boundary: str, samples: int) -> Bo
         places = [np.einsum("sv,fvi->fsi", shares, x[vertices]).reshape(-1, 3) for x in points]
         both = list(zip(places, surface.of, strict=True))
         between = np.stack([expression(x) & has for x, has in both])
-    return BoundaryPart(nodes & on_surface, facets, beside, between)
+    return BoundaryPart(nodes & on_surface, facets, off_plane, between)
 
 
 def _shares(dimension: int, cell: str, count: int) -> NDArray[np.float64]:

@@ -130,7 +130,7 @@ def _cut(scene: Scene, axis: int) -> Scene:
         return parts[body, boundary]
 
     for loaded in [scene.under(case) for case in scene.loadings] or [scene]:
-        _refuse_uneven_heat(loaded, mirror, [half.kept for half in halves])
+        _refuse_uneven_heat(loaded, mirror, [half.number for half in halves])
 
     def factors(item: Item) -> tuple[float, ...]:
         if isinstance(item, Contact | BodyContact):
@@ -138,22 +138,22 @@ def _cut(scene: Scene, axis: int) -> Scene:
         return tuple(case.of(item.name) for case in scene.loadings)
 
     described = Descriptions(
-        scene_size(scene.bodies), [half.kept for half in halves], part, factors
+        scene_size(scene.bodies), [half.number for half in halves], part, factors
     )
     _refuse_unpaired(scene, mirror, described)
 
-    def kept(items: Iterable[Any]) -> tuple[Any, ...]:
+    def solved_part(items: Iterable[Any]) -> tuple[Any, ...]:
         return tuple(
             replace(item, **{key: int(number[getattr(item, key)]) for key in ("body", "other")
                              if hasattr(item, key)})
             for item in items
-            if _is_kept(item, scene, halves, part)
+            if _acts_on_solved_part(item, scene, halves, part)
         )  # fmt: skip
 
     sections = tuple(
         replace(
             section,
-            body=int(number[halves[section.body].kept]),
+            body=int(number[halves[section.body].number]),
             across=section.across if halves[section.body].body else (*section.across, axis),
         )
         for section in scene.output.sections
@@ -168,13 +168,13 @@ def _cut(scene: Scene, axis: int) -> Scene:
     return replace(
         scene,
         bodies=tuple(left),
-        displacements=(*kept(scene.displacements), *planes),
-        tractions=kept(scene.tractions),
-        pressures=kept(scene.pressures),
-        forces=kept(scene.forces),
-        contacts=kept(scene.contacts),
-        pairs=kept(scene.pairs),
-        temperatures=kept(scene.temperatures),
+        displacements=(*solved_part(scene.displacements), *planes),
+        tractions=solved_part(scene.tractions),
+        pressures=solved_part(scene.pressures),
+        forces=solved_part(scene.forces),
+        contacts=solved_part(scene.contacts),
+        pairs=solved_part(scene.pairs),
+        temperatures=solved_part(scene.temperatures),
         decomposition=_divided(scene.decomposition, left),
         output=replace(scene.output, sections=sections),
         mirrors=(
@@ -203,17 +203,17 @@ def _refuse_unpaired(scene: Scene, mirror: Mirror, described: Descriptions) -> N
             raise AsymmetryError(f"{item.source} has no mirror image")
 
 
-def _refuse_uneven_heat(scene: Scene, mirror: Mirror, kept: list[int]) -> None:
+def _refuse_uneven_heat(scene: Scene, mirror: Mirror, numbers: list[int]) -> None:
     """Refuse temperatures that differ at the mirror images of nodes and middles of cells."""
     for item in scene.temperatures:
-        partners = [k for k, number in enumerate(kept) if number == kept[item.body]]
+        partners = [k for k, number in enumerate(numbers) if number == numbers[item.body]]
         image = next((k for k in partners if k != item.body), item.body)
         points = _nodes_and_middles(scene.bodies[item.body])
-        here, there = (
+        values, image_values = (
             sum((t.rise(x) for t in scene.temperatures if t.body == body), np.zeros(len(x)))
             for body, x in ((item.body, points), (image, mirror.image(points)))
         )
-        if not np.allclose(here, there, rtol=0.0, atol=SAME * float(np.abs(here).max())):
+        if not np.allclose(values, image_values, rtol=0.0, atol=SAME * float(np.abs(values).max())):
             raise AsymmetryError(f"the temperature of {item.source} is not its mirror image")
 
 
@@ -250,7 +250,7 @@ def _partners(scene: Scene, mirror: Mirror, described: Descriptions) -> tuple[tu
     return tuple(found)
 
 
-def _is_kept(
+def _acts_on_solved_part(
     item: Item, scene: Scene, halves: list[Half], part: Callable[[int, str], BoundaryPart]
 ) -> bool:
     """Whether an item acts on the part that is solved."""
@@ -258,7 +258,7 @@ def _is_kept(
         return halves[item.body].body is not None
     by_facets = isinstance(item, Traction | Pressure | BodyContact)
     by_facets |= isinstance(item, Contact) and has_averaged_rows(scene.bodies[item.body])
-    return all(part(*where).kept(by_facets) for where in _boundaries(item))
+    return all(part(*where).on_lower_side(by_facets) for where in _boundaries(item))
 
 
 def _divided(decomposition: Decomposition, bodies: list[Body]) -> Decomposition:

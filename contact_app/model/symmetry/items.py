@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from contact_app.model.symmetry.bodies import ALIKE
+from contact_app.model.symmetry.bodies import ROUNDED
 from contact_app.model.symmetry.boundaries import BoundaryPart, Key
 from contact_app.scene.conditions import (
     BodyContact,
@@ -34,7 +34,7 @@ class Descriptions:
     ----------
     size
         A length of the scene.
-    kept
+    number
         Number of the solved body for each body, as in `Half`.
     part
         Function that returns the parts of a boundary of a body.
@@ -43,7 +43,7 @@ class Descriptions:
     """
 
     size: float
-    kept: list[int]
+    number: list[int]
     part: Callable[[int, str], BoundaryPart]
     factors: Callable[[Item], tuple[float, ...]]
 
@@ -75,13 +75,13 @@ class Descriptions:
         return (*where, *words), np.append(numbers, _scaled(np.array([item.interference])))
 
     def _boundary(self, body: int, boundary: str, mirror: Mirror | None) -> Key:
-        return (self.kept[body], self.part(body, boundary).key(image=mirror is not None))
+        return (self.number[body], self.part(body, boundary).key(image=mirror is not None))
 
     def _body(self, body: int, mirror: Mirror | None) -> int:
         """The number of a body, or of its mirror image."""
-        if mirror is None or self.kept.count(self.kept[body]) == 1:
+        if mirror is None or self.number.count(self.number[body]) == 1:
             return body
-        return next(k for k, n in enumerate(self.kept) if n == self.kept[body] and k != body)
+        return next(k for k, n in enumerate(self.number) if n == self.number[body] and k != body)
 
 
 def _reflected(vector: Iterable[float], mirror: Mirror | None) -> NDArray[np.float64]:
@@ -116,7 +116,7 @@ def _described_obstacle(
         return words, np.append(point(obstacle.center), obstacle.radius) / size
     assert isinstance(obstacle, Cylinder), f"no mirror image of {obstacle} is known"
     along = _reflected(obstacle.axis, mirror)
-    along /= np.linalg.norm(along) * np.sign(along[np.argmax(np.abs(along) > ALIKE)])
+    along /= np.linalg.norm(along) * np.sign(along[np.argmax(np.abs(along) > ROUNDED)])
     foot = point(obstacle.point)
     foot -= (foot @ along) * along
     return ("cylinder", obstacle.hollow), np.array([*along, *foot / size, obstacle.radius / size])
@@ -124,4 +124,4 @@ def _described_obstacle(
 
 def are_alike(a: Description, b: Description) -> bool:
     """Whether two descriptions are equal up to round-off."""
-    return a[0] == b[0] and np.allclose(a[1], b[1], rtol=ALIKE, atol=ALIKE)
+    return a[0] == b[0] and np.allclose(a[1], b[1], rtol=ROUNDED, atol=ROUNDED)

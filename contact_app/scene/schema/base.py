@@ -49,7 +49,7 @@ class Model(BaseModel):
 def not_allowed(value: Any, allowed: str) -> PydanticCustomError:
     """The error for a value, with a phrase that says what is allowed."""
     return PydanticCustomError(
-        "told", "is {value}; allowed: {allowed}", {"value": shown(value), "allowed": allowed}
+        "refused", "is {value}; allowed: {allowed}", {"value": shown(value), "allowed": allowed}
     )
 
 

@@ -15,7 +15,7 @@ from contact_app.accuracy.agreement import (
     Agreement,
     Measured,
     Verdict,
-    alone,
+    needs_no_confirmation,
 )
 
 
@@ -121,7 +121,7 @@ def test_a_coarser_mesh_confirms_the_first() -> None:
 
 
 def test_meshes_that_need_no_confirmation() -> None:
-    assert alone(1e-9, 0.1, 1), "exact to round-off"
-    assert alone(0.9 * CLEAR * 0.1, 0.1, CELLS)
-    assert not alone(0.9 * CLEAR * 0.1, 0.1, CELLS - 1), "a few cells"
-    assert not alone(0.5 * 0.1, 0.1, 100)
+    assert needs_no_confirmation(1e-9, 0.1, 1), "exact to round-off"
+    assert needs_no_confirmation(0.9 * CLEAR * 0.1, 0.1, CELLS)
+    assert not needs_no_confirmation(0.9 * CLEAR * 0.1, 0.1, CELLS - 1), "a few cells"
+    assert not needs_no_confirmation(0.5 * 0.1, 0.1, 100)

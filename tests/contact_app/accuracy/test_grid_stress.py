@@ -205,7 +205,7 @@ def test_the_search_finds_the_least_energy() -> None:
     fixed = np.where(free, 0.0, values)
     size, rows = free.sum(), len(B)
     saddle = np.block([[A[np.ix_(free, free)], B[:, free].T], [B[:, free], np.zeros((rows, rows))]])
-    right = np.concatenate([(stresses.work - A @ fixed)[free], stresses.wanted - B @ fixed])
+    right = np.concatenate([(stresses.work - A @ fixed)[free], stresses.divergence - B @ fixed])
     least = fixed.copy()
     least[free] = np.linalg.lstsq(saddle, right, rcond=None)[0][:size]
     assert values == pytest.approx(least, abs=1e-3 * np.abs(least).max())

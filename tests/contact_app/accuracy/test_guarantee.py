@@ -180,9 +180,11 @@ def test_zero_where_nothing_is_strained() -> None:
     assert bounded(made)[1].bound == 0.0
 
 
-@pytest.mark.parametrize(("parts", "told"), [(1, "crosses an obstacle by"), ([2, 2], "jumps by")])
+@pytest.mark.parametrize(
+    ("parts", "expected"), [(1, "crosses an obstacle by"), ([2, 2], "jumps by")]
+)
 def test_inadmissible_data_are_refused(
-    parts: Any, told: str, monkeypatch: pytest.MonkeyPatch
+    parts: Any, expected: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """An answer moved towards the wall: held nodes are rows of B where it is cut."""
     solved = solve(scenes.wall("quadrilateral", 8), parts)
@@ -192,7 +194,7 @@ def test_inadmissible_data_are_refused(
     )
     found = guarantee(solved.model, solved.solution)
     assert found.bound is None
-    assert told in found.missing
+    assert expected in found.missing
 
 
 def test_two_bodies_are_bounded_together() -> None:
@@ -295,9 +297,9 @@ def test_the_messages_of_a_run(tmp_path: Path, capsys: pytest.CaptureFixture[str
 
 def test_a_guarantee_that_is_missing_is_a_warning() -> None:
     summary = {"accuracy": {"total": 0.1}, "certificate": {"passed": True, "warnings": ["one"]}}
-    told = with_guarantee(summary, Guarantee(None, "a reason"))
-    assert told["accuracy"] == {"total": 0.1, "guaranteed": None}
-    assert told["certificate"]["warnings"] == ["one", "no error is guaranteed: a reason"]
+    expected = with_guarantee(summary, Guarantee(None, "a reason"))
+    assert expected["accuracy"] == {"total": 0.1, "guaranteed": None}
+    assert expected["certificate"]["warnings"] == ["one", "no error is guaranteed: a reason"]
 
 
 @pytest.mark.parametrize("value", [0.05, 0.123401, 1.0, 3.3e-9, 0.0999999, 12.34567, 0.0])

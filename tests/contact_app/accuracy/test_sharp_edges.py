@@ -69,17 +69,17 @@ def test_the_edge_causes_a_warning_from_the_other_side_of_the_contact() -> None:
 def test_an_edge_at_a_clamped_side_causes_a_warning_and_one_at_a_plane_of_symmetry_does_not() -> (
     None
 ):
-    for values, told in (([0, -0.01], True), ([0, None], False)):
+    for values, warned in (([0, -0.01], True), ([0, None], False)):
         made = blocks(1)
         del made["bodies"][1]["hold"]
         made["bodies"][1]["mesh"]["box"]["lower"] = [0, 0]
         made["conditions"][1] = {"on": "punch.x-", "displacement": values}
-        made["conditions"] += [] if told else [{"in": "punch", "force": [0, -1]}]
+        made["conditions"] += [] if warned else [{"in": "punch", "force": [0, -1]}]
         solved = solve_scene(build_scene(from_mapping(made)), MPI.COMM_SELF)
         nodes = solved.nodes
         assert nodes.points[np.argmax(nodes.contact_pressure)] == pytest.approx([0, 0, 0])
         warnings = solved.summary["certificate"]["warnings"]
-        assert any("at a sharp edge of punch" in w for w in warnings) == told
+        assert any("at a sharp edge of punch" in w for w in warnings) == warned
 
 
 def test_blocks_that_end_together_and_soft_blocks_have_no_infinite_pressure() -> None:
@@ -87,9 +87,9 @@ def test_blocks_that_end_together_and_soft_blocks_have_no_infinite_pressure() ->
     assert peak(blocks(1, young=50.0))[1] == []
 
 
-@pytest.mark.parametrize(("slope", "told"), [(1.0, True), (0.0, False)])
+@pytest.mark.parametrize(("slope", "warned"), [(1.0, True), (0.0, False)])
 def test_an_edge_on_an_obstacle_causes_a_warning_if_its_angle_is_larger_than_a_right_angle(
-    slope: float, told: bool, tmp_path: Path
+    slope: float, warned: bool, tmp_path: Path
 ) -> None:
     """A foot from -1 to 1, pressed on its right, whose sides lean outwards or are upright."""
     s, t = np.meshgrid(np.linspace(-1, 1, 13), np.linspace(0, 1, 7))
@@ -115,7 +115,7 @@ def test_an_edge_on_an_obstacle_causes_a_warning_if_its_angle_is_larger_than_a_r
     nodes = solved.nodes
     assert nodes.points[np.argmax(nodes.contact_pressure)] == pytest.approx([1, 0, 0], abs=1e-9)
     warnings = [w for w in solved.summary["certificate"]["warnings"] if "without limit" in w]
-    assert [("at a sharp edge of foot" in w) for w in warnings] == [True] * told
+    assert [("at a sharp edge of foot" in w) for w in warnings] == [True] * warned
 
 
 def test_a_punch_ends_in_the_middle_of_a_surface() -> None:

@@ -98,7 +98,7 @@ def test_an_older_result_does_not_outlive_a_run_without_one(scene: Path, tmp_pat
 
 @pytest.mark.mpi
 @pytest.mark.parametrize(
-    ("where", "rank", "kind", "told"),
+    ("where", "rank", "kind", "expected"),
     [
         ("cell_fields", 1, "disk", "rank 1: the run ended: No space left on device; make room"),
         pytest.param("cell_fields", 0, "memory", "not enough memory", marks=pytest.mark.slow),
@@ -107,13 +107,13 @@ def test_an_older_result_does_not_outlive_a_run_without_one(scene: Path, tmp_pat
     ],
 )
 def test_a_fault_on_one_rank_ends_all(
-    scene: Path, tmp_path: Path, where: str, rank: int, kind: str, told: str
+    scene: Path, tmp_path: Path, where: str, rank: int, kind: str, expected: str
 ) -> None:
     out = tmp_path / "out"
     words = (where, str(rank), kind, "run", scene, "-o", out)
     done = start(*words, ranks=2, python=FAULT)
     assert done.returncode == 4, done.stderr
-    assert told in done.stderr
+    assert expected in done.stderr
     assert "Traceback" not in done.stderr
     assert left(out) == LOGS
     in_log = "TypeError: a mistake" in (out / "run.log").read_text()
@@ -209,8 +209,8 @@ def test_a_directory_that_cannot_be_made_ends_with_4(
     scene: Path, directory: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
     assert contact_app("run", scene, "-o", directory) == 4
-    told = capsys.readouterr().err
-    assert f"--output {directory}: results cannot be written there" in told
+    expected = capsys.readouterr().err
+    assert f"--output {directory}: results cannot be written there" in expected
 
 
 @pytest.fixture
@@ -316,8 +316,8 @@ def test_a_remark_on_fifty_blocks_is_made_once(
     out = tmp_path / "out"
     assert contact_app("run", scenes.write(made, tmp_path / "tower.yaml"), "-o", out) == 0
     lines = capsys.readouterr().out.splitlines()
-    (told,) = [line for line in lines if "can move freely" in line]
-    assert told.startswith("warning: b1 can move freely")
-    assert "(and 48 more alike: b2, b3, b4, b5, b6, … b49)" in told
+    (expected,) = [line for line in lines if "can move freely" in line]
+    assert expected.startswith("warning: b1 can move freely")
+    assert "(and 48 more alike: b2, b3, b4, b5, b6, … b49)" in expected
     log = (out / "run.log").read_text()
     assert log.count("WARNING") == sum("warning:" in line for line in lines)

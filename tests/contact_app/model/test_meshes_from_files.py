@@ -220,11 +220,11 @@ def test_check_and_the_run_report_repairs(tmp_path: Path) -> None:
     given.cells[0].data = given.cells[0].data[:, ::-1]
     file = meshfiles.write(given, tmp_path / "block.msh")
     scene = scenes.build(patch("triangle", file))
-    told = "8 cells were inside out (negative volume): turned"
+    expected = "8 cells were inside out (negative volume): turned"
     lines = describe(scene, outline(scene, MPI.COMM_SELF))
-    assert f"  {told}" in lines
+    assert f"  {expected}" in lines
     assert any("block.msh of 8 cells (triangle), Young's modulus 900" in line for line in lines)
-    assert f"block: {told}" in solve_scene(scene).model.notes
+    assert f"block: {expected}" in solve_scene(scene).model.notes
 
 
 WRONG = [
@@ -254,9 +254,9 @@ WRONG = [
 ]  # fmt: skip
 
 
-@pytest.mark.parametrize(("changes", "told", "allowed"), WRONG, ids=[w[1][:40] for w in WRONG])
+@pytest.mark.parametrize(("changes", "expected", "allowed"), WRONG, ids=[w[1][:40] for w in WRONG])
 def test_mistakes_are_reported_with_file_line_and_key(
-    changes: dict[str, Any], told: str, allowed: str, tmp_path: Path
+    changes: dict[str, Any], expected: str, allowed: str, tmp_path: Path
 ) -> None:
     meshfiles.write(meshfiles.block("triangle", 2), tmp_path / "block.msh")
     made: Any = patch("triangle", Path("block.msh"))
@@ -270,7 +270,7 @@ def test_mistakes_are_reported_with_file_line_and_key(
         build_scene(load(written(made, tmp_path)))
     message = str(caught.value)
     assert message.startswith(f"{tmp_path / 'part.yaml'}:")
-    assert told in message
+    assert expected in message
     assert allowed in message
 
 

@@ -114,7 +114,7 @@ def test_two_ranks(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("cell", "load", "told"),
+    ("cell", "load", "message"),
     [
         ("hexahedron", {"total_moment": 3.0}, "total_moment is one number; in 3D"),
         ("quadrilateral", {"total_moment": [3.0]}, "total_moment is a list; in 2D"),
@@ -124,6 +124,6 @@ def test_two_ranks(tmp_path: Path) -> None:
         ("hexahedron", {"total_force": [0, 0, 0]}, "load nothing"),
     ],
 )
-def test_wrong_use_is_refused(cell: str, load: Config, told: str) -> None:
-    with pytest.raises(ConfigurationError, match=told):
+def test_wrong_use_is_refused(cell: str, load: Config, message: str) -> None:
+    with pytest.raises(ConfigurationError, match=message):
         scenes.build(beam(cell, load))

@@ -211,7 +211,7 @@ def test_symmetry_leaves_a_scene_with_an_inner_surface_whole() -> None:
 
 
 @pytest.mark.parametrize(
-    ("section", "told"),
+    ("section", "message"),
     [
         ({"on": "b.post"}, r"sections\.s\.behind is missing: a point in b"),
         ({"on": "b.post", "behind": [9, 0, 0]}, r"s\.behind: the point \(9, 0, 0\) does not lie"),
@@ -228,10 +228,10 @@ def test_symmetry_leaves_a_scene_with_an_inner_surface_whole() -> None:
         ({}, r"sections\.s is empty"),
     ],
 )
-def test_wrong_surfaces_are_refused(section: dict[str, Any], told: str) -> None:
+def test_wrong_surfaces_are_refused(section: dict[str, Any], message: str) -> None:
     made = on_two_feet(1, "hexahedron")
     made["output"] = {"sections": {"s": section}}
-    with pytest.raises(ConfigurationError, match=told):
+    with pytest.raises(ConfigurationError, match=message):
         contact_app.solve(made)
 
 

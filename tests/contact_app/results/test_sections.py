@@ -203,7 +203,7 @@ def test_ranks_agree(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("section", "told"),
+    ("section", "message"),
     [
         (plane([5, 0, 0], [1, 0, 0]), r"sections\.s: .*all cells of b lie behind the plane"),
         (plane([-1, 0, 0], [1, 0, 0]), r"sections\.s: .*lie in front of the plane"),
@@ -216,8 +216,8 @@ def test_ranks_agree(tmp_path: Path) -> None:
         ({"on": "b.x-"}, r"s\.on names the inner surface 'x-' of b; it is on the surface"),
     ],
 )
-def test_wrong_sections_are_refused(section: dict[str, Any], told: str) -> None:
+def test_wrong_sections_are_refused(section: dict[str, Any], message: str) -> None:
     made = cantilever("hexahedron", 1, {})
     made["output"] = {"sections": {"s": section}}
-    with pytest.raises(ConfigurationError, match=told):
+    with pytest.raises(ConfigurationError, match=message):
         contact_app.solve(made)

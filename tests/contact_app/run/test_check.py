@@ -63,7 +63,7 @@ def test_the_model_is_reported() -> None:
 
 
 @pytest.mark.parametrize(
-    ("name", "subdomains", "told"),
+    ("name", "subdomains", "expected"),
     [
         ("nearly_repeated", 1, "contacts[1]: at 6 of 6 candidate nodes another contact is nearer"),
         ("duplicate_obstacles", 1, "contacts[1]: repeats contacts[0] and adds no rows"),
@@ -75,12 +75,12 @@ def test_the_model_is_reported() -> None:
         ("sliding", 1, "free in 3 rigid motions on which no load does work"),
     ],
 )
-def test_omissions_are_reported_with_reasons(name: str, subdomains: Any, told: str) -> None:
+def test_omissions_are_reported_with_reasons(name: str, subdomains: Any, expected: str) -> None:
     made = scenes.ALL.get(name, scenes.wall)("hexahedron", 2)
     if name == "nearly_repeated":
         turned = scenes.plane("hexahedron", (1.001, 0, 0.5), (-1, 0, 1e-3))
         made["contacts"].append({"on": "block.x+", "obstacle": turned})
-    assert told in lines_of(made, subdomains)
+    assert expected in lines_of(made, subdomains)
 
 
 def test_plane_scenes() -> None:

@@ -241,7 +241,7 @@ def test_an_uncertified_answer_counts_if_multigrid_leaves_none() -> None:
     solution = replace(solved.solution, certificate=certificate, reason=Reason.UNSETTLED)
     uncertified = replace(solved, solution=solution)
 
-    def solve(tried: Scene, spent: Counts, first: bool) -> SolvedScene:
+    def solve(tried: Scene, counts_before: Counts, first: bool) -> SolvedScene:
         if tried.solver.method == "primal":
             raise NoAnswerError("no body is held")
         return uncertified

@@ -201,10 +201,10 @@ WRONG = [
 ]  # fmt: skip
 
 
-@pytest.mark.parametrize(("override", "told"), WRONG, ids=[text[:50] for text, _ in WRONG])
-def test_wrong_values_are_refused(file: Path, override: str, told: str) -> None:
+@pytest.mark.parametrize(("override", "expected"), WRONG, ids=[text[:50] for text, _ in WRONG])
+def test_wrong_values_are_refused(file: Path, override: str, expected: str) -> None:
     message = refused(file, override)
-    assert told in message
+    assert expected in message
     assert "\n\n" not in message
     assert message.startswith(("--set ", str(file)))
     assert "Traceback" not in message
@@ -212,7 +212,7 @@ def test_wrong_values_are_refused(file: Path, override: str, told: str) -> None:
 
 
 @pytest.mark.parametrize(
-    ("old", "new", "told"),
+    ("old", "new", "expected"),
     [
         ("poisson: 0.33", "poisson: 0.5", "cube.yaml:6: bodies[0].material.poisson is 0.5"),
         ("  - name: cube", "  - nmae: cube", "cube.yaml:4: bodies[0].nmae is an unknown key"),
@@ -223,10 +223,10 @@ def test_wrong_values_are_refused(file: Path, override: str, told: str) -> None:
         ("dimension: 3", "", "cube.yaml:1: dimension is missing in the file"),
     ],
 )
-def test_messages_name_file_line_and_key(file: Path, old: str, new: str, told: str) -> None:
+def test_messages_name_file_line_and_key(file: Path, old: str, new: str, expected: str) -> None:
     assert old in SCENE
     file.write_text(SCENE.replace(old, new, 1))
-    assert told in refused(file)
+    assert expected in refused(file)
 
 
 def test_all_problems_of_a_file_are_reported_together(file: Path) -> None:
@@ -364,12 +364,12 @@ def test_random_mutations_are_scenes_or_refused(
             target[path[-1]] = value
     file = tmp_path_factory.getbasetemp() / "mutant.yaml"
     file.write_text(yaml.dump(data, allow_unicode=True), encoding="utf-8", errors="replace")
-    told = ""
+    expected = ""
     try:
         build_scene(load(file))
     except ConfigurationError as error:
-        told = str(error)
-    assert not told or told.startswith(str(file))
+        expected = str(error)
+    assert not expected or expected.startswith(str(file))
 
 
 @settings(max_examples=100, deadline=None)
@@ -379,12 +379,12 @@ def test_random_overrides_are_scenes_or_refused(
 ) -> None:
     file = tmp_path_factory.getbasetemp() / "overridden.yaml"
     file.write_text(SCENE)
-    told = "--set"
+    expected = "--set"
     try:
         build_scene(load(file, [".".join(map(str, path)) + "=" + value]))
     except ConfigurationError as error:
-        told = str(error)
-    assert told.startswith(("--set", str(file)))
+        expected = str(error)
+    assert expected.startswith(("--set", str(file)))
 
 
 # --- the manual --------------------------------------------------------------------------------

@@ -76,15 +76,15 @@ def test_going_back_by_the_gap_ends_on_the_surface(name: str, point: tuple) -> N
 
 
 @pytest.mark.parametrize(
-    ("shape", "point", "told"),
+    ("shape", "point", "message"),
     [
         (SHAPES["sphere"], (0.5, 0, -1), "centre of the sphere"),
         (SHAPES["cavity"], (0.5, 0, -1), "centre of the sphere"),
         (Cylinder((0, 0, 0), (0, 0, 1), 1), (0, 0, 5), "axis of the cylinder"),
     ],
 )
-def test_the_middle_has_no_normal(shape: Obstacle, point: tuple, told: str) -> None:
-    with pytest.raises(ConfigurationError, match=told):
+def test_the_middle_has_no_normal(shape: Obstacle, point: tuple, message: str) -> None:
+    with pytest.raises(ConfigurationError, match=message):
         shape.gap_and_normal(np.array([point], dtype=float))
 
 

@@ -77,7 +77,7 @@ def test_key_text() -> None:
 
 
 @pytest.mark.parametrize(
-    ("text", "told"),
+    ("text", "expected"),
     [
         ("", "is empty"),
         ("# nothing\n", "is empty"),
@@ -103,8 +103,8 @@ def test_key_text() -> None:
     ],
     ids=lambda text: text[:20],
 )
-def test_refused_at_once_with_the_line(text: str, told: str) -> None:
-    with time_limit(30.0), pytest.raises(ConfigurationError, match=told):
+def test_refused_at_once_with_the_line(text: str, expected: str) -> None:
+    with time_limit(30.0), pytest.raises(ConfigurationError, match=expected):
         parse(text, "t")
 
 
@@ -129,8 +129,8 @@ def test_files_that_are_none(tmp_path: Path) -> None:
     }
     (tmp_path / "garbage").write_bytes(bytes(range(256)))
     (tmp_path / "large").write_bytes(b"#" * (LARGEST_FILE + 1))
-    for path, told in cases.items():
-        with pytest.raises(ConfigurationError, match=told):
+    for path, expected in cases.items():
+        with pytest.raises(ConfigurationError, match=expected):
             read(path)
 
 

@@ -85,7 +85,7 @@ def test_rows_of_an_earlier_run_stay_until_they_are_measured_again(tmp_path: Pat
 
 
 @pytest.mark.parametrize(
-    ("asked", "told"),
+    ("asked", "message"),
     [
         (["parts", "pillow_blok"], "'pillow_blok' is no scene file and none of the parts"),
         (["parts", "--methods", "gamg"], "--methods names 'gamg'; known are primal"),
@@ -95,10 +95,10 @@ def test_rows_of_an_earlier_run_stay_until_they_are_measured_again(tmp_path: Pat
         (["--limit", "3", "parts"], "--limit stands before `parts`"),
     ],
 )
-def test_bad_options_are_refused_before_anything_runs(asked: list[str], told: str) -> None:
+def test_bad_options_are_refused_before_anything_runs(asked: list[str], message: str) -> None:
     done = CliRunner().invoke(app, ["bench", *asked])
     assert done.exit_code == 2
-    assert told in done.output
+    assert message in done.output
 
 
 @pytest.mark.skipif(parts_meshes.can_draw(), reason="Gmsh is there")
