@@ -14,7 +14,7 @@ from solver.errors import QPError
 from solver.qp.box import Box
 from solver.qp.box_qp import BoxQP
 from solver.qp.convex_set import Scratch
-from solver.qp.discs import BoxAndDiscs
+from solver.qp.discs import BoxAndDiscs, BoxAndDiscsOnBlock
 from solver.qp.mprgp import MPRGP
 from solver.qp.result import Reason
 from solver.qp.separable_qp import SeparableQP
@@ -135,3 +135,69 @@ def test_a_disc_without_a_radius_is_refused() -> None:
         discs = BoxAndDiscs(Box(), one, one + 1, np.zeros((2, 1)), np.array([radius]))
         with pytest.raises(QPError, match=f"component 0.*{words}"):
             SeparableQP(np.eye(2), np.zeros(2), discs)
+
+
+def on_one_block(feasible: BoxAndDiscs) -> BoxAndDiscsOnBlock:
+    """The kernels of a set on all of its components."""
+    size = len(feasible.box.lower)  # type: ignore[arg-type]
+    return feasible.on_block(slice(0, size), Scratch(size))
+
+
+@given(st.integers(0, 10_000))
+def test_the_projection_is_the_nearest_point(seed: int) -> None:
+    """(z - P z)ᵀ (y - P z) ≤ 0 for all y of the set, which says it all about P."""
+    rng = np.random.default_rng(seed)
+    feasible = discs_and_bounds(rng, 3, 4)
+    points = 2.0 * rng.normal(size=(20, 10))
+    projected = points.copy()
+    for x in projected:
+        feasible.project(x)
+        again = x.copy()
+        feasible.project(again)
+        np.testing.assert_allclose(again, x, atol=1e-15)
+    angles = (points - projected) @ projected.T
+    angles -= ((points - projected) * projected).sum(axis=1)[:, None]
+    assert angles.max() <= 1e-12
+
+
+@given(st.integers(0, 10_000))
+def test_the_projected_gradient_is_the_derivative_of_a_projected_step(seed: int) -> None:
+    """P(x - α g) = x - α (g^f + g^c) + O(α²), with g^f and g^c on different components."""
+    rng = np.random.default_rng(seed)
+    feasible = discs_and_bounds(rng, 4, 5)
+    x, g = 2.0 * rng.normal(size=13), rng.normal(size=13)
+    feasible.project(x)
+    free, chopped, is_free = np.empty(13), np.empty(13), np.empty(13, bool)
+    on_one_block(feasible).split(x, g, is_free, free, chopped)
+    assert not free[~is_free].any()
+    assert not chopped[is_free].any()
+    np.testing.assert_array_equal(free[is_free], g[is_free])
+    assert g @ (free + chopped) == pytest.approx((free + chopped) @ (free + chopped), rel=1e-12)
+    short = 1e-7
+    step = x - short * g
+    feasible.project(step)
+    np.testing.assert_allclose((x - step) / short, free + chopped, atol=1e-4)
+
+
+@given(st.integers(0, 10_000), st.floats(1e-3, 10.0))
+def test_steps_stay_in_the_set(seed: int, alpha: float) -> None:
+    """The reduced gradient's step ends in the set; the longest step ends on its boundary."""
+    rng = np.random.default_rng(seed)
+    feasible = discs_and_bounds(rng, 4, 5)
+    kernels = on_one_block(feasible)
+    x, g = rng.normal(size=13), rng.normal(size=13)
+    feasible.project(x)
+    free, chopped, reduced = np.empty((3, 13))
+    kernels.split(x, g, np.empty(13, bool), free, chopped)
+    kernels.reduce(x, free, alpha, reduced)
+    expected = x - alpha * free
+    feasible.project(expected)
+    np.testing.assert_allclose(x - alpha * reduced, expected, atol=1e-13 * (1.0 + alpha))
+    assert reduced @ free >= reduced @ reduced - 1e-12
+    inverse = kernels.inverse_longest_step(x, free)
+    if inverse:
+        for share, leaves in ((1.0 - 1e-9, False), (1.0 + 1e-6, True)):
+            end = x - share / inverse * free
+            nearest = end.copy()
+            feasible.project(nearest)
+            assert (np.abs(nearest - end).max() > 1e-13) == leaves
