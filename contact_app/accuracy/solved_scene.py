@@ -14,6 +14,7 @@ from contact_app.machine.timings import Timings
 from contact_app.model.model import Model
 from contact_app.results.fields import CellFields, NodeFields, slabs
 from solver.contact.solution import Accuracy, Solution
+from solver.qp.result import Reason
 
 if TYPE_CHECKING:
     from contact_app.accuracy.guarantee.guarantee import Guarantee
@@ -37,6 +38,17 @@ class SolvedScene:
     communication: dict[str, float] | None = None
     summary: dict[str, Any] = field(default_factory=dict)
     guaranteed: Guarantee | None = None
+
+    @property
+    def certified(self) -> bool:
+        """Whether the answer is certified and has the guaranteed bound that its scene requests."""
+        missing = self.guaranteed is not None and self.guaranteed.missing
+        return self.solution.converged and not missing
+
+    @property
+    def interrupted(self) -> bool:
+        """Whether the answer is the partial result of an interrupted solve."""
+        return self.solution.reason is Reason.STOPPED and not self.solution.converged
 
     @cached_property
     def estimator(self) -> ErrorEstimator:

@@ -29,6 +29,8 @@ from contact_app.scene.material import CellMaterials, Material
 from meshes import Reference, dolfinx_compat
 from meshes.subdomains import vtk_order, vtk_shapes
 
+Array = NDArray[np.float64]
+
 CURVED = {"triangle": 4, "quadrilateral": 5, "tetrahedron": 5, "hexahedron": 7}
 """Degree of the shape functions of second order times the Jacobian of curved cells."""
 
@@ -107,8 +109,8 @@ class Element:
         self,
         materials: tuple[Material, ...],
         plane: str | None,
-        temperature: Callable[[NDArray[np.float64]], NDArray[np.float64]],
-    ) -> NDArray[np.float64]:
+        temperature: Callable[[Array], Array],
+    ) -> Array:
         """Load ∫ β T div v, (unknowns,), of a temperature at points (n, 3) of the reference.
 
         T is interpolated two degrees above the displacement, so that energies of different meshes
@@ -141,42 +143,38 @@ class Element:
         """The materials of the cells, by their tags."""
         return CellMaterials(materials, self.reference.tags, plane)
 
-    def body_force(self, force: NDArray[np.float64]) -> NDArray[np.float64]:
+    def body_force(self, force: Array) -> Array:
         """Load of a force per volume, (unknowns,)."""
         return self._load(ufl.inner(self._constant(force), ufl.TestFunction(self.space)) * self._dx)
 
-    def traction(
-        self, rows: NDArray[np.int32], traction: NDArray[np.float64]
-    ) -> NDArray[np.float64]:
+    def traction(self, rows: NDArray[np.int32], traction: Array) -> Array:
         """Load of a force per area on facets (rows of ``reference.facets``), (unknowns,)."""
         test = ufl.TestFunction(self.space)
         return self._load(ufl.inner(self._constant(traction), test) * self._ds(rows))
 
-    def linear_traction(
-        self, rows: NDArray[np.int32], values: NDArray[np.float64]
-    ) -> NDArray[np.float64]:
+    def linear_traction(self, rows: NDArray[np.int32], values: Array) -> Array:
         """Load of a force per area given at the nodes, (nodes, dimension); (unknowns,)."""
         traction = fem.Function(self.space)
         traction.x.array[self.unknowns] = values.ravel()
         return self._load(ufl.inner(traction, ufl.TestFunction(self.space)) * self._ds(rows))
 
-    def pressure(self, rows: NDArray[np.int32], pressure: float) -> NDArray[np.float64]:
+    def pressure(self, rows: NDArray[np.int32], pressure: float) -> Array:
         """Load of a pressure against the outward normal of facets, (unknowns,)."""
         test, normal = ufl.TestFunction(self.space), ufl.FacetNormal(self.mesh)
         value = fem.Constant(self.mesh, PETSc.ScalarType(pressure))
         return self._load(-value * ufl.inner(normal, test) * self._ds(rows))
 
-    def cell_volumes(self) -> NDArray[np.float64]:
+    def cell_volumes(self) -> Array:
         """Volume (area in the plane) of each cell."""
         return self._means[1]
 
     @property
-    def mean_slopes(self) -> NDArray[np.float64]:
+    def mean_slopes(self) -> Array:
         """Cell means of the derivatives of shape functions, (cells, nodes, dimension)."""
         return self._means[0]
 
     @property
-    def mean_values(self) -> NDArray[np.float64]:
+    def mean_values(self) -> Array:
         """Cell means of shape functions, (cells, nodes)."""
         return self._means[2]
 
@@ -201,7 +199,7 @@ class Element:
         )
 
     @cached_property
-    def _means(self) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+    def _means(self) -> tuple[Array, Array, Array]:
         """`mean_slopes`, volumes and `mean_values`.
 
         Integrated by the rule of the stiffness, which is exact for ∫ ∇φ dx.
@@ -233,14 +231,14 @@ class Element:
         strain = ufl.sym(ufl.grad(u))
         return lam * ufl.tr(strain) * ufl.Identity(self.dimension) + 2.0 * mu * strain
 
-    def _cellwise(self, values: NDArray[np.float64]) -> Any:
+    def _cellwise(self, values: Array) -> Any:
         """A function with one value in each cell."""
         space = dolfinx_compat.cellwise_scalars(self.mesh)
         function = fem.Function(space)
         function.x.array[dolfinx_compat.dof_nodes(space).ravel()] = values
         return function
 
-    def _constant(self, vector: NDArray[np.float64]) -> Any:
+    def _constant(self, vector: Array) -> Any:
         return fem.Constant(self.mesh, np.asarray(vector, dtype=PETSc.ScalarType))
 
     def _ds(self, rows: NDArray[np.int32]) -> Any:
@@ -248,11 +246,11 @@ class Element:
         tags = dolfinx_compat.meshtags(self.mesh, self.dimension - 1, entities, 1)
         return ufl.Measure("ds", domain=self.mesh, subdomain_data=tags)(1)
 
-    def _load(self, form: Any) -> NDArray[np.float64]:
+    def _load(self, form: Any) -> Array:
         return self._assembled(form)[self.unknowns]
 
     @staticmethod
-    def _assembled(form: Any) -> NDArray[np.float64]:
+    def _assembled(form: Any) -> Array:
         return fem.assemble_vector(dolfinx_compat.compile_form(form)).array.copy()
 
 

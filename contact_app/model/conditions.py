@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from contact_app.errors import ConfigurationError, ContactError, NoEquilibriumError
 from contact_app.model.averaged_rows import averaged_rows, has_averaged_rows
 from contact_app.model.boundaries import boundary_nodes, facets_of
-from contact_app.model.pairs import gather_surface, of_what_is_solved, owned_rows
+from contact_app.model.pairs import of_what_is_solved, owned_rows, sides_of
 from contact_app.scene.conditions import Contact, DisplacementCondition
 from contact_app.scene.scene import Scene
 from meshes import Partition
@@ -89,21 +89,10 @@ def mortar_rows(
 ) -> ContactRows:
     """Mortar rows of a pair of bodies; the message names a side that has no facet."""
     pair = scene.pairs[number]
-    sides = []
-    for key, b, boundary in (
-        ("on", pair.body, pair.boundary), ("against", pair.other, pair.other_boundary)
-    ):  # fmt: skip
-        body = scene.bodies[b]
-        chosen = facets_of(scene.bodies, partition, b, boundary)
-        side = gather_surface(scene, partition, chosen)
-        if side is None:
-            raise ConfigurationError(
-                f"{scene.at(pair.source)}.{key}: no whole facet of the surface of {body.name} lies "
-                f"on {boundary}; contact between bodies needs facets all of whose nodes are on it"
-            )
-        sides.append(side.smooth() if pair.round else side)
+    on, against = (
+        side.smooth() if pair.round else side for side in sides_of(scene, partition, pair)
+    )
     try:
-        on, against = sides
         found = mean_gaps(on, against, partition.comm)
     except SurfacesApartError as error:
         raise ConfigurationError(f"{scene.at(pair.source)}: {error}") from error

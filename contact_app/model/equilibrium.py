@@ -40,13 +40,15 @@ from solver.tfeti.constraints.friction import FrictionRows
 from solver.tfeti.free_motions import LooseBodies
 from solver.tfeti.subdomain.kernels import MOTIONS, rigid_motions
 
+Array = NDArray[np.float64]
+
 
 def body_balances(
     scene: Scene,
     partition: Partition,
     holding: tuple[HeldRows, ContactRows],
     contact: ContactRows,
-    loads: Iterable[NDArray[np.float64] | None],
+    loads: Iterable[Array | None],
     friction: FrictionRows | None = None,
 ) -> list[BodyBalance]:
     """The equilibrium of each body, (bodies,): elastic ones first, then moving rigid ones.
@@ -116,9 +118,9 @@ def _no_equilibrium(
     scene: Scene,
     comm: MPI.Intracomm,
     group: NDArray[np.int64],
-    rows: tuple[NDArray[np.float64], NDArray[np.float64]],
-    load: NDArray[np.float64],
-    escape: NDArray[np.float64],
+    rows: tuple[Array, Array],
+    load: Array,
+    escape: Array,
     cones: FrictionCones | None,
 ) -> str:
     """The error for a group that a load drives away along an escape (collective).
@@ -143,9 +145,7 @@ def _no_equilibrium(
     )
 
 
-def _with_free(
-    sliding: NDArray[np.float64], free: NDArray[np.float64], elastic: NDArray[np.bool_]
-) -> NDArray[np.float64]:
+def _with_free(sliding: Array, free: Array, elastic: NDArray[np.bool_]) -> Array:
     """Orthonormal motions of elastic bodies in the span of slides and free motions.
 
     All arrays are (motions of the group, k).
@@ -171,7 +171,7 @@ def _holding(
     held: HeldRows,
     rigid: RigidUnknowns,
     group: NDArray[np.int64],
-) -> tuple[list[NDArray[np.float64]], list[NDArray[np.float64]]]:
+) -> tuple[list[Array], list[Array]]:
     """Held rows of each body of a group on its rigid motions, and motions held on request."""
     d, comm, elastic = scene.dimension, partition.comm, len(scene.bodies)
     held_rows, requested = [], []
@@ -190,7 +190,7 @@ def _holding(
     return held_rows, requested
 
 
-def _refuse_held_twice(scene: Scene, b: int, left: NDArray[np.float64]) -> None:
+def _refuse_held_twice(scene: Scene, b: int, left: Array) -> None:
     """Refuse to hold a rigid motion that displacement conditions stop already.
 
     Parameters
@@ -277,9 +277,7 @@ def contact_motions(
     )
 
 
-def _moved_by_contact(
-    scene: Scene, contact: ContactRows, group: NDArray[np.int64]
-) -> NDArray[np.float64]:
+def _moved_by_contact(scene: Scene, contact: ContactRows, group: NDArray[np.int64]) -> Array:
     """Relative motion of the sides of the contact rows of a group under its rigid motions.
 
     (rows · dimension, bodies · motions).
@@ -300,7 +298,7 @@ def _moved_by_contact(
     return moved.reshape(-1, len(group) * MOTIONS[d])
 
 
-def _leaving(names: Sequence[str], group: NDArray[np.int64], escape: NDArray[np.float64]) -> str:
+def _leaving(names: Sequence[str], group: NDArray[np.int64], escape: Array) -> str:
     """Phrase with the bodies of a group that leave, and their directions."""
     motions = escape.reshape(len(group), -1)
     size = np.abs(motions).max(axis=1)
@@ -312,7 +310,7 @@ def _leaving(names: Sequence[str], group: NDArray[np.int64], escape: NDArray[np.
     return " and ".join(directions)
 
 
-def body_frame(body: Body) -> tuple[NDArray[np.float64], float]:
+def body_frame(body: Body) -> tuple[Array, float]:
     """Centre and length of a body, to which its rigid motions refer."""
     centre = np.zeros(3)
     lower, upper = np.array(body.mesh.lower), np.array(body.mesh.upper)
@@ -320,7 +318,7 @@ def body_frame(body: Body) -> tuple[NDArray[np.float64], float]:
     return centre, float((upper - lower).max())
 
 
-def motion_size(scene: Scene, body: int, motion: NDArray[np.float64]) -> float:
+def motion_size(scene: Scene, body: int, motion: Array) -> float:
     """Largest displacement at the corners of the box about a body, of a rigid one its own."""
     if body >= len(scene.bodies):
         return float(np.linalg.norm(motion))
@@ -331,13 +329,13 @@ def motion_size(scene: Scene, body: int, motion: NDArray[np.float64]) -> float:
     return float(np.linalg.norm(moved, axis=1).max())
 
 
-def upward(motions: NDArray[np.float64]) -> NDArray[np.float64]:
+def upward(motions: Array) -> Array:
     """Motions (motions, k) with signs chosen so that the first non-zero part is positive."""
     large = np.abs(motions) > 1e-3 * np.abs(motions).max(axis=0)
     return motions * np.sign(motions[large.argmax(axis=0), np.arange(motions.shape[1])])
 
 
-def directions_in_words(motions: NDArray[np.float64]) -> str:
+def directions_in_words(motions: Array) -> str:
     """Rigid motions (motions, k) in words."""
     planar = len(motions) == 3
     names = ["x", "y", "a turn about z"] if planar else [

@@ -16,8 +16,8 @@ from numpy.typing import NDArray
 from meshes import dolfinx_compat
 from meshes.quadratic import FACETS
 
-LATTICE = 12
-"""Intervals along an edge between the sample points of a facet."""
+LATTICE, INSIDE = 12, 8
+"""Intervals along an edge between sample points of a facet, and samples along it inside."""
 
 RULE = 8
 """Degree of the quadrature; the square root in the area of curved facets is not a polynomial."""
@@ -33,14 +33,22 @@ def _tables(dimension: int, nodes: int) -> tuple[NDArray, NDArray, NDArray, NDAr
 
 
 @cache
-def shapes_on_lattice(dimension: int, nodes: int) -> NDArray[np.float64]:
-    """Values of the shape functions at points all over a facet, (points, nodes)."""
+def shapes_on_lattice(dimension: int, nodes: int, inside: bool = False) -> NDArray[np.float64]:
+    """Values of the shape functions at points all over a facet, (points, nodes).
+
+    Parameters
+    ----------
+    inside
+        Whether no point lies on an edge.
+    """
     name, _, order = FACETS[dimension, nodes]
     axis = np.linspace(0.0, 1.0, LATTICE + 1)
+    if inside:
+        axis = (np.arange(INSIDE) + 0.5) / INSIDE
     points = np.stack(np.meshgrid(*[axis] * (dimension - 1), indexing="ij"), axis=-1)
     points = points.reshape(-1, dimension - 1)
     if name == "triangle":
-        points = points[points.sum(axis=1) <= 1.0 + 1e-9]
+        points = points[points.sum(axis=1) <= 1.0 + (-1e-9 if inside else 1e-9)]
     return dolfinx_compat.lagrange_values(name, order, points)
 
 

@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from contact_app.model.boundaries import facets_of
 from contact_app.model.facets import moments
-from contact_app.model.pairs import gather_surface
+from contact_app.model.pairs import sides_of
 from contact_app.model.rigid import RigidUnknowns, with_slips
 from contact_app.model.tangential_rows import (
     RoughContact,
@@ -20,7 +20,6 @@ from contact_app.model.ties import decided_by
 from contact_app.scene.conditions import BodyContact, Contact
 from contact_app.scene.scene import Scene
 from meshes import Partition
-from meshes.contact_surface import Surface
 from meshes.ties import MeanJumps, mean_jumps
 from solver.tfeti.constraints.conditions import ContactRows, HeldRows
 from solver.tfeti.constraints.exchange import NodeExchange
@@ -87,13 +86,8 @@ def _jumps(
     scene: Scene, partition: Partition, exchange: NodeExchange, pair: BodyContact, held: HeldRows
 ) -> MeanJumps:
     """Mean jumps of the displacements of a pair, of all ranks (collective)."""
-    sides: list[Surface] = []
-    for body, boundary in ((pair.body, pair.boundary), (pair.other, pair.other_boundary)):
-        side = gather_surface(scene, partition, facets_of(scene.bodies, partition, body, boundary))
-        assert side is not None  # its contact rows were written
-        sides.append(side)
-    decided = decided_by(exchange, held)
-    return mean_jumps(sides[0], sides[1], decided, partition.comm, gives=False)
+    sides, decided = sides_of(scene, partition, pair), decided_by(exchange, held)
+    return mean_jumps(*sides, decided, partition.comm, gives=False)
 
 
 def _shares(

@@ -15,12 +15,13 @@ from mpi4py import MPI
 from numpy.typing import NDArray
 
 from contact_app.errors import ConfigurationError
-from contact_app.model.facets import MIDDLES, moments
+from contact_app.model.facets import moments
 from contact_app.model.probes import OUTSIDE, in_cell
 from contact_app.scene.scene import InnerSection, Scene
-from meshes import CellMesh, Partition
+from meshes import CellMesh, Partition, dolfinx_compat
 from meshes.inner_surface import sides_where
-from meshes.quadratic import VERTICES, node_vertices
+from meshes.quadratic import VERTICES
+from meshes.subdomains import vtk_order
 from meshes.unstructured import FACETS, row_places
 
 Array = NDArray[np.float64]
@@ -134,13 +135,7 @@ def _area_and_centre(mesh: CellMesh, side: Bools) -> tuple[float, Array]:
 
 def _facet_nodes(cell: str, degree: int) -> NDArray[np.int64]:
     """Nodes of each facet of a cell in VTK order, in dolfinx's order of the facet."""
-    around = [set(on) for on in node_vertices(cell)]
-    table = []
-    for facet in FACETS[cell]:
-        corners = [facet[i] for i in ((0, 1, 3, 2) if len(facet) == 4 else range(len(facet)))]
-        nodes = list(corners)
-        if degree == 2:
-            count = {2: 3, 3: 6, 4: 9}[len(corners)]
-            nodes += [around.index({corners[i] for i in amid}) for amid in MIDDLES[count]]
-        table.append(nodes)
-    return np.array(table)
+    closures = dolfinx_compat.lagrange_nodes(cell, degree)[2]
+    table = np.argsort(vtk_order(cell, degree))[closures]
+    corners = [set(row) & set(range(VERTICES[cell])) for row in table.tolist()]
+    return table[[corners.index(set(facet)) for facet in FACETS[cell]]]

@@ -6,21 +6,14 @@ facets that straddle its edge carry no load, so the total force depends on the m
 
 from __future__ import annotations
 
-from functools import cache
-
 import numpy as np
 from mpi4py import MPI
-from numpy.typing import NDArray
 
 from contact_app.model.boundaries import boundary_facets, surface_facets
-from contact_app.model.facets import moments
+from contact_app.model.facets import moments, shapes_on_lattice
 from contact_app.scene.conditions import Pressure, Traction
 from contact_app.scene.scene import Scene
-from meshes import Partition, dolfinx_compat
-from meshes.quadratic import FACETS
-
-SAMPLES = 8
-"""Sample points along an edge of a facet at which the expression is evaluated."""
+from meshes import Partition
 
 
 def loaded_facets(
@@ -32,7 +25,7 @@ def loaded_facets(
         if s.body == load.body:
             rows = boundary_facets(s, body, load.boundary)
             count += len(rows)
-            area += float(_areas(s.points()[s.reference.facets[rows]], scene.dimension).sum())
+            area += float(moments(s.points()[s.reference.facets[rows]], scene.dimension).sum())
     return partition.comm.allreduce(count), partition.comm.allreduce(area)
 
 
@@ -52,28 +45,10 @@ def straddled_area(scene: Scene, partition: Partition, load: Traction | Pressure
         rows = np.setdiff1d(surface_facets(s, body), boundary_facets(s, body, load.boundary))
         if len(rows):
             x = s.points()[s.reference.facets[rows]]
-            shapes = _inner_points(scene.dimension, x.shape[1])
+            shapes = shapes_on_lattice(scene.dimension, x.shape[1], inside=True)
             inside = expression(np.einsum("qk,fki->fqi", shapes, x).reshape(-1, 3))
             shares = inside.reshape(len(rows), -1).mean(axis=1)
             some = shares > 0.0
-            total += float(_areas(x[some], scene.dimension) @ shares[some])
+            areas = moments(x[some], scene.dimension).sum(axis=(1, 2))
+            total += float(areas @ shares[some])
     return float(partition.comm.allreduce(total, op=MPI.SUM))
-
-
-def _areas(x: NDArray[np.float64], dimension: int) -> NDArray[np.float64]:
-    """Areas of facets with nodes at x (facets, nodes, 3)."""
-    if len(x) == 0:
-        return np.zeros(0)
-    return np.asarray(moments(x, dimension).sum(axis=(1, 2)))
-
-
-@cache
-def _inner_points(dimension: int, nodes: int) -> NDArray[np.float64]:
-    """Shape functions at points inside a facet, none on its edges, (points, nodes)."""
-    name, _, order = FACETS[dimension, nodes]
-    axis = (np.arange(SAMPLES) + 0.5) / SAMPLES
-    points = np.stack(np.meshgrid(*[axis] * (dimension - 1), indexing="ij"), axis=-1)
-    points = points.reshape(-1, dimension - 1)
-    if name == "triangle":
-        points = points[points.sum(axis=1) < 1.0 - 1e-9]
-    return dolfinx_compat.lagrange_values(name, order, points)

@@ -16,7 +16,10 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from contact_app.errors import ConfigurationError
+from contact_app.model.boundaries import facets_of
 from contact_app.model.planes import on_planes
+from contact_app.scene.conditions import BodyContact, Tie
 from contact_app.scene.scene import Scene
 from meshes import Partition, Reference, dolfinx_compat
 from meshes.contact_surface import Surface
@@ -50,6 +53,31 @@ def gather_surface(
         nodes = np.concatenate([nodes, nodes + off_planes * (partition.nodes << k)])
         points, inside = (np.concatenate([x, mirror.image(x)]) for x in (points, inside))
     return Surface.of(partition.dimension, nodes, points, inside)
+
+
+def sides_of(
+    scene: Scene, partition: Partition, pair: BodyContact | Tie
+) -> tuple[Surface, Surface]:
+    """Both surfaces of a pair of bodies, on all ranks (collective).
+
+    Raises
+    ------
+    ConfigurationError
+        A side has no facet.
+    """
+    sides = []
+    for key, body, boundary in (
+        ("on", pair.body, pair.boundary), ("against", pair.other, pair.other_boundary)
+    ):  # fmt: skip
+        side = gather_surface(scene, partition, facets_of(scene.bodies, partition, body, boundary))
+        if side is None:
+            raise ConfigurationError(
+                f"{scene.at(pair.source)}.{key}: no whole facet of the surface of "
+                f"{scene.bodies[body].name} lies on {boundary}; contact and ties between bodies "
+                "need facets all of whose nodes are on it"
+            )
+        sides.append(side)
+    return sides[0], sides[1]
 
 
 def of_what_is_solved(scene: Scene, total: int, found: MeanGaps) -> MeanGaps:

@@ -8,12 +8,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from contact_app.errors import ConfigurationError, NoEquilibriumError
-from contact_app.model.boundaries import facets_of
-from contact_app.model.pairs import gather_surface, owned_rows
-from contact_app.scene.conditions import Tie
+from contact_app.model.pairs import owned_rows, sides_of
 from contact_app.scene.scene import Scene
 from meshes import Partition
-from meshes.contact_surface import Surface
 from meshes.facing import SurfacesApartError
 from meshes.ties import Decided, mean_jumps
 from solver.tfeti.constraints.conditions import (
@@ -68,7 +65,7 @@ def tied_rows(
     decided = decided_by(exchange, held)
     parts, notes = [ContactRows.empty(d)], []
     for number, tie in enumerate(scene.ties):
-        sides = _sides(scene, partition, tie)
+        sides = sides_of(scene, partition, tie)
         try:
             found = mean_jumps(*sides, decided, partition.comm)
         except SurfacesApartError as error:
@@ -92,23 +89,6 @@ def tied_rows(
             f"which is tied, {error.amount:.6g} apart: no displacement satisfies both"
         ) from error
     return TiedRows(cut, tuple(notes))
-
-
-def _sides(scene: Scene, partition: Partition, tie: Tie) -> tuple[Surface, Surface]:
-    """Both surfaces, on all ranks (collective)."""
-    sides = []
-    for key, b, boundary in (
-        ("on", tie.body, tie.boundary), ("against", tie.other, tie.other_boundary)
-    ):  # fmt: skip
-        side = gather_surface(scene, partition, facets_of(scene.bodies, partition, b, boundary))
-        if side is None:
-            raise ConfigurationError(
-                f"{scene.at(tie.source)}.{key}: no whole facet of the surface of "
-                f"{scene.bodies[b].name} lies on {boundary}; tied boundaries need facets all of "
-                "whose nodes are on them"
-            )
-        sides.append(side)
-    return sides[0], sides[1]
 
 
 def decided_by(exchange: NodeExchange, held: HeldRows) -> Decided:

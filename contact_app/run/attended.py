@@ -1,9 +1,10 @@
-"""Log, progress and interruption of a run of several solves."""
+"""Log, progress, checkpoint and interruption of a run."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
 from contextlib import contextmanager
+from dataclasses import dataclass
 from pathlib import Path
 
 from mpi4py import MPI
@@ -16,21 +17,41 @@ from contact_app.run.result_directory import clear
 from solver.contact.checkpoint import Attention, Checkpoint
 
 
+@dataclass(frozen=True, eq=False)
+class Attended:
+    """The parts of a run that react to its user.
+
+    Attributes
+    ----------
+    attention
+        The monitor that stops a solve after an interruption and saves its state.
+    """
+
+    progress: Progress
+    interruption: Interruption
+    checkpoint: Checkpoint
+    attention: Attention
+
+
 @contextmanager
 def attended(
-    directory: Path, comm: MPI.Intracomm, resume: bool, every: float
-) -> Iterator[tuple[Progress, Attention]]:
-    """Context manager of a run of several solves that writes to a directory (collective).
+    directory: Path, comm: MPI.Intracomm, resume: bool, every: float, saves: bool = False
+) -> Iterator[Attended]:
+    """Context manager of a run that writes to a directory (collective).
 
     Parameters
     ----------
     resume
         Whether files of an earlier run stay, so that this one goes on from them.
     every
-        Seconds between two tests for an interruption; nothing is saved then.
+        Seconds between two checkpoints.
+    saves
+        Whether a solve goes on from its checkpoint. In a run of several solves only the clock of
+        the checkpoint is used, and nothing is saved within a solve.
     """
     first = comm.rank == 0
     on_first(comm, lambda: clear(directory, resume))
+    checkpoint = Checkpoint(directory, comm, resume and saves, every)
     with (
         without_parts(directory),
         run_log(directory / "run.log", first),
@@ -38,6 +59,5 @@ def attended(
         Interruption() as interruption,
     ):
         log_caches()
-        # only its clock is used: nothing is saved within a solve
-        clock = Checkpoint(directory, comm, False, every)
-        yield progress, Attention(comm, lambda: interruption.requested, clock)
+        attention = Attention(comm, lambda: interruption.requested, checkpoint)
+        yield Attended(progress, interruption, checkpoint, attention)

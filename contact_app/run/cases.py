@@ -17,28 +17,29 @@ from mpi4py import MPI
 from contact_app.accuracy.solved_scene import SolvedScene
 from contact_app.errors import ConfigurationError
 from contact_app.machine.environment import environment
-from contact_app.machine.exits import Exit, print_message
+from contact_app.machine.exits import Exit
 from contact_app.model.method import chosen
 from contact_app.model.outline import Report
 from contact_app.results.envelope import Envelope
 from contact_app.results.history import History
 from contact_app.results.report import log, print_cases, write_summary
-from contact_app.run.attended import attended
+from contact_app.run.attended import Attended, attended
 from contact_app.run.case_models import CaseModels
 from contact_app.run.communication import on_first
 from contact_app.run.files import (
     log_model_that_fits,
     part_that_is_solved,
+    printed,
     without_parts,
     write_run,
 )
-from contact_app.run.progress import Progress, together
+from contact_app.run.progress import together
 from contact_app.run.repeated_sentences import without_repetitions
 from contact_app.run.result_directory import clear
 from contact_app.run.solve import solve_scene
 from contact_app.scene.scene import Scene
-from solver.contact.checkpoint import EVERY_SECONDS, Attention
-from solver.qp.result import Monitor, Reason
+from solver.contact.checkpoint import EVERY_SECONDS
+from solver.qp.result import Monitor
 
 
 def solved_cases(
@@ -174,25 +175,23 @@ def run_cases(
             f"{scene.at('cases')}: a run of load cases leaves no checkpoint to resume from; start "
             "it anew, or with the remaining cases"
         )
-    with attended(directory, comm, False, every) as (progress, attention):
+    with attended(directory, comm, False, every) as run:
         scene = part_that_is_solved(scene)
-        overview, code = _solve_and_write(scene, directory, comm, progress, attention)
-        progress.stage("writing")
+        overview, code = _solve_and_write(scene, directory, comm, run)
+        run.progress.stage("writing")
         summary, files = overview.write(directory)
     if comm.rank == 0:
-        _print(summary, overview.warnings, [*files, directory / "run.log"])
+        files = [*files, directory / "run.log"]
+        printed(lambda: print_cases(summary, overview.warnings, files), directory)
     return code
 
 
 def _solve_and_write(
-    scene: Scene, directory: Path, comm: MPI.Intracomm, progress: Progress, attention: Attention
+    scene: Scene, directory: Path, comm: MPI.Intracomm, run: Attended
 ) -> tuple[Overview, int]:
     """Solve the cases and write the files of each; return overview and exit code (collective)."""
-    overview, code, left = (
-        Overview(scene, comm),
-        Exit.CERTIFIED,
-        [case.name for case in scene.cases],
-    )
+    overview, code, progress = Overview(scene, comm), Exit.CERTIFIED, run.progress
+    left = [case.name for case in scene.cases]
     with ExitStack() as histories:
 
         def monitor_of(name: str) -> Monitor:
@@ -200,7 +199,7 @@ def _solve_and_write(
             progress.stage(f"case {name}")
             on_first(comm, lambda: clear(directory / name, resume=False))
             path = directory / name / "history.csv" if comm.rank == 0 else None
-            return together(progress, histories.enter_context(History(path)), attention)
+            return together(progress, histories.enter_context(History(path)), run.attention)
 
         report = partial(log_model_that_fits, directory=directory)
         for solved in solved_cases(scene, comm, monitor_of, report):
@@ -209,22 +208,11 @@ def _solve_and_write(
             with without_parts(directory / solved.model.scene.case):
                 summary, _ = write_run(solved, None, directory / solved.model.scene.case, progress)
             overview.add(solved, summary)
-            missing = solved.guaranteed is not None and solved.guaranteed.missing
-            if missing or not solved.solution.converged:
+            if not solved.certified:
                 code = Exit.NOT_CERTIFIED
-            if solved.solution.reason is Reason.STOPPED and not solved.solution.converged:
+            if solved.interrupted:
                 break
     if left:
         overview.leave_out(left)
         code = Exit.NOT_CERTIFIED
     return overview, code
-
-
-def _print(summary: dict[str, Any], warnings: list[str], files: list[Path]) -> None:
-    """Print the overview; an error of the terminal does not end the run."""
-    try:
-        print_cases(summary, warnings, files)
-    except OSError as error:
-        print_message(
-            f"the overview could not be printed ({error.strerror}); {files[0].parent} has it"
-        )

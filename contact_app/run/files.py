@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 from contact_app.accuracy.solved_scene import SolvedScene
 from contact_app.machine.caches import usable_caches
 from contact_app.machine.disk import refuse_without_room
+from contact_app.machine.exits import print_message
 from contact_app.model.outline import Outline
 from contact_app.results.output import Fields, write_fields
 from contact_app.results.report import log, write_summary
@@ -97,6 +98,14 @@ def log_model(scene: Scene, known: Outline) -> None:
     for line in modelled_lines(scene, known):
         if line and known.partition.comm.rank == 0:
             log.info("%s", line)
+
+
+def printed(show: Callable[[], None], directory: Path) -> None:
+    """Print a table of results; an error of the terminal does not end the run."""
+    try:
+        show()
+    except OSError as error:
+        print_message(f"the summary could not be printed ({error.strerror}); {directory} has it")
 
 
 @contextmanager

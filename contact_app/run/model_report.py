@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -22,7 +23,6 @@ from contact_app.model.method import (
 from contact_app.model.outline import Outline, left_out_notes
 from contact_app.run.cost import distinct_nodes, gluing_rows, groups_of
 from contact_app.run.repeated_sentences import without_repetitions
-from contact_app.run.rigid_lines import rigid_lines
 from contact_app.scene.conditions import (
     BodyContact,
     BodyForce,
@@ -33,9 +33,13 @@ from contact_app.scene.conditions import (
     TotalLoad,
     Traction,
 )
+from contact_app.scene.rigid import RigidLoad, RigidMotion
 from contact_app.scene.scene import Scene
 
-Condition = DisplacementCondition | Traction | Pressure | TotalLoad | BodyForce | Temperature
+Condition = (
+    DisplacementCondition | Traction | Pressure | TotalLoad | BodyForce | Temperature
+    | RigidMotion | RigidLoad
+)  # fmt: skip
 
 LEFT_OUT = (
     "large strains and rotations: strains are linear in the displacement",
@@ -108,7 +112,7 @@ def _modelled(scene: Scene, known: Outline) -> list[str]:
             f"{_name(heat)}: temperature of {scene.bodies[heat.body].name} is {heat.rise.text} "
             "above the stress-free state"
         )
-    lines += rigid_lines(scene)
+    lines += _rigid(scene)
     for i, contact in enumerate(scene.contacts):
         obstacle = contact.obstacle.describe(scene.dimension)
         whose = "" if contact.rigid is None else f"{scene.rigid_bodies[contact.rigid].name}, a "
@@ -138,16 +142,37 @@ def _held(scene: Scene, known: Outline) -> list[str]:
     """Displacement conditions, one line each (collective)."""
     lines = []
     for condition in scene.displacements:
-        held = ", ".join(
-            f"{axis} = {value:g}"
-            for axis, value in zip("xyz", condition.values, strict=False)
-            if value is not None
-        )
+        held = _components("xyz", condition.values)
         lines.append(
             f"{_name(condition)}: {_on(scene, condition)} displaced by {held} "
             f"({_count_nodes(scene, known, condition):,} nodes)"
         )
     return lines
+
+
+def _rigid(scene: Scene) -> list[str]:
+    """One line per rigid body with its shapes below it, and one line per condition."""
+    lines, d = [], scene.dimension
+    for body in scene.rigid_bodies:
+        at = _vector(body.center[:d])
+        lines.append(f"body {body.name}: rigid, moves and turns about {at}; small rotations")
+        lines += [f"  {shape.describe(d)}" for shape in body.obstacles]
+    names = {2: ("x", "y", "rotation"), 3: (*"xyz", "rotation x", "rotation y", "rotation z")}[d]
+    for motion in scene.rigid_motions:
+        held = _components(names, motion.values)
+        lines.append(f"{_name(motion)}: {scene.rigid_bodies[motion.body].name} moved by {held}")
+    for load in scene.rigid_loads:
+        lines.append(
+            f"{_name(load)}: {scene.rigid_bodies[load.body].name} under a force "
+            f"{_vector(load.force)} and a moment {_vector(load.moment)}"
+        )
+    return lines
+
+
+def _components(names: Sequence[str], values: Sequence[float | None]) -> str:
+    """The given ones of some components, as `x = 0, y = 1`."""
+    pairs = zip(names, values, strict=False)
+    return ", ".join(f"{name} = {value:g}" for name, value in pairs if value is not None)
 
 
 def _friction(contact: Contact | BodyContact) -> str:

@@ -17,7 +17,6 @@ the mesh are tested.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator
-from dataclasses import dataclass
 
 import numpy as np
 from mpi4py import MPI
@@ -33,10 +32,9 @@ from contact_app.accuracy.contact_limits import (
 )
 from contact_app.accuracy.faceted_curves import compared, median_gaps, pair_sagittas, sagittas
 from contact_app.accuracy.sharp_edges import sentences, sharp_peaks
+from contact_app.accuracy.solved_scene import SolvedScene
 from contact_app.accuracy.trust import few_cells
 from contact_app.model.loaded_area import loaded_facets, straddled_area
-from contact_app.model.model import Model
-from contact_app.results.fields import CellFields, NodeFields
 from contact_app.results.free_motions import free_motions
 from contact_app.results.friction import approach_of_held, closing_points
 from contact_app.results.percent import percent
@@ -47,7 +45,6 @@ from contact_app.scene.bodies import MOTION_NAMES
 from contact_app.scene.conditions import Pressure, Traction
 from solver.contact.certificate import EQUILIBRIUM_FLOOR
 from solver.contact.sizes import STRAINLESS
-from solver.contact.solution import Solution
 from solver.driver import reason_text
 
 SMOOTHED = "and max_smoothed_pressure may be a third off, too"
@@ -98,23 +95,13 @@ slipping in the Coulomb friction model in two-dimensional linear elasticity*, Q.
 Math. 57, 2004). Random scenes: `python -m tests.stability.several_answers`."""
 
 
-@dataclass(frozen=True, eq=False)
-class Answer:
-    """An answer that is tested for the assumptions of its model."""
-
-    model: Model
-    solution: Solution
-    nodes: NodeFields
-    cells: CellFields
-
-
-def model_warnings(answer: Answer) -> list[str]:
+def model_warnings(answer: SolvedScene) -> list[str]:
     """Warnings for the certificate, one sentence each (collective)."""
     warnings = [sentence for check in CHECKS for sentence in check(answer)]
     return without_repetitions(warnings, [body.name for body in answer.model.scene.bodies])
 
 
-def _large_deformations(answer: Answer) -> Iterator[str]:
+def _large_deformations(answer: SolvedScene) -> Iterator[str]:
     """Strains and rotations that are not small."""
     comm, cells = answer.model.comm, answer.cells
     strain = comm.allreduce(cells.largest_strain, op=MPI.MAX)
@@ -128,7 +115,7 @@ def _large_deformations(answer: Answer) -> Iterator[str]:
         )
 
 
-def _straight_edges(answer: Answer) -> Iterator[str]:
+def _straight_edges(answer: SolvedScene) -> Iterator[str]:
     """Round boundaries whose straight edges are coarse beside displacements or gaps."""
     scene, moved = answer.model.scene, answer.solution.measures.deformations
     found = sagittas(answer.model, answer.nodes)
@@ -146,7 +133,7 @@ def _straight_edges(answer: Answer) -> Iterator[str]:
             )
 
 
-def _straight_facets(answer: Answer) -> Iterator[str]:
+def _straight_facets(answer: SolvedScene) -> Iterator[str]:
     """Round bodies in contact through flat facets that are coarse beside displacements or gaps."""
     scene, moved = answer.model.scene, answer.solution.measures.deformations
     found = pair_sagittas(answer.model, answer.nodes)
@@ -172,7 +159,7 @@ def _straight_facets(answer: Answer) -> Iterator[str]:
         )
 
 
-def _beside_obstacles(answer: Answer) -> Iterator[str]:
+def _beside_obstacles(answer: SolvedScene) -> Iterator[str]:
     """Sliding along curved obstacles, and contact that leaves its boundary."""
     model, solution = answer.model, answer.solution
     scene = model.scene
@@ -196,12 +183,12 @@ def _beside_obstacles(answer: Answer) -> Iterator[str]:
             )
 
 
-def _between_nodes(answer: Answer) -> list[str]:
+def _between_nodes(answer: SolvedScene) -> list[str]:
     """Obstacles that enter the body between its nodes."""
     return slipped_through(answer.model, answer.solution)
 
 
-def _coarse_pressures(answer: Answer) -> Iterator[str]:
+def _coarse_pressures(answer: SolvedScene) -> Iterator[str]:
     """Pressures that vary within single facets."""
     scene, comm = answer.model.scene, answer.model.comm
     every = pressed_facets(answer.model, answer.nodes)
@@ -230,12 +217,12 @@ def _coarse_pressures(answer: Answer) -> Iterator[str]:
             )
 
 
-def _sharp_edges(answer: Answer) -> list[str]:
+def _sharp_edges(answer: SolvedScene) -> list[str]:
     """Largest pressures at sharp edges (collective)."""
     return sentences(answer.model, sharp_peaks(answer.model, answer.nodes))
 
 
-def _sliding_bodies(answer: Answer) -> Iterator[str]:
+def _sliding_bodies(answer: SolvedScene) -> Iterator[str]:
     """Bodies that slide along each other by more than a facet."""
     scene = answer.model.scene
     for i, pair in enumerate(scene.pairs, start=len(scene.contacts)):
@@ -247,7 +234,7 @@ def _sliding_bodies(answer: Answer) -> Iterator[str]:
             )
 
 
-def _locking_in_volume(answer: Answer) -> Iterator[str]:
+def _locking_in_volume(answer: SolvedScene) -> Iterator[str]:
     """First-order cells of nearly incompressible bodies."""
     scene = answer.model.scene
     for body in scene.bodies:
@@ -262,9 +249,9 @@ def _locking_in_volume(answer: Answer) -> Iterator[str]:
             )
 
 
-def _locking_in_bending(answer: Answer) -> Iterator[str]:
+def _locking_in_bending(answer: SolvedScene) -> Iterator[str]:
     """First-order cells whose strains vary within them."""
-    shares = _varying_energy(answer.model, answer.solution, answer.cells)
+    shares = _varying_energy(answer)
     for body, share in zip(answer.model.scene.bodies, shares, strict=True):
         if body.degree == 1 and share > VARYING_ENERGY:
             near = " or near ν = 0.5" if body.plain else ""
@@ -275,7 +262,7 @@ def _locking_in_bending(answer: Answer) -> Iterator[str]:
             )
 
 
-def _coarse_meshes(answer: Answer) -> Iterator[str]:
+def _coarse_meshes(answer: SolvedScene) -> Iterator[str]:
     """Bodies with few cells, and first-order simplices with a large error."""
     scene, solution = answer.model.scene, answer.solution
     error = solution.accuracy.discretisation if solution.accuracy else np.nan
@@ -289,7 +276,7 @@ def _coarse_meshes(answer: Answer) -> Iterator[str]:
         )
 
 
-def _stresses_beside_expansion(answer: Answer) -> Iterator[str]:
+def _stresses_beside_expansion(answer: SolvedScene) -> Iterator[str]:
     """Stresses that are small beside those that would prevent the thermal expansion."""
     accuracy = answer.solution.accuracy
     if not answer.model.scene.temperatures or accuracy is None:
@@ -308,7 +295,7 @@ def _stresses_beside_expansion(answer: Answer) -> Iterator[str]:
         )
 
 
-def _straddled_facets(answer: Answer) -> Iterator[str]:
+def _straddled_facets(answer: SolvedScene) -> Iterator[str]:
     """Loads on boundaries whose edge runs through facets."""
     scene, partition = answer.model.scene, answer.model.partition
     loads: list[Traction | Pressure] = [*scene.tractions, *scene.pressures]
@@ -324,7 +311,7 @@ def _straddled_facets(answer: Answer) -> Iterator[str]:
             )
 
 
-def _without_facets(answer: Answer) -> Iterator[str]:
+def _without_facets(answer: SolvedScene) -> Iterator[str]:
     """Contact forces at nodes without a facet, whose pressure is not shown."""
     lost = answer.model.comm.allreduce(answer.nodes.without_area)
     if lost:
@@ -334,7 +321,7 @@ def _without_facets(answer: Answer) -> Iterator[str]:
         )
 
 
-def _certificates(answer: Answer) -> Iterator[str]:
+def _certificates(answer: SolvedScene) -> Iterator[str]:
     """Certificates that did not pass, or passed at rounding errors."""
     solution, certificate = answer.solution, answer.solution.certificate
     if certificate.passed and certificate.equilibrium > max(solution.tolerance, EQUILIBRIUM_FLOOR):
@@ -347,12 +334,12 @@ def _certificates(answer: Answer) -> Iterator[str]:
         yield f"not certified: {reason_text(solution)}"
 
 
-def _free_motions(answer: Answer) -> list[str]:
+def _free_motions(answer: SolvedScene) -> list[str]:
     """Bodies that are not held and not driven by a load."""
     return [note for note in answer.model.notes if "can move freely" in note]
 
 
-def _rubs_where_open(answer: Answer) -> Iterator[str]:
+def _rubs_where_open(answer: SolvedScene) -> Iterator[str]:
     """Friction of a given limit at nodes without a contact force."""
     scene, comm = answer.model.scene, answer.model.comm
     for contact, found in zip(scene.touching, answer.nodes.contacts, strict=True):
@@ -364,7 +351,7 @@ def _rubs_where_open(answer: Answer) -> Iterator[str]:
             )
 
 
-def _several_answers(answer: Answer) -> Iterator[str]:
+def _several_answers(answer: SolvedScene) -> Iterator[str]:
     """Coulomb friction so large that the answer need not be unique."""
     for contact, found in zip(answer.model.scene.touching, answer.nodes.contacts, strict=True):
         law = contact.friction
@@ -376,7 +363,7 @@ def _several_answers(answer: Answer) -> Iterator[str]:
             )
 
 
-def _closes_at_once(answer: Answer) -> Iterator[str]:
+def _closes_at_once(answer: SolvedScene) -> Iterator[str]:
     """Frictional contact that grows under a load that is applied at once (collective)."""
     model = answer.model
     if not model.scene.has_friction or model.scene.in_step:
@@ -392,7 +379,7 @@ def _closes_at_once(answer: Answer) -> Iterator[str]:
         )
 
 
-def _slides(answer: Answer) -> Iterator[str]:
+def _slides(answer: SolvedScene) -> Iterator[str]:
     """Bodies that slide along round surfaces, resisted by their facets alone (collective)."""
     scene = answer.model.scene
     touching = {b for item in scene.touching for b in (item.body, getattr(item, "other", -1))}
@@ -409,17 +396,17 @@ def _slides(answer: Answer) -> Iterator[str]:
         )
 
 
-def _plays(answer: Answer) -> list[str]:
+def _plays(answer: SolvedScene) -> list[str]:
     """Bodies that can be moved without any change of energy and forces (collective)."""
     return play_warnings(undetermined(answer.model, answer.solution))
 
 
-def _tied_over_gaps(answer: Answer) -> list[str]:
+def _tied_over_gaps(answer: SolvedScene) -> list[str]:
     """Tied surfaces at a distance from each other."""
     return [note for note in answer.model.notes if "the tied surfaces are" in note]
 
 
-def _yielding(answer: Answer) -> list[str]:
+def _yielding(answer: SolvedScene) -> list[str]:
     """Bodies whose stress exceeds a given yield stress (collective)."""
     model, cells = answer.model, answer.cells
     comm, scene = model.comm, model.scene
@@ -444,7 +431,7 @@ def _yielding(answer: Answer) -> list[str]:
     ]
 
 
-def _moved_far(answer: Answer) -> list[str]:
+def _moved_far(answer: SolvedScene) -> list[str]:
     """Bodies whose strains or contact forces are comparable with rounding errors."""
     model, measures, sentences = answer.model, answer.solution.measures, []
     elastic, every = model.scene.bodies, slice(len(model.scene.bodies))
@@ -467,17 +454,17 @@ def _moved_far(answer: Answer) -> list[str]:
     return sentences
 
 
-def _varying_energy(model: Model, solution: Solution, cells: CellFields) -> NDArray[np.float64]:
+def _varying_energy(answer: SolvedScene) -> NDArray[np.float64]:
     """Share of each body's strain energy in strains that vary within cells, (bodies,)."""
-    measures = solution.measures
-    means = model.comm.allreduce(cells.energy_of_means)
+    measures = answer.solution.measures
+    means = answer.model.comm.allreduce(answer.cells.energy_of_means)
     strains, roundings = (v[: len(means)] for v in (measures.strains, measures.roundings))
     strained = strains > STRAINLESS * roundings
     total = np.where(strained, strains, 1.0)
     return np.where(strained, 1.0 - means / total, 0.0)
 
 
-CHECKS: tuple[Callable[[Answer], Iterable[str]], ...] = (
+CHECKS: tuple[Callable[[SolvedScene], Iterable[str]], ...] = (
     _large_deformations, _yielding, _straight_edges, _straight_facets, _beside_obstacles,
     _between_nodes, _coarse_pressures, _sharp_edges, _sliding_bodies, _locking_in_volume,
     _locking_in_bending, _moved_far, _coarse_meshes, _stresses_beside_expansion, _straddled_facets,

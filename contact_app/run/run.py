@@ -5,29 +5,26 @@ from __future__ import annotations
 from collections.abc import Callable
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from mpi4py import MPI
 
 from contact_app.errors import ConfigurationError, CouldNotRunError
-from contact_app.machine.exits import Exit, add_remedy, print_message
+from contact_app.machine.exits import Exit, add_remedy
 from contact_app.results.history import History
-from contact_app.results.report import log, print_summary, run_log
-from contact_app.run.communication import on_first
+from contact_app.results.report import log, print_summary
+from contact_app.run.attended import attended
 from contact_app.run.files import (
-    log_caches,
     log_model,
     log_model_that_fits,
     part_that_is_solved,
-    without_parts,
+    printed,
     write_run,
 )
-from contact_app.run.progress import Interruption, Progress, together
-from contact_app.run.result_directory import clear
+from contact_app.run.progress import Progress, together
 from contact_app.run.solve import solve_scene
 from contact_app.scene.scene import Scene
-from solver.contact.checkpoint import EVERY_SECONDS, Attention, Checkpoint
-from solver.qp.result import Reason
+from solver.contact.checkpoint import EVERY_SECONDS
 
 if TYPE_CHECKING:
     from contact_app.accuracy.refine.levels import Refined
@@ -62,18 +59,12 @@ def run(
             f"{scene.at('accuracy')}: a run to an accuracy leaves no checkpoint to resume from; "
             "start it anew"
         )
-    on_first(comm, lambda: clear(directory, resume))
-    checkpoint = Checkpoint(directory, comm, resume, every)
     with (
-        without_parts(directory),
-        run_log(directory / "run.log", first),
-        Progress(first) as progress,
-        History(directory / "history.csv" if first else None, checkpoint.found) as history,
-        Interruption() as interruption,
+        attended(directory, comm, resume, every, saves=True) as run,
+        History(directory / "history.csv" if first else None, run.checkpoint.found) as history,
     ):
-        log_caches()
-        attention = Attention(comm, lambda: interruption.requested, checkpoint)
-        monitor = together(progress, history, attention)
+        progress, checkpoint = run.progress, run.checkpoint
+        monitor = together(progress, history, run.attention)
         if resume:
             progress.stage(
                 f"going on from {checkpoint.path}"
@@ -89,11 +80,10 @@ def run(
         else:
             solve_level = partial(solve_scene, comm=comm, monitor=monitor, report=log_model)
             refined = _to_accuracy(
-                scene, solve_level, progress, lambda: interruption.requested_by_any(comm)
+                scene, solve_level, progress, lambda: run.interruption.requested_by_any(comm)
             )
             solved = refined.solved
-        solution = solved.solution
-        stopped = solution.reason is Reason.STOPPED and not solution.converged and refined is None
+        stopped = solved.interrupted and refined is None
         # save the state of a long solve before its results are written
         if stopped or comm.bcast(solved.timings.seconds["solve"] > checkpoint.every):
             checkpoint.save_held()
@@ -108,10 +98,9 @@ def run(
         elif first and checkpoint.path.is_file():
             log.info("--resume goes on from here")
     if first:
-        _print(summary, solution.tolerance, files)
+        printed(lambda: print_summary(summary, solved.solution.tolerance, files), directory)
     reached = refined is None or not refined.missed
-    reached &= solved.guaranteed is None or not solved.guaranteed.missing
-    return Exit.CERTIFIED if solved.solution.converged and reached else Exit.NOT_CERTIFIED
+    return Exit.CERTIFIED if solved.certified and reached else Exit.NOT_CERTIFIED
 
 
 def _to_accuracy(
@@ -132,13 +121,3 @@ def _run_of_loadings(scene: Scene) -> Callable[[Scene, Path, MPI.Intracomm, bool
     from contact_app.run.steps import run_steps
 
     return run_steps
-
-
-def _print(summary: dict[str, Any], tolerance: float, files: list[Path]) -> None:
-    """Print the summary; an error of the terminal does not end the run."""
-    try:
-        print_summary(summary, tolerance, files)
-    except OSError as error:
-        print_message(
-            f"the summary could not be printed ({error.strerror}); {files[0].parent} has it"
-        )

@@ -33,7 +33,7 @@ from contact_app.run.fallback import (
     is_final,
     solve_directly,
 )
-from contact_app.run.model_warnings import Answer, model_warnings
+from contact_app.run.model_warnings import model_warnings
 from contact_app.run.placing import (
     PLACINGS,
     Relaxation,
@@ -44,7 +44,7 @@ from contact_app.run.placing import (
     rotation_warnings,
 )
 from contact_app.run.summary import summary_of
-from contact_app.run.ways import first_certified
+from contact_app.run.ways import first_certified, warned
 from contact_app.scene.scene import Scene
 from solver import Counts
 from solver.contact.checkpoint import Checkpoint, CheckpointError
@@ -259,17 +259,13 @@ def _solve_once(request: _Request) -> SolvedScene:
             solution, accuracy=accuracy, counts=request.counts_before + solution.counts
         )
     with timings.measure("output"):
-        nodes = node_fields(model, solution)
-        cells = cell_fields(model, solution)
-        warnings = model_warnings(Answer(model, solution, nodes, cells))
+        nodes, cells = node_fields(model, solution), cell_fields(model, solution)
+        nodal = nodal_stresses(model, solution, estimator)
+        solved = SolvedScene(model, solution, nodes, cells, accuracy, timings, nodal, record)
+        warnings = model_warnings(solved)
         warnings += rotation_warnings(model.scene, placements_of(model, solution))
         warnings += [sentence for sentence in (failed, slow_blas_warning()) if sentence]
-        solution = replace(
-            solution, certificate=replace(solution.certificate, warnings=tuple(warnings))
-        )
-        nodal = nodal_stresses(model, solution, estimator)
-    solved = SolvedScene(model, solution, nodes, cells, accuracy, timings, nodal, record)
-    return replace(solved, summary=summary_of(solved))
+    return warned(solved, warnings)
 
 
 def _solution_of(

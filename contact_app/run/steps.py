@@ -9,28 +9,23 @@ from typing import Any
 
 from mpi4py import MPI
 
-from contact_app.machine.exits import Exit, print_message
+from contact_app.machine.exits import Exit
 from contact_app.results.history import History
 from contact_app.results.output import Fields, write_fields
 from contact_app.results.report import log, print_steps, write_summary
 from contact_app.results.result_size import file_names
 from contact_app.results.series import Series
-from contact_app.run.attended import attended
+from contact_app.run.attended import Attended, attended
 from contact_app.run.communication import on_first
-from contact_app.run.files import log_model_that_fits, part_that_is_solved
+from contact_app.run.files import log_model_that_fits, part_that_is_solved, printed
 from contact_app.run.increment_models import IncrementModels
-from contact_app.run.increments import (
-    Place,
-    Position,
-    SolvedIncrement,
-    solved_increments,
-)
-from contact_app.run.progress import Progress, together
+from contact_app.run.increments import Place, Position, SolvedIncrement, solved_increments
+from contact_app.run.progress import together
 from contact_app.run.step_checkpoint import StepCheckpoint
 from contact_app.run.step_records import Record, record_of, summary_of_steps, write_table
 from contact_app.scene.scene import Scene
-from solver.contact.checkpoint import EVERY_SECONDS, Attention
-from solver.qp.result import Monitor, Reason
+from solver.contact.checkpoint import EVERY_SECONDS
+from solver.qp.result import Monitor
 
 
 def run_steps(
@@ -46,17 +41,19 @@ def run_steps(
     finished one. Parameters are those of `run.run`.
     """
     first = comm.rank == 0
-    with attended(directory, comm, resume, every) as (progress, attention):
+    with attended(directory, comm, resume, every) as run:
         scene = part_that_is_solved(scene)
         files = _Files(scene, directory, comm, resume)
         if resume and not files.found:
-            progress.stage(f"no checkpoint in {directory}: starting from the beginning")
+            run.progress.stage(f"no checkpoint in {directory}: starting from the beginning")
         with History(
             directory / "history.csv" if first else None, files.found, increments=True
         ) as history:
-            code = _solve_and_write(files, progress, history, attention)
-    if first and files.summary is not None:
-        _print(files.summary, [*files.paths, directory / "run.log"])
+            code = _solve_and_write(files, run, history)
+    summary = files.summary
+    if first and summary is not None:
+        paths = [*files.paths, directory / "run.log"]
+        printed(lambda: print_steps(summary, paths), directory)
     return code
 
 
@@ -121,12 +118,10 @@ class _Files:
         write_summary(self.directory / "summary.json", self.summary)
 
 
-def _solve_and_write(
-    files: _Files, progress: Progress, history: History, attention: Attention
-) -> int:
+def _solve_and_write(files: _Files, run: Attended, history: History) -> int:
     """Solve the increments and write each; return the exit code (collective)."""
-    scene, comm = files.scene, files.comm
-    monitor = together(progress, history, attention)
+    scene, comm, progress = files.scene, files.comm, run.progress
+    monitor = together(progress, history, run.attention)
     count = sum(step.increments for step in scene.steps)
 
     def monitor_of(place: Place) -> Monitor:
@@ -148,17 +143,16 @@ def _solve_and_write(
     report = partial(log_model_that_fits, directory=files.directory)
     over, code, failed = files.position, Exit.CERTIFIED, ""
     for increment in solved_increments(scene, comm, monitor_of, report, models, over):
-        solution = increment.solved.solution
-        if solution.reason is Reason.STOPPED and not solution.converged and files.records:
+        solved = increment.solved
+        if solved.interrupted and files.records:
             break
         files.add(increment)
         if comm.rank == 0:
             log.info("%s", _sentence(files.records[-1]))
-        if not solution.converged:
+        if not solved.solution.converged:
             failed = _failure(increment)
             break
-        guaranteed = increment.solved.guaranteed
-        if guaranteed is not None and guaranteed.missing:
+        if not solved.certified:
             code = Exit.NOT_CERTIFIED
         over = replace(over, step=increment.place.step, share=increment.place.share)
     if over.step == len(scene.steps) and over.share == 1:
@@ -171,7 +165,7 @@ def _solve_and_write(
 
 def _failure(increment: SolvedIncrement) -> str:
     """Message why the history ends at an increment; empty if the user stopped it."""
-    if increment.solved.solution.reason is Reason.STOPPED:
+    if increment.solved.interrupted:
         return ""
     place, halved = increment.place, increment.halved
     return (
@@ -198,13 +192,3 @@ def _sentence(record: Record) -> str:
         f"displacement {record['solution']['max_displacement']:.6g}, "
         f"{'certified' if record['certificate']['passed'] else 'not certified'}"
     )
-
-
-def _print(summary: dict[str, Any], files: list[Path]) -> None:
-    """Print the table; an error of the terminal does not end the run."""
-    try:
-        print_steps(summary, files)
-    except OSError as error:
-        print_message(
-            f"the summary could not be printed ({error.strerror}); {files[0].parent} has it"
-        )

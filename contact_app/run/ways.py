@@ -159,20 +159,15 @@ def first_certified(
         scene, answer = own, None  # free the factors of the last method
         try:
             answer = solve(_limited(own, way.patience), counts_before, number == 0)
+            if _ends(way, answer, own.solver.max_iterations):
+                break
+            counts_before = answer.solution.counts
+            failed = _Failure(reason_text(answer.solution), answer.model.partition.count)
         except NoAnswerError as error:
             failed = _Failure(str(error), error.subdomains)
-            if before is not None:
-                warnings.append(f"multigrid left no answer, either: {failed.why}")
-                answer = before
-            continue
-        if _ends(way, answer, own.solver.max_iterations):
-            break
         if before is not None:
-            warnings.append("multigrid left no certified answer, either")
+            warnings.append(f"multigrid left no certified answer, either: {failed.why}")
             answer = before
-            continue
-        counts_before = answer.solution.counts
-        failed = _Failure(reason_text(answer.solution), answer.model.partition.count)
     if answer is None:
         raise NoWayLeftError(
             f"{scene.source}: the solver found no answer: {failed.why} Try less slender cells, "

@@ -25,7 +25,7 @@ from contact_app.scene.conditions import (
     Traction,
 )
 from contact_app.scene.configuration import Configuration
-from contact_app.scene.keys import Keys
+from contact_app.scene.keys import Keys, Place
 from contact_app.scene.load_factors import read_cases, read_steps
 from contact_app.scene.read_bodies import read_bodies
 from contact_app.scene.read_conditions import ConditionReader
@@ -34,6 +34,7 @@ from contact_app.scene.rigid import RigidLoad, RigidMotion
 from contact_app.scene.scene import Decomposition, InnerSection, OutputOptions, Scene, Section
 from contact_app.scene.schema.bodies import Body as BodyKeys
 from contact_app.scene.schema.options import Section as SectionKeys
+from contact_app.scene.yaml_reader import key_text
 
 if TYPE_CHECKING:
     from mpi4py import MPI
@@ -204,27 +205,16 @@ def _inner_section(
 
 def _places(configuration: Configuration) -> dict[str, str]:
     """Places of conditions, contacts and the decomposition in the file."""
-    keys = [("conditions", i) for i in range(len(configuration.conditions))]
-    keys += [("contacts", i) for i in range(len(configuration.contacts))]
-    places = {f"{name}[{i}]": configuration.where((name, i)) for name, i in keys}
-    places |= {
-        f"cases.{name}": configuration.where(("cases", name)) for name in configuration.cases or ()
-    }
-    places |= {
-        f"bodies[{i}].hold": configuration.where(("bodies", i, "hold"))
-        for i in range(len(configuration.bodies))
-    }
-    places |= {
-        f"steps[{i}]": configuration.where(("steps", i))
-        for i in range(len(configuration.steps or ()))
-    }
-    places["cases"] = configuration.where(("cases",))
-    places["steps"] = configuration.where(("steps",))
-    places["accuracy"] = configuration.where(("accuracy",))
-    places["certificate.guaranteed"] = configuration.where(("certificate", "guaranteed"))
-    places["decomposition"] = configuration.where(("decomposition",))
-    places["output"] = configuration.where(("output",))
-    return places
+    paths: list[Place] = [
+        (name, i)
+        for name in ("conditions", "contacts", "steps")
+        for i in range(len(getattr(configuration, name) or ()))
+    ]
+    paths += [("cases", name) for name in configuration.cases or ()]
+    paths += [("bodies", i, "hold") for i in range(len(configuration.bodies))]
+    paths += [(key,) for key in ("cases", "steps", "accuracy", "decomposition", "output")]
+    paths.append(("certificate", "guaranteed"))
+    return {key_text(path): configuration.where(path) for path in paths}
 
 
 def _decomposition(keys: Keys, bodies: tuple[Body, ...]) -> Decomposition:

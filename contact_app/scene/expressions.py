@@ -19,7 +19,7 @@ import operator
 import warnings
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, ClassVar, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -79,7 +79,32 @@ class UndecidedWarning(UserWarning):
 
 
 @dataclass(frozen=True)
-class Expression:
+class _Checked:
+    """A checked expression of one kind: `number` or `condition`."""
+
+    kind: ClassVar[str]
+    otherwise: ClassVar[str]
+    """Message on an expression of the other kind."""
+
+    text: str
+    tree: ast.expr
+
+    @classmethod
+    def parse(cls, text: str, variables: tuple[str, ...] = ("x", "y", "z")) -> Self:
+        """Parse and check a text; nothing is evaluated.
+
+        Raises
+        ------
+        ExpressionError
+            The message gives the fault and what is allowed.
+        """
+        tree, kind = _parsed(text, variables)
+        if kind != cls.kind:
+            raise ExpressionError(cls.otherwise)
+        return cls(text, tree)
+
+
+class Expression(_Checked):
     """A condition on points.
 
     Examples
@@ -90,22 +115,8 @@ class Expression:
     [True, False]
     """
 
-    text: str
-    tree: ast.expr
-
-    @classmethod
-    def parse(cls, text: str, variables: tuple[str, ...] = ("x", "y", "z")) -> Expression:
-        """Parse and check a text; nothing is evaluated.
-
-        Raises
-        ------
-        ExpressionError
-            The message says what is wrong and what is allowed.
-        """
-        tree, kind = _parsed(text, variables)
-        if kind != "condition":
-            raise ExpressionError("is a number, not a condition; compare it, as in `z < 0.1`")
-        return cls(text, tree)
+    kind = "condition"
+    otherwise = "is a number, not a condition; compare it, as in `z < 0.1`"
 
     def __call__(self, points: NDArray[np.float64]) -> NDArray[np.bool_]:
         """Whether each of the points (n, 3) satisfies the condition, (n,).
@@ -123,8 +134,7 @@ class Expression:
         return np.broadcast_to(true, len(points)).copy()
 
 
-@dataclass(frozen=True)
-class FieldExpression:
+class FieldExpression(_Checked):
     """A number at points.
 
     Examples
@@ -134,22 +144,8 @@ class FieldExpression:
     [20.0, 30.0]
     """
 
-    text: str
-    tree: ast.expr
-
-    @classmethod
-    def parse(cls, text: str, variables: tuple[str, ...] = ("x", "y", "z")) -> FieldExpression:
-        """Parse and check a text; nothing is evaluated.
-
-        Raises
-        ------
-        ExpressionError
-            The message says what is wrong and what is allowed.
-        """
-        tree, kind = _parsed(text, variables)
-        if kind != "number":
-            raise ExpressionError("is a condition, not a number, as in `20 + 5 * x`")
-        return cls(text, tree)
+    kind = "number"
+    otherwise = "is a condition, not a number, as in `20 + 5 * x`"
 
     @property
     def constant(self) -> bool:

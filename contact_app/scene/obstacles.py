@@ -18,6 +18,8 @@ from numpy.typing import NDArray
 
 from contact_app.errors import ConfigurationError
 
+Array = NDArray[np.float64]
+
 Vector = tuple[float, float, float]
 
 
@@ -39,17 +41,13 @@ class Obstacle(Protocol):
     def curvature_radius(self) -> float | None:
         """Smallest radius of curvature; None for flat obstacles."""
 
-    def gap_and_normal(
-        self, points: NDArray[np.float64]
-    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    def gap_and_normal(self, points: Array) -> tuple[Array, Array]:
         """Gap (n,) and outward unit normal (n, 3) at points (n, 3)."""
 
-    def may_overlap(self, lower: NDArray[np.float64], upper: NDArray[np.float64]) -> bool:
+    def may_overlap(self, lower: Array, upper: Array) -> bool:
         """Whether the obstacle may overlap a box (3,), (3,); False only if it surely does not."""
 
-    def moved(
-        self, turn: NDArray[np.float64], about: NDArray[np.float64], by: NDArray[np.float64]
-    ) -> Obstacle:
+    def moved(self, turn: Array, about: Array, by: Array) -> Obstacle:
         """The obstacle, rotated by a matrix (3, 3) about a point (3,), then moved by (3,)."""
 
     def describe(self, dimension: int = 3) -> str:
@@ -78,20 +76,16 @@ class Plane:
     def curvature_radius(self) -> None:
         """None: a plane is flat."""
 
-    def gap_and_normal(
-        self, points: NDArray[np.float64]
-    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    def gap_and_normal(self, points: Array) -> tuple[Array, Array]:
         """Gap (n,) and normal (n, 3)."""
         normal = np.array(self.normal) / np.linalg.norm(self.normal)
         return (points - np.array(self.point)) @ normal, np.tile(normal, (len(points), 1))
 
-    def may_overlap(self, lower: NDArray[np.float64], upper: NDArray[np.float64]) -> bool:
+    def may_overlap(self, lower: Array, upper: Array) -> bool:
         """Whether a corner of the box lies below the plane."""
         return bool((self.gap_and_normal(_corners(lower, upper))[0] < 0.0).any())
 
-    def moved(
-        self, turn: NDArray[np.float64], about: NDArray[np.float64], by: NDArray[np.float64]
-    ) -> Plane:
+    def moved(self, turn: Array, about: Array, by: Array) -> Plane:
         """The obstacle, rotated about a point, then moved."""
         point = _moved(self.point, turn, about, by)
         return replace(self, point=point, normal=_turned(self.normal, turn))
@@ -118,9 +112,7 @@ class Sphere:
         """The radius."""
         return self.radius
 
-    def gap_and_normal(
-        self, points: NDArray[np.float64]
-    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    def gap_and_normal(self, points: Array) -> tuple[Array, Array]:
         """Gap (n,) and normal (n, 3).
 
         Raises
@@ -130,7 +122,7 @@ class Sphere:
         """
         return _round(points - np.array(self.center), self, "centre of the sphere")
 
-    def may_overlap(self, lower: NDArray[np.float64], upper: NDArray[np.float64]) -> bool:
+    def may_overlap(self, lower: Array, upper: Array) -> bool:
         """Test the farthest corner from the centre of a cavity, or the nearest point to a ball.
 
         At this point of the box the gap is smallest.
@@ -141,9 +133,7 @@ class Sphere:
             return bool(farthest > self.radius)
         return bool(np.linalg.norm(np.clip(center, lower, upper) - center) < self.radius)
 
-    def moved(
-        self, turn: NDArray[np.float64], about: NDArray[np.float64], by: NDArray[np.float64]
-    ) -> Sphere:
+    def moved(self, turn: Array, about: Array, by: Array) -> Sphere:
         """The obstacle, rotated about a point, then moved."""
         return replace(self, center=_moved(self.center, turn, about, by))
 
@@ -173,9 +163,7 @@ class Cylinder:
         """The radius."""
         return self.radius
 
-    def gap_and_normal(
-        self, points: NDArray[np.float64]
-    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    def gap_and_normal(self, points: Array) -> tuple[Array, Array]:
         """Gap (n,) and normal (n, 3).
 
         Raises
@@ -185,22 +173,20 @@ class Cylinder:
         """
         return _round(self._away(points), self, "axis of the cylinder")
 
-    def may_overlap(self, lower: NDArray[np.float64], upper: NDArray[np.float64]) -> bool:
+    def may_overlap(self, lower: Array, upper: Array) -> bool:
         """Test the farthest corner from the axis of a bore; for a bar return True."""
         if not self.hollow:
             return True
         away = self._away(_corners(lower, upper))
         return bool(np.linalg.norm(away, axis=1).max() > self.radius)
 
-    def _away(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
+    def _away(self, points: Array) -> Array:
         """Vectors from the axis to points, across it (n, 3)."""
         axis = np.array(self.axis) / np.linalg.norm(self.axis)
         away = points - np.array(self.point)
         return away - np.outer(away @ axis, axis)
 
-    def moved(
-        self, turn: NDArray[np.float64], about: NDArray[np.float64], by: NDArray[np.float64]
-    ) -> Cylinder:
+    def moved(self, turn: Array, about: Array, by: Array) -> Cylinder:
         """The obstacle, rotated about a point, then moved."""
         point = _moved(self.point, turn, about, by)
         return replace(self, point=point, axis=_turned(self.axis, turn))
@@ -224,28 +210,26 @@ def kind_of(obstacle: Obstacle) -> str:
 
 def _moved(
     point: Vector,
-    turn: NDArray[np.float64],
-    about: NDArray[np.float64],
-    by: NDArray[np.float64],
+    turn: Array,
+    about: Array,
+    by: Array,
 ) -> Vector:
     """A point, rotated about another point, then moved."""
     x, y, z = about + turn @ (np.array(point) - about) + by
     return float(x), float(y), float(z)
 
 
-def _turned(direction: Vector, turn: NDArray[np.float64]) -> Vector:
+def _turned(direction: Vector, turn: Array) -> Vector:
     x, y, z = turn @ np.array(direction)
     return float(x), float(y), float(z)
 
 
-def _corners(lower: NDArray[np.float64], upper: NDArray[np.float64]) -> NDArray[np.float64]:
+def _corners(lower: Array, upper: Array) -> Array:
     """Corners of a box (8, 3)."""
     return np.array(np.meshgrid(*zip(lower, upper, strict=True))).reshape(3, -1).T
 
 
-def _round(
-    away: NDArray[np.float64], shape: Sphere | Cylinder, middle: str
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def _round(away: Array, shape: Sphere | Cylinder, middle: str) -> tuple[Array, Array]:
     """Gap and normal from vectors away from the middle of a round obstacle."""
     distance = np.linalg.norm(away, axis=1)
     if (distance <= 1e-12 * shape.radius).any():

@@ -147,7 +147,7 @@ def solve_to_accuracy(
     finished: SolvedScene | None = None
     while True:
         solved = solve(current, start=start)
-        if finished is not None and _interrupted(solved):
+        if finished is not None and solved.interrupted:
             return levels.refined(finished, levels.interrupted())
         assessed = levels.assess(current, solved)
         missed = levels.ended(assessed)
@@ -162,12 +162,6 @@ def solve_to_accuracy(
         current, start = following, LastLevel.of(assessed.solved)
         finished = assessed.solved.without_factors()
         del solved, assessed  # free the memory of its factors for the next level
-
-
-def _interrupted(solved: SolvedScene) -> bool:
-    """Whether a solution is the partial result of an interrupted solve."""
-    solution = solved.solution
-    return solution.reason is Reason.STOPPED and not solution.converged
 
 
 @dataclass(frozen=True, eq=False)

@@ -249,7 +249,8 @@ def test_an_uncertified_answer_counts_if_multigrid_leaves_none() -> None:
     answer = first_certified(scene, MPI.COMM_WORLD, solve, Counts())
     assert answer.solution.multiplier is uncertified.solution.multiplier
     assert (
-        "multigrid left no answer, either: no body is held" in answer.solution.certificate.warnings
+        "multigrid left no certified answer, either: no body is held"
+        in answer.solution.certificate.warnings
     )
 
 
