@@ -12,7 +12,8 @@ from contact_app.errors import ConfigurationError
 from contact_app.model.planes import subsets
 from contact_app.scene.scene import Mirror, Scene
 from meshes import Partition, Reference, Subdomain
-from meshes.point_location import Located, locate, locate_in
+from meshes.crossing import Boxes
+from meshes.point_location import locate_in
 
 Array = NDArray[np.float64]
 
@@ -92,26 +93,22 @@ def in_cell(subdomain: Subdomain, point: Array, d: int) -> tuple[float, NDArray[
     best = np.inf, np.zeros(0, np.int64), np.zeros(0)
     if not ((here >= lower) & (here <= upper)).all():
         return best
-    if not reference.curved:
-        return _measured(reference, locate(reference, here, d))
     for cell in _near(reference, here[0]):
         try:
             found = locate_in(reference, np.array([cell]), here, d)
         except np.linalg.LinAlgError:  # Newton's method left a cell that does not contain the point
             continue
-        best = min(best, _measured(reference, found), key=lambda each: each[0])
+        nodes = found.nodes[0].astype(np.int64)
+        distance = found.distance[0] / np.ptp(reference.points[nodes], axis=0).max()
+        if distance < best[0]:
+            best = float(distance), nodes, found.shares[0]
     return best
 
 
-def _measured(reference: Reference, found: Located) -> tuple[float, NDArray[np.int64], Array]:
-    nodes = found.nodes[0].astype(np.int64)
-    size = np.ptp(reference.points[nodes], axis=0).max()
-    return float(found.distance[0] / size), nodes, found.shares[0]
-
-
 def _near(reference: Reference, point: Array) -> NDArray[np.int64]:
-    """Curved cells with the point near their nodes; their edges may reach beyond the nodes."""
-    corners = reference.points[reference.cells]
-    lower, upper = corners.min(axis=1), corners.max(axis=1)
-    room = ROOM * (upper - lower)
-    return np.flatnonzero(((point >= lower - room) & (point <= upper + room)).all(axis=1))
+    """Cells with the point near their nodes; curved edges may reach beyond the nodes."""
+    boxes = Boxes.of(reference.points, reference.cells)
+    room = ROOM * (boxes.upper - boxes.lower)
+    return np.flatnonzero(
+        ((point >= boxes.lower - room) & (point <= boxes.upper + room)).all(axis=1)
+    )

@@ -184,6 +184,7 @@ class ErrorEstimator:
                 known = shape
             nodes = cells.nodes[rows]
             stress = apply(operator, at_cells(field[:, part], nodes))
+            stress = np.tile(stress, weight.shape[1] // stress.shape[2])
             missing = recovery.thermal_at(number, rows, part, table)
             if missing is not None:
                 stress = stress - (missing @ root).reshape(stress.shape)
@@ -199,7 +200,8 @@ class ErrorEstimator:
         Returns
         -------
         The root of C⁻¹; the map from its components of σ* at nodes to those at points; weights of
-        points, (cells, points · components); and the map from displacements to stresses.
+        points, (cells, points · components); and the map from displacements to stresses, at one
+        point where they are constant in a cell.
         """
         recovery, cells = self.recovery, self.recovery.cells[number]
         D = np.array(recovery.moduli[number][cells.tags[shape[0]]])
@@ -207,13 +209,14 @@ class ErrorEstimator:
         # node by node the same: from root's components of σ* to those at the points
         nodal = np.einsum("qv,st->vsqt", table.values, root)
         nodal = nodal.reshape(table.values.shape[1] * len(root), -1)
-        volume = cells.gradients(shape, table)[1]
+        points = cells.samples if cells.degree == 1 and cells.straight_simplices else table
+        volume = cells.gradients(shape, points)[1]
         weight = np.repeat(np.sqrt(table.weights * volume), len(root), axis=1)
         return (
             root,
             nodal,
             weight,
-            recovery.stress_at(number, shape, table, root.T @ D @ recovery.V),
+            recovery.stress_at(number, shape, points, root.T @ D @ recovery.V),
         )
 
 

@@ -153,6 +153,8 @@ class Cells:
         offsets = np.column_stack([offsets, self.tags])
         if not np.any(offsets != offsets[0]):
             self.shapes = [np.arange(count)]
+        elif len(np.unique(offsets[:: count // 1000 + 1], axis=0)) > self.MOST_SHAPES:
+            self.shapes = []  # shown by some of the cells
         else:
             _, shape = np.unique(offsets, axis=0, return_inverse=True)
             shape = shape.reshape(-1)
@@ -329,6 +331,11 @@ class Cells:
         inward = self.points[self.corners[cell]].mean(axis=1) - x.mean(axis=1)
         return normal * -np.sign(np.einsum("fvi,fi->fv", normal, inward))[..., None]
 
+    @property
+    def straight_simplices(self) -> bool:
+        """Whether the cells have one Jacobian each; at degree 1 also one gradient."""
+        return self.geometry.shape[1] == self.dimension + 1
+
     def gradients(self, rows: NDArray[np.int64], table: Table) -> tuple[Array, Array]:
         """Shape function gradients and Jacobian determinants at points of cells.
 
@@ -337,9 +344,7 @@ class Cells:
         (cells, points, dimension, nodes) and (cells, points).
         """
         corners = self.places[self.geometry[rows]][:, None]
-        # simplices with straight edges have one Jacobian
-        straight = self.geometry.shape[1] == self.dimension + 1
-        tangents = table.tangents[:1] if straight else table.tangents
+        tangents = table.tangents[:1] if self.straight_simplices else table.tangents
         inverse, volume = _inverse(tangents @ corners)
         gradients = inverse @ table.slopes
         return gradients, np.broadcast_to(np.abs(volume), gradients.shape[:2])
