@@ -87,7 +87,7 @@ class Boxes:
     upper: NDArray[np.float64]
 
     @classmethod
-    def of(cls, places: NDArray[np.float64], simplices: NDArray[np.int64]) -> Boxes:
+    def of(cls, places: NDArray[np.float64], simplices: NDArray[np.integer]) -> Boxes:
         """Boxes of simplices (simplices, nodes) with coordinates (nodes, d)."""
         lower = upper = places[simplices[:, 0]]
         for k in range(1, simplices.shape[1]):

@@ -19,6 +19,7 @@ from mpi4py import MPI
 from numpy.typing import NDArray
 
 from contact_app.errors import ConfigurationError
+from contact_app.model.averaged_rows import has_averaged_rows
 from contact_app.model.boundaries import boundary_nodes, facets_of, surface_facets
 from contact_app.model.facets import moments, shapes_on_lattice
 from contact_app.model.model import Model
@@ -103,15 +104,18 @@ def entered_beside(model: Model, solution: Solution, number: int) -> tuple[int, 
 
 
 def entered_between(model: Model, solution: Solution, number: int) -> float:
-    """Depth to which a round obstacle enters its contact boundary between nodes.
+    """Depth to which an obstacle enters its contact boundary between the places of contact rows.
 
-    Contact is tested at nodes. If the contact is narrower than a facet, the obstacle can pass
-    between nodes. On boundaries that are not flat the initial depth does not count, because
-    straight facets approximate a round surface. The depth is a length (collective).
+    Contact is tested at nodes, or in the mean about vertices. If the contact is narrower than a
+    facet, a round obstacle can pass between nodes, and an edge of the body can pass any obstacle
+    where the mean gap about the edge stays positive. On boundaries that are not flat the initial
+    depth does not count, because straight facets approximate a round surface. The depth is a length
+    (collective).
     """
     scene, comm, d = model.scene, model.comm, model.scene.dimension
     contact, depth = scene.contacts[number], 0.0
-    if contact.obstacle.curvature_radius is None:
+    averaged = has_averaged_rows(scene.bodies[contact.body])
+    if contact.obstacle.curvature_radius is None and not averaged:
         return depth
     chosen = facets_of(scene.bodies, model.partition, contact.body, contact.boundary)
     for s, rows, (cls, column) in zip(model.partition.subdomains, chosen, model.place, strict=True):
@@ -162,7 +166,8 @@ def coarse_contact(model: Model, solution: Solution, nodes: NodeFields) -> float
     for number, contact in enumerate(scene.contacts):
         if forces[number] == 0.0:
             continue
-        depth = entered_between(model, solution, number)
+        round_obstacle = contact.obstacle.curvature_radius is not None
+        depth = entered_between(model, solution, number) if round_obstacle else 0.0
         young = scene.bodies[contact.body].softest
         width = np.pi / 8.0 if scene.dimension == 2 else _facet_size(model, contact)
         square += forces[number] * depth / max(across[number], 1.0) ** 2
@@ -206,10 +211,13 @@ def slipped_through(
             share = "of a body that does not move"
             if moved > 0.0:
                 share = f"{percent(depth / moved)} of the largest displacement"
+            body = scene.bodies[contact.body]
+            place, remedy = "between the nodes of", "smaller cells there"
+            if has_averaged_rows(body):
+                place, remedy = "between the vertices of", "smaller cells there, or degree: 1"
             warnings.append(
-                f"{contact.source}: between the nodes of {scene.bodies[contact.body].name} the "
-                f"obstacle enters by up to {depth:.2g}, {share}: contact is narrower than a facet; "
-                "use smaller cells there"
+                f"{contact.source}: {place} {body.name} the obstacle enters by up to {depth:.2g}, "
+                f"{share}: contact is narrower than a facet; use {remedy}"
             )
     return warnings
 

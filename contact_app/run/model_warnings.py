@@ -30,6 +30,7 @@ from contact_app.accuracy.contact_limits import (
     pressed_facets,
     slipped_through,
 )
+from contact_app.accuracy.entered_pairs import entered_pairs
 from contact_app.accuracy.faceted_curves import compared, median_gaps, pair_sagittas, sagittas
 from contact_app.accuracy.sharp_edges import sentences, sharp_peaks
 from contact_app.accuracy.solved_scene import SolvedScene
@@ -184,8 +185,11 @@ def _beside_obstacles(answer: SolvedScene) -> Iterator[str]:
 
 
 def _between_nodes(answer: SolvedScene) -> list[str]:
-    """Obstacles that enter the body between its nodes."""
-    return slipped_through(answer.model, answer.solution)
+    """Obstacles that enter the body between its nodes, and bodies that enter each other."""
+    return [
+        *slipped_through(answer.model, answer.solution),
+        *entered_pairs(answer.model, answer.solution, answer.nodes),
+    ]
 
 
 def _coarse_pressures(answer: SolvedScene) -> Iterator[str]:

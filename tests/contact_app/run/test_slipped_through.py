@@ -1,17 +1,19 @@
-"""A round obstacle that passes between the nodes of a contact boundary is told of."""
+"""Warnings of obstacles and bodies that enter contact boundaries beside the contact rows."""
 
 from __future__ import annotations
 
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 
 from contact_app.accuracy.contact_limits import entered_between
+from contact_app.accuracy.entered_pairs import entered
 from contact_app.run.solve import solve_scene
 from contact_app.scene.build import build_scene
 from contact_app.scene.configuration import load
-from tests import scenes
+from tests import meshfiles, scenes
 from tests.comparison import solve
 
 
@@ -74,3 +76,64 @@ def test_a_round_surface_on_a_round_obstacle_is_no_obstacle_between_nodes() -> N
     solved = solve_scene(build_scene(load(config)))
     depth = entered_between(solved.model, solved.solution, 0)
     assert depth < 0.01 * solved.summary["solution"]["max_displacement"]
+
+
+def edge_first(path: Path, degree: int) -> scenes.Config:
+    """A block of tetrahedra on one of its edges, of which one face is the contact boundary."""
+    mesh = meshfiles.write(meshfiles.block("tetrahedron", 2, 0.0), path / "block.msh")
+    turned = {"angle": 45, "axis": [0, 1, 0]}
+    place = {"file": str(mesh), "rotate": turned, "translate": [0, 0, 1 + np.sqrt(0.5)]}
+    material = {"young": 1000.0, "poisson": 0.3}
+    return {
+        "dimension": 3,
+        "bodies": [{"name": "b", "mesh": place, "material": material, "degree": degree}],
+        "conditions": [{"on": "b.x-", "displacement": [0, 0, -0.01]}],
+        "contacts": [
+            {"on": "b.x+", "obstacle": {"plane": {"point": [0, 0, 1], "normal": [0, 0, 1]}}}
+        ],
+    }
+
+
+def on_another_body(config: scenes.Config) -> scenes.Config:
+    """The same on an elastic body in place of the plane."""
+    box = {"lower": [-1, -1, 0], "upper": [2, 2, 1], "cells": [6, 6, 2]}
+    floor = {"name": "floor", "mesh": {"box": box}, "material": config["bodies"][0]["material"]}
+    config["bodies"].append(floor)
+    config["conditions"].append({"on": "floor.z-", "displacement": [0, 0, 0]})
+    config["contacts"] = [{"on": "b.x+", "against": "floor.z+"}]
+    return config
+
+
+@pytest.mark.parametrize("subdomains", [None, 3])
+def test_edge_of_second_order_tetrahedra_in_a_plane_causes_a_warning(
+    tmp_path: Path, subdomains: int | None
+) -> None:
+    second, first = (solve(edge_first(tmp_path, degree), subdomains) for degree in (2, 1))
+    assert entered_between(second.model, second.solution, 0) == pytest.approx(0.01)
+    warning = "between the vertices of b the obstacle enters by up to 0.01"
+    assert any(warning in w for w in second.solution.certificate.warnings)
+    assert first.summary["solution"]["active_contacts"] > 0
+    assert not any("enters" in w for w in first.solution.certificate.warnings)
+
+
+@pytest.mark.parametrize("sides", [("b.x+", "floor.z+"), ("floor.z+", "b.x+")])
+def test_edge_in_another_body_causes_a_warning(tmp_path: Path, sides: tuple[str, str]) -> None:
+    made = on_another_body(edge_first(tmp_path, 2))
+    made["contacts"] = [{"on": sides[0], "against": sides[1]}]
+    warnings = solve(made).solution.certificate.warnings
+    assert any("enter each other by up to 0.01 at vertices" in w for w in warnings)
+
+
+def test_face_on_another_body_causes_none(tmp_path: Path) -> None:
+    made = on_another_body(edge_first(tmp_path, 2))
+    made["bodies"][0]["mesh"] |= {
+        "rotate": {"angle": 90, "axis": [0, 1, 0]},
+        "translate": [0, 0, 2],
+    }
+    warnings = solve(made).solution.certificate.warnings
+    assert not any("enter each other" in w for w in warnings)
+
+
+def test_depth_of_an_edge_in_another_body_is_that_of_its_vertices(tmp_path: Path) -> None:
+    solved = solve(on_another_body(edge_first(tmp_path, 2)))
+    assert entered(solved.model, solved.nodes, solved.model.scene.pairs[0]) == pytest.approx(0.01)

@@ -1,0 +1,104 @@
+"""Bodies that enter each other at vertices, though the mean gaps of their contact are not negative.
+
+Mortar rows keep mean gaps from being negative. If contact is narrower than a facet, as at an edge
+or a corner that presses into a face, the mean gap around it is positive: the edge enters the other
+body by a share of the facet's size, and no force resists it. Therefore the vertices of each side
+are tested against the facets of the other one, along the normals of these facets. Only vertices
+outside of the other body before the deformation count, and those that slide by less than a facet.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from mpi4py import MPI
+from numpy.typing import NDArray
+
+from contact_app.model.model import Model
+from contact_app.model.pairs import sides_of
+from contact_app.results.fields import NodeFields
+from contact_app.results.percent import percent
+from contact_app.scene.conditions import BodyContact
+from meshes.contact_surface import Surface, frames, is_curved
+from meshes.facet_overlaps import on_facets
+from meshes.facet_search import facets_along_normals
+from meshes.facing import FACING
+from meshes.shares import share
+from solver.contact.solution import Solution
+
+ENTERED = 0.2
+"""Depth over the largest displacement from which on a warning says that a vertex enters."""
+
+OUTSIDE = 1e-6
+"""Depth of a vertex, over the radius of a facet, up to which it counts as outside."""
+
+Array = NDArray[np.float64]
+
+
+def entered_pairs(model: Model, solution: Solution, nodes: NodeFields) -> list[str]:
+    """Sentences on pairs of bodies that enter each other (collective)."""
+    scene, moved, sentences = model.scene, solution.measures.deformations, []
+    for pair in scene.pairs:
+        depth = entered(model, nodes, pair)
+        largest = float(max(moved[pair.body], moved[pair.other]))
+        if depth > ENTERED * largest:
+            share_ = f"{percent(depth / largest)} of the largest displacement"
+            sentences.append(
+                f"{pair.source}: {scene.bodies[pair.body].name} and {scene.bodies[pair.other].name}"
+                f" enter each other by up to {depth:.2g} at vertices, "
+                f"{share_ if largest > 0.0 else 'and do not deform'}: contact is narrower than a "
+                "facet, and the gap is tested in the mean over facets; use cells much smaller than "
+                "the contact there"
+            )
+    return sentences
+
+
+def entered(model: Model, nodes: NodeFields, pair: BodyContact) -> float:
+    """Largest depth of a vertex of one side in the other one, a length (collective)."""
+    on, against = (
+        side.smooth() if pair.round else side
+        for side in sides_of(model.scene, model.partition, pair)
+    )
+    one, other = _displaced(model, nodes, on), _displaced(model, nodes, against)
+    depth = max(
+        _depth(model.comm, on, against, one, other), _depth(model.comm, against, on, other, one)
+    )
+    return float(model.comm.allreduce(depth, op=MPI.MAX))
+
+
+def _displaced(model: Model, nodes: NodeFields, surface: Surface) -> Array:
+    """Displacements of the nodes of facets, (facets, nodes per facet, 3) (collective)."""
+    distinct, place = np.unique(surface.nodes, return_inverse=True)
+    image, node = np.divmod(distinct, model.partition.nodes)
+    query = model.node_exchange.among(node)
+    u = np.zeros((len(node), 3))
+    u[:, : surface.dimension] = query.from_owners(nodes.displacement[query.nodes - nodes.first])
+    for k, mirror in enumerate(model.scene.mirrors):
+        u[(image >> k) % 2 == 1, mirror.axis] *= -1.0
+    return u[place.reshape(surface.nodes.shape)]
+
+
+def _depth(comm: MPI.Intracomm, on: Surface, of: Surface, u_on: Array, u_of: Array) -> float:
+    """Largest depth of a vertex of one surface behind facets `on` this rank has a share in."""
+    i, j = facets_along_normals(on, of, share(comm, len(on.nodes)))
+    facing = -np.einsum("ij,ij->i", on.normals[i], of.normals[j]) >= FACING
+    i, j = i[facing], j[facing]
+    v, w = on.vertices.shape[1], of.vertices.shape[1]
+    key = i[:, None] * (of.nodes.max(initial=0) + 1) + of.nodes[j, :w]
+    first = np.unique(key.ravel(), return_index=True)[1]  # a vertex is one of several facets
+    i, j, k = i[first // w], j[first // w], first % w
+    axes = frames(on)[i].transpose(0, 2, 1)
+    here = (on.points[i] - on.centres[i][:, None]) @ axes
+    x = ((of.points[j, k] - on.centres[i])[:, None] @ axes)[:, 0]
+    flat = here[:, :v, :-1]
+    within = ((x[:, :-1] >= flat.min(axis=1)) & (x[:, :-1] <= flat.max(axis=1))).all(axis=1)
+    i, j, k, here, x = i[within], j[within], k[within], here[within], x[within]
+    if len(i) == 0:
+        return 0.0
+    hats, shapes, _ = on_facets(here[..., :-1], x[:, :-1], is_curved(here, v))
+    gap = x[:, -1] - np.einsum("qn,qn->q", shapes, here[..., -1]) - on.height(i, hats)
+    jump = u_of[j, k] - np.einsum("qn,qni->qi", shapes, u_on[i])
+    closing = np.einsum("qi,qi->q", on.normals[i], jump)
+    sliding = np.linalg.norm(jump - closing[:, None] * on.normals[i], axis=1)
+    counted = (hats >= -OUTSIDE).all(axis=1) & (gap >= -OUTSIDE * on.radii[i])
+    counted &= sliding <= on.radii[i]
+    return float(-(gap + closing)[counted].min(initial=0.0))
