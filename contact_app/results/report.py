@@ -22,6 +22,7 @@ from rich.text import Text
 from contact_app.machine.atomic_file import atomic
 from contact_app.machine.exits import is_own_failure, mark_logged, message_of, print_message
 from contact_app.results.percent import percent
+from contact_app.results.repeated_sentences import shortened
 from contact_app.results.report_rows import named_rows, number, vector
 
 log = logging.getLogger("contact_app")
@@ -188,7 +189,9 @@ def print_summary(
     if not solver["converged"]:
         text = Text.assemble(("not converged: ", "bold red"), str(solver["reason"]))
         console.print(text, soft_wrap=True)
-    for warning in summary["certificate"]["warnings"]:
+    sides = [c[side] for c in summary.get("contacts", ()) for side in ("on", "with")]
+    bodies = {str(side).split(".")[0] for side in sides}
+    for warning in shortened(summary["certificate"]["warnings"], bodies):
         console.print(Text.assemble(("warning: ", "bold yellow"), str(warning)), soft_wrap=True)
     for path in files:
         console.print(Text(f"wrote {path}"), soft_wrap=True)

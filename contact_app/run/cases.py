@@ -22,6 +22,7 @@ from contact_app.model.method import chosen
 from contact_app.model.outline import Report
 from contact_app.results.envelope import Envelope
 from contact_app.results.history import History
+from contact_app.results.repeated_sentences import without_repetitions
 from contact_app.results.report import log, print_cases, write_summary
 from contact_app.run.attended import Attended, attended
 from contact_app.run.case_models import CaseModels
@@ -34,7 +35,6 @@ from contact_app.run.files import (
     write_run,
 )
 from contact_app.run.progress import together
-from contact_app.run.repeated_sentences import without_repetitions
 from contact_app.run.result_directory import clear
 from contact_app.run.solve import solve_scene
 from contact_app.scene.scene import Scene

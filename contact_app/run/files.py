@@ -13,12 +13,12 @@ from contact_app.machine.disk import refuse_without_room
 from contact_app.machine.exits import print_message
 from contact_app.model.outline import Outline
 from contact_app.results.output import Fields, write_fields
+from contact_app.results.repeated_sentences import without_repetitions
 from contact_app.results.report import log, write_summary
 from contact_app.results.result_size import all_bytes, file_names
 from contact_app.run.communication import on_first
 from contact_app.run.model_report import modelled_lines
 from contact_app.run.progress import Progress
-from contact_app.run.repeated_sentences import without_repetitions
 from contact_app.run.result_directory import remove_parts
 from contact_app.scene.scene import Scene
 

@@ -21,8 +21,8 @@ from contact_app.model.method import (
     why_total_feti,
 )
 from contact_app.model.outline import Outline, left_out_notes
+from contact_app.results.repeated_sentences import without_repetitions
 from contact_app.run.cost import distinct_nodes, gluing_rows, groups_of
-from contact_app.run.repeated_sentences import without_repetitions
 from contact_app.scene.conditions import (
     BodyContact,
     BodyForce,

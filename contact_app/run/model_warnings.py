@@ -39,9 +39,9 @@ from contact_app.model.loaded_area import loaded_facets, straddled_area
 from contact_app.results.free_motions import free_motions
 from contact_app.results.friction import approach_of_held, closing_points
 from contact_app.results.percent import percent
+from contact_app.results.repeated_sentences import without_repetitions
 from contact_app.results.sliding import largest_sliding, sliding_on_each_other
 from contact_app.results.undetermined import play_warnings, undetermined
-from contact_app.run.repeated_sentences import without_repetitions
 from contact_app.scene.bodies import MOTION_NAMES
 from contact_app.scene.conditions import Pressure, Traction
 from solver.contact.certificate import EQUILIBRIUM_FLOOR

@@ -1,6 +1,6 @@
 """Sentences that differ in names alone become one."""
 
-from contact_app.run.repeated_sentences import without_repetitions
+from contact_app.results.repeated_sentences import shortened, without_repetitions
 
 
 def test_places_and_bodies_are_names_and_numbers_are_not() -> None:
@@ -30,3 +30,14 @@ def test_the_same_sentence_twice_and_long_lists() -> None:
     assert without_repetitions(["slow"] * 3, []) == ["slow (3 times)"]
     (told,) = without_repetitions([f"b{i} hangs" for i in range(20)], [f"b{i}" for i in range(20)])
     assert told == "b0 hangs (and 19 more alike: b1, b2, b3, b4, b5, … b19)"
+
+
+def test_the_screen_has_the_first_of_many_sentences_of_one_kind() -> None:
+    many = [
+        f"b{i} slides by {0.1 * i:.3g} along {i} +x, use hold: [r{'xyz'[i % 3]}]" for i in range(4)
+    ]
+    other = ["b1 is stiff", "b2 is stiff", "b1 is rough"]
+    (first, *rest) = shortened([*many, *other], ["b0", "b1", "b2", "b3"])
+    assert first == f"{many[0]} (3 more with other numbers: see summary.json)"
+    assert rest == other
+    assert shortened(many[:3], ["b0", "b1", "b2"]) == many[:3]

@@ -12,6 +12,12 @@ from collections.abc import Iterable, Sequence
 LISTED = 5
 """Largest number of listed names after the first."""
 
+MANY = 4
+"""Number of sentences of one kind from which on the screen has only the first of them."""
+
+CHANGING = re.compile(r"\[[^\]]*\]|\balong .*?(?=[,:;])|[-+]?\d[\w.+-]*")
+"""Pattern of lists in brackets, of directions in words and of numbers."""
+
 PLACE = r"\b(?:contacts|conditions|bodies)\[\d+\](?:\.\w+)*"
 """Pattern of names of parts of the configuration in messages."""
 
@@ -32,13 +38,43 @@ def without_repetitions(sentences: Sequence[str], names: Iterable[str]) -> list[
     >>> without_repetitions(["b1: is loose", "b2: is stiff", "b3: is loose"], ["b1", "b2", "b3"])
     ['b1: is loose (and 1 more alike: b3)', 'b2: is stiff']
     """
-    known = sorted(map(re.escape, set(names)), key=len, reverse=True)
-    bodies = [rf"(?<![\w.])(?:{'|'.join(known)})(?![\w])"] if known else []
-    pattern = re.compile("|".join([PLACE, *bodies]))
+    pattern = _names(names)
     groups: dict[str, list[str]] = {}
     for sentence in sentences:
         groups.setdefault(pattern.sub("\0", sentence), []).append(sentence)
     return [_joined(group, pattern) for group in groups.values()]
+
+
+def shortened(sentences: Sequence[str], names: Iterable[str]) -> list[str]:
+    """The sentences for the screen: many of one kind become one with a count.
+
+    Sentences of one kind differ only in names, numbers and directions.
+
+    Parameters
+    ----------
+    names
+        Names of bodies.
+    """
+    pattern = _names(names)
+    kinds: dict[str, list[str]] = {}
+    for sentence in sentences:
+        kind = CHANGING.sub("#", pattern.sub("#", sentence))
+        kinds.setdefault(kind, []).append(sentence)
+    return [sentence for kind in kinds.values() for sentence in _first_of_many(kind)]
+
+
+def _first_of_many(kind: list[str]) -> list[str]:
+    """All sentences of a kind, or the first with the number of the others."""
+    if len(kind) < MANY:
+        return kind
+    return [f"{kind[0]} ({len(kind) - 1} more with other numbers: see summary.json)"]
+
+
+def _names(names: Iterable[str]) -> re.Pattern[str]:
+    """Pattern of the names of bodies and of places in the configuration."""
+    known = sorted(map(re.escape, set(names)), key=len, reverse=True)
+    bodies = [rf"(?<![\w.])(?:{'|'.join(known)})(?![\w])"] if known else []
+    return re.compile("|".join([PLACE, *bodies]))
 
 
 def _joined(group: list[str], pattern: re.Pattern[str]) -> str:
