@@ -326,7 +326,7 @@ def _local_stiffness(problem: DualProblem, nodes: MergedNodes, total: int) -> sp
             places.append(nodes.unknowns(member, d))
     where = np.concatenate([np.zeros(0, np.int64), *places])
     if len(where) == total > 0:  # subdomains share no nodes
-        return _renumbered(blocks, where)
+        return _on_diagonal(blocks)
     joined = sparse.block_diag(blocks, format="csr")
     pick = sparse.csr_matrix(
         (np.ones(len(where)), where, np.arange(len(where) + 1)), shape=(len(where), total)
@@ -334,15 +334,18 @@ def _local_stiffness(problem: DualProblem, nodes: MergedNodes, total: int) -> sp
     return sparse.csr_matrix(pick.T @ joined @ pick)
 
 
-def _renumbered(blocks: Sequence[sparse.csr_matrix], where: NDArray[np.int64]) -> sparse.csr_matrix:
-    """The blocks on the diagonal of one matrix, unknowns in the order `where` (unknowns,)."""
-    first = np.cumsum([0, *(block.shape[0] for block in blocks)])
-    of_entries = [where[a + block.indices] for a, block in zip(first, blocks, strict=False)]
-    places = np.concatenate(of_entries).astype(np.int32)
+def _on_diagonal(blocks: Sequence[sparse.csr_matrix]) -> sparse.csr_matrix:
+    """The blocks on the diagonal of one matrix, in a fraction of the time of SciPy's function."""
+    if len(blocks) == 1:
+        return blocks[0]
+    sizes = [block.shape[0] for block in blocks]
+    first = np.cumsum([0, *sizes])
+    places = np.concatenate(
+        [np.int32(start) + block.indices for start, block in zip(first, blocks, strict=False)]
+    )
     values = np.concatenate([block.data for block in blocks])
     begins = np.cumsum([0, *np.concatenate([np.diff(block.indptr) for block in blocks])])
-    rows = sparse.csr_matrix((values, places, begins), shape=(len(where), len(where)))
-    return rows[np.argsort(where)]
+    return sparse.csr_matrix((values, places, begins), shape=(first[-1], first[-1]))
 
 
 def _merged_columns(problem: DualProblem, nodes: MergedNodes) -> NDArray[np.int64]:

@@ -1,4 +1,8 @@
-"""The nodes of the undecomposed problem: nodes that subdomains share count once."""
+"""The nodes of the undecomposed problem: nodes that subdomains share count once.
+
+They keep the order of their subdomains, so that the stiffness of subdomains that share no nodes is
+not renumbered: with one subdomain for each body that took most of the time of the merge.
+"""
 
 from __future__ import annotations
 
@@ -27,9 +31,7 @@ class MergedNodes:
     def __init__(self, problem: DualProblem) -> None:
         comm, places = problem.comm, problem.system.places
         every = [p.numbers.ravel() for p in places]
-        unique, inverse = np.unique(
-            np.concatenate([np.zeros(0, np.int64), *every]), return_inverse=True
-        )
+        unique, inverse = _distinct(np.concatenate([np.zeros(0, np.int64), *every]))
         ends = np.cumsum([0, *map(len, every)])
         self.copies = [
             inverse[a:b].reshape(p.numbers.shape)
@@ -58,3 +60,12 @@ class MergedNodes:
         """Unknowns of nodes, (…, nodes · dimension)."""
         spread = nodes[..., None] * dimension + np.arange(dimension)
         return np.asarray(spread.reshape(*nodes.shape[:-1], -1))
+
+
+def _distinct(numbers: NDArray[np.int64]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Distinct numbers in the order of their first appearance, and the place of each number."""
+    unique, first, inverse = np.unique(numbers, return_index=True, return_inverse=True)
+    order = np.argsort(first)
+    place = np.empty_like(order)
+    place[order] = np.arange(len(order))
+    return unique[order], place[inverse]
