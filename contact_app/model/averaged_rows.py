@@ -22,12 +22,20 @@ from collections.abc import Callable, Iterable
 import numpy as np
 from numpy.typing import NDArray
 
-from contact_app.model.facets import moments
+from contact_app.model.facets import MIDDLES, moments
 from contact_app.scene.bodies import Body
 from contact_app.scene.conditions import Contact
 from meshes import Partition
+from meshes.facet_overlaps import smallest
 from solver.tfeti.constraints.conditions import ContactEntries, ContactRows
 from solver.tfeti.constraints.exchange import NodeExchange
+
+POINTED = 0.1
+"""Mean gap of a facet beyond that of its vertex, over the root of its area, from which on the facet
+rises steeply: facets inclined by 20° or more. On an obstacle of radius R it is 0.25 h/R."""
+
+LEVEL = 0.1
+"""Slope over an obstacle from which on an edge rises from it."""
 
 GapAndNormal = Callable[[NDArray[np.float64]], tuple[NDArray[np.float64], NDArray[np.float64]]]
 
@@ -92,10 +100,11 @@ def rows_about_vertices(
         Index of the contact.
     """
     vertices, nodes = [np.zeros(0, np.int64)], [np.zeros(0, np.int64)]
-    weights, points = [np.zeros(0)], [np.zeros((0, 3))]
+    weights, points, rises = [np.zeros(0)], [np.zeros((0, 3))], [np.zeros((0, 2))]
     for numbers, x in facets:
         integrals = moments(x, d)
         shape = integrals.shape
+        rises.append(_rises(integrals, x, gap_and_normal).reshape(-1, 2))
         vertices.append(np.broadcast_to(numbers[:, : shape[1], None], shape).ravel())
         nodes.append(np.broadcast_to(numbers[:, None], shape).ravel())
         weights.append(integrals.ravel())
@@ -104,20 +113,27 @@ def rows_about_vertices(
     pair = np.stack([meeting.nodes, meeting.to_owners(np.concatenate(nodes))], axis=1)
     weight = meeting.to_owners(np.concatenate(weights))
     point = meeting.to_owners(np.concatenate(points))
+    rise = meeting.to_owners(np.concatenate(rises))
     pair, first, place = np.unique(pair, axis=0, return_index=True, return_inverse=True)
     point = point[first]
-    weight = np.bincount(place.reshape(-1), weight, minlength=len(pair))
+    place = place.reshape(-1)
+    weight = np.bincount(place, weight, minlength=len(pair))
     vertex, row = np.unique(pair[:, 0], return_inverse=True)
     row = row.reshape(-1)
     count = len(vertex)
     area = np.bincount(row, weight, minlength=count).astype(np.float64)
-    mean = weight / area[row]
+    itself = pair[:, 0] == pair[:, 1]
+    located = np.empty((count, 3))
+    located[row[itself]] = point[itself]
+    pointed = smallest(row[place], rise[:, 0], count) > POINTED
+    lengths = (rise[first, 1] <= LEVEL) * np.linalg.norm(point - located[row], axis=1)
+    along = np.bincount(row, lengths, minlength=count)[row]
+    edges = np.divide(lengths, along, out=np.zeros(len(row)), where=along > 0.0)
+    edges = np.where(itself & (along == 0.0), 1.0, itself / 3.0 + edges * 2.0 / 3.0)
+    mean = np.where(pointed[row], edges, weight / area[row])
     gap, normal = gap_and_normal(point)
     means = [np.bincount(row, mean * part, minlength=count) for part in (gap, *normal.T)]
-    entry, component = np.nonzero(np.abs(normal[:, :d]) > 1e-14)
-    located = np.empty((count, 3))
-    itself = pair[:, 0] == pair[:, 1]
-    located[row[itself]] = point[itself]
+    entry, component = np.nonzero((np.abs(normal[:, :d]) > 1e-14) & (mean != 0.0)[:, None])
     turns = np.cross(point - located[row], mean[:, None] * normal)
     return ContactRows(
         nodes=vertex,
@@ -136,3 +152,28 @@ def rows_about_vertices(
             value=-(mean[:, None] * normal)[entry, component],
         ),
     )
+
+
+def _rises(
+    integrals: NDArray[np.float64], x: NDArray[np.float64], gap_and_normal: GapAndNormal
+) -> NDArray[np.float64]:
+    """How steeply facets, and edges to their middles, rise from their vertices.
+
+    Returns
+    -------
+    (facets, vertices, nodes, 2)
+        Mean gap of the facet beyond that of the vertex, over the facet's size, and the gap of each
+        node beyond it, over the distance; infinite for nodes that are not amid edges of the vertex.
+    """
+    gap = gap_and_normal(x.reshape(-1, 3))[0].reshape(x.shape[:2])
+    share = integrals.sum(axis=2)
+    own = gap[:, : share.shape[1]]
+    mean = np.einsum("fjk,fk->fj", integrals, gap) / share
+    result = np.full((*integrals.shape, 2), np.inf)
+    result[..., 0] = ((mean - own) / np.sqrt(share.sum(axis=1, keepdims=True)))[..., None]
+    middles = MIDDLES.get(x.shape[1], ())
+    for node, ends in enumerate(middles, x.shape[1] - len(middles)):
+        for vertex in ends if len(ends) == 2 else ():
+            away = np.linalg.norm(x[:, node] - x[:, vertex], axis=1)
+            result[:, vertex, node, 1] = (gap[:, node] - own[:, vertex]) / away
+    return result
