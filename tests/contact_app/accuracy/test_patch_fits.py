@@ -54,7 +54,7 @@ def at_nodes(recovery: StressRecovery, degree: int) -> list[tuple[Array, Array]]
     spread = recovery.patches.copies.spread(found)
     result = []
     for cells, shifts, part in zip(recovery.cells, offsets, spread, strict=True):
-        shape = (*part.shape[:2], recovery.patches.fits.kept, COMPONENTS)
+        shape = (*part.shape[:2], recovery.patches.fits.count, COMPONENTS)
         result.append(
             (cells.places[:, None] + np.array(shifts), cells.at_nodes(part.reshape(shape)))
         )
