@@ -25,8 +25,10 @@ the Lagrange multiplier, SINUM 38 (2000)): a row has one `on` node, and matching
 node pairs. On facets that are covered in part, dual functions grow without bound, so the ψ_j are
 the shape functions themselves. The same holds on facets of second order, where multipliers are at
 the vertices and displacements at all nodes. The ψ_j add up to one, so a constant pressure is
-transmitted exactly. The row of a node whose area is hardly covered is distributed to its
-neighbours.
+transmitted exactly. About a vertex of an edge that points at the other body, all facets of second
+order rise from it, and the mean gap with the shape function is positive although the vertex
+touches: there ψ_j is dual, too, with which the mean of a linear gap is its value at the vertex. The
+row of a node whose area is hardly covered is distributed to its neighbours.
 """
 
 from __future__ import annotations
@@ -39,7 +41,7 @@ from numpy.typing import NDArray
 from scipy import sparse
 
 from meshes.contact_surface import Surface
-from meshes.facet_overlaps import Overlaps, facet_areas
+from meshes.facet_overlaps import Overlaps, facet_areas, smallest
 from meshes.facing import SurfacesApartError, overlaps
 
 COVERED = 1.0 - 1e-6
@@ -51,6 +53,10 @@ WEAK = 0.01
 Such rows are nearly equal to those of their neighbours, and their multipliers are nearly
 undetermined. All other rows must stay, since a small body may stand on the nodes of one facet.
 """
+
+POINTED = 0.1
+"""Mean gap of a facet beyond that of its vertex, over the root of its area, from which on the facet
+rises steeply: facets inclined by 20° or more."""
 
 NEGLIGIBLE = 1e-13
 """Entries of a row (which is of order one) that count as round-off."""
@@ -155,6 +161,21 @@ class Multipliers:
         if own.shape[2] == v:
             functions[covered] = weight[covered, :, None] * np.linalg.inv(own[covered])
             own[covered] = weight[covered, :, None] * np.eye(v)
+        elif on.dimension == 3:
+            dual = functions.copy()
+            corners = np.eye(v)
+            middles = 0.5 * (corners + np.roll(corners, -1, axis=0))
+            hats = np.concatenate([corners, middles, np.full((1, v), 1.0 / v)])
+            mass = own[covered] @ hats[: own.shape[2]]
+            dual[covered] = weight[covered, :, None] * np.linalg.inv(mass)
+            gap = on_facets(found.gap)
+            rise = gap - np.einsum("fjk,fk->fj", dual, gap)
+            rise /= np.where(weight > 0.0, weight, 1.0) * np.sqrt(sizes)[:, None]
+            local = np.unique(on.nodes[:, :v], return_inverse=True)[1].reshape(-1, v)
+            least = smallest(local[covered].ravel(), rise[covered].ravel(), local.max() + 1)
+            pointed = (least > POINTED) & (least < np.inf)
+            functions = np.where(pointed[local][..., None], dual, functions)
+            own = functions @ own
         return cls(functions, own, weight, sizes)
 
 
