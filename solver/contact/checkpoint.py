@@ -1,12 +1,12 @@
 """The checkpoint of a stopped run: the state of the solver at one of its steps.
 
-A checkpoint is written every 30 seconds and when the run is asked to stop, at any stage of the
-algorithm does at that step. `Attention` decides at each step, on all ranks together, and the
-running algorithm then gives its state. The penalty ρ distinguishes two kinds of states:
+A checkpoint is written every 30 seconds and when the run is asked to stop, at any step of any
+algorithm. `Attention` decides at each step, on all ranks together, and the running algorithm then
+gives its state. The penalty ρ distinguishes two kinds of states:
 
 - ρ > 0: SMALBE, within an outer iteration or at its end. x and μ, and all scalars.
 - ρ = 0: conjugate gradients on an active set, or MPRGP alone. x is λ itself, and the second vector
-is 1 in active contact rows and 0 elsewhere.
+  is 1 in active contact rows and 0 elsewhere.
 
 Two files: the vectors (`vector_file`) and the scalars in JSON, written last and renamed into place,
 so that a run killed while it writes leaves the previous checkpoint intact. Rows have another order

@@ -29,10 +29,8 @@ LOOSEST = 3e-2
 """Largest tolerance that is chosen."""
 
 NEARLY = 1.2
-"""The mesh error is estimated anew once the duality gap is below this factor times its limit.
-
-The gap for a solver error of a tenth of the last estimate.
-"""
+"""The mesh error is estimated anew once the duality gap is below this factor times its limit: the
+gap of a solver error of a tenth of the last estimate."""
 
 GAIN = 8.0
 """Largest factor by which the error falls from one answer to the next.

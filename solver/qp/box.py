@@ -71,10 +71,7 @@ class Box:
 
     def project(self, x: Vector) -> None:
         """Move x to the nearest point of the box."""
-        if self.lower is not None:
-            np.maximum(x, self.lower, out=x)
-        if self.upper is not None:
-            np.minimum(x, self.upper, out=x)
+        _clip(x, self.lower, self.upper)
 
     def on_block(self, rows: slice, scratch: Scratch) -> BoxOnBlock:
         """The bounds of some components."""
@@ -95,6 +92,14 @@ class Box:
             low_scale = None if lower is None else np.abs(lower)
             high_scale = None if upper is None else np.abs(upper)
         return _edge(lower, low_scale, 1.0), _edge(upper, high_scale, -1.0)
+
+
+def _clip(x: Vector, lower: Vector | None, upper: Vector | None) -> None:
+    """Move x to the nearest point of l ≤ x ≤ u, in place."""
+    if lower is not None:
+        np.maximum(x, lower, out=x)
+    if upper is not None:
+        np.minimum(x, upper, out=x)
 
 
 def _edge(bound: Vector | None, scale: Vector | None, sign: float) -> Vector | None:
@@ -149,10 +154,7 @@ class BoxOnBlock:
 
     def project(self, x: Vector) -> None:
         """Move x to the nearest point of the box."""
-        if self.lower is not None:
-            np.maximum(x, self.lower, out=x)
-        if self.upper is not None:
-            np.minimum(x, self.upper, out=x)
+        _clip(x, self.lower, self.upper)
 
     @np.errstate(invalid="ignore")  # ∞ - ∞ where there is no bound
     def step_to_boundary(self, x: Vector, p: Vector, alpha: float) -> None:

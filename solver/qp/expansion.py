@@ -8,27 +8,27 @@ An expansion is one small frozen object that moves an iterate to a feasible poin
   ᾱ = α_u dᵀg/dᵀAd, one more Hessian multiplication. ``gfgr``: along g^f, with the length
   from d = g^r.
 * :class:`ProjectedCG`: the full CG step, projected.
-* :class:`SafeguardedCG`: the same, with a guaranteed descent. From the half step x½, the last
-  feasible point of the CG step, the straight way to the projected CG step is feasible, and all its
-  points keep the bound that x½ met. Plain ``projcg`` spends one multiplication on the new gradient.
-  Here it is spent on Ad, with d the direction of the straight way: it gives cost and gradient
-  everywhere on the way. If the projected CG step raises the cost, the step ends at the minimum on
-  this way, or follows the way of the standard expansion, d = α g^r, whichever is lower. A
-  multiplication to compare the two is spent only where the bounds below do not decide.
+* :class:`SafeguardedCG`: the same, with a guaranteed descent. Let x½ be the half step, the last
+  feasible point of the CG step. The segment from x½ to the projected CG step is feasible, and all
+  its points keep the bound that x½ met. Plain ``projcg`` spends one multiplication on the new
+  gradient. Here it is spent on Ad, with d the segment: it gives cost and gradient on the whole
+  segment. If the projected CG step raises the cost, the step ends at the minimum on this segment,
+  or on that of the standard expansion, d = α g^r, whichever is lower. A multiplication to compare
+  the two is spent only where the bounds below do not decide.
 
 Descent. Let δ = f(x) - f(x½) and D = ½ g^rᵀg^f/‖A‖ at x½ (g^r for the length 1/‖A‖): Dostál's
 theory guarantees that the standard expansion decreases the cost by δ + D, and the proof of MPRGP's
 R-linear convergence asks no more of an expansion than a fixed part of that. The projected CG step
 is taken if it decreases the cost by κ(δ + D). Else the cost falls by at least as much as on the
-way of the standard expansion, which is D/1.9 or more below x½: gᵀd ≥ ‖d‖²/α puts the minimum
-inside the way (gᵀd)²/(2 dᵀAd) ≥ gᵀd/(2α‖A‖), the end ½ gᵀd below, and g^r for the length 1.9/‖A‖
-is at least g^r for 1/‖A‖ over 1.9. (‖A‖ is replaced by the largest ‖Ap‖/‖p‖ seen where it is not
-known; it is a lower bound, which makes D larger.)
+segment of the standard expansion, which is D/1.9 or more below x½: by gᵀd ≥ ‖d‖²/α a minimum inside
+the segment is (gᵀd)²/(2 dᵀAd) ≥ gᵀd/(2α‖A‖) below x½, its end is ½ gᵀd below, and g^r for the
+length 1.9/‖A‖ is at least g^r for 1/‖A‖ over 1.9. (Where ‖A‖ is not known, the largest ‖Ap‖/‖p‖
+seen replaces it: a lower bound, which makes D larger.)
 
-Comparison with the standard expansion. It ends at most m(gᵀd', c) below x½, with d' its way, c any
-lower bound of d'ᵀAd' and m(s, c) the maximum of ts - ½t²c for 0 ≤ t ≤ 1. By Cauchy and Schwarz, c =
-(dᵀAd')²/dᵀAd is such a bound, and Ad is known. So a minimum on the way to the projected CG step
-that is m(gᵀd', c) below x½ is at least as low, and no multiplication is needed to see it.
+Comparison with the standard expansion. It ends at most m(gᵀd', c) below x½, with d' its segment, c
+any lower bound of d'ᵀAd' and m(s, c) the maximum of ts - ½t²c for 0 ≤ t ≤ 1. By Cauchy and Schwarz,
+c = (dᵀAd')²/dᵀAd is such a bound, and Ad is known. So a minimum on the segment to the projected CG
+step that is m(gᵀd', c) below x½ is at least as low, which takes no multiplication to see.
 """
 
 from __future__ import annotations
@@ -175,7 +175,7 @@ class SafeguardedCG:
             return
         guaranteed = 0.5 * product / it.largest  # D
         enough = self.kappa * (half + guaranteed) - half
-        too_flat = slope < enough  # the cost is convex: no point of the way falls enough
+        too_flat = slope < enough  # the cost is convex: no point of the segment falls enough
         if too_flat:
             it.aim_reduced(self.standard / it.largest_known)
             enough = self.kappa * guaranteed
@@ -187,9 +187,9 @@ class SafeguardedCG:
         it.advance(min(length, 1.0), restart=True, snap=True)
 
     def _lowest(self, it: Iterate) -> float:
-        """Aim at the lower of two minima: on the way p, or on the way of the standard expansion.
+        """Aim at the lower of two minima: on the segment p, or on that of the standard expansion.
 
-        Returns the length at which it lies.
+        Returns the length at which the minimum lies.
         """
         length, lower = minimum(it.slope, it.curvature)
         curvature = it.curvature

@@ -25,9 +25,8 @@ from solver.vectors import Mask, Vector, blocks
 
 #: Curvature pᵀAp/(‖A‖ pᵀp) at or below which a direction is taken to be in the kernel of A.
 ZERO_CURVATURE = 1e-14
-#: … and below which the Hessian is said to be indefinite.
+#: The same quotient below which the Hessian counts as indefinite.
 NEGATIVE_CURVATURE = -1e-12
-
 
 #: Called with the iterate after each step; has to copy the arrays that it stores.
 Watch = Callable[["Iterate"], None]
@@ -116,10 +115,7 @@ class Iterate:
 
     @property
     def norm(self) -> float:
-        """‖A‖.
-
-        Given, or by the power method at the first call; raised where a step showed a larger value.
-        """
+        """‖A‖: given, or by the power method; raised where a step showed a larger value."""
         if self._norm is None:
             self._norm, multiplications = estimate_norm(self.operator)
             self.counts.norm_estimation += multiplications
@@ -140,10 +136,7 @@ class Iterate:
         self._norm = norm
 
     def evaluate(self) -> None:
-        """Compute g = Ax - b by a multiplication and split it.
-
-        The directions restart at the free gradient.
-        """
+        """Compute g = Ax - b by a multiplication, split it and restart p at the free gradient."""
         self.operator.apply(self.x, self.g)
         image = self._image_of_last()
         self.image = None if image is None else image.copy()
@@ -248,10 +241,7 @@ class Iterate:
         np.copyto(self.p, self.chopped)
 
     def aim_projected(self, alpha: float) -> None:
-        """p = x - P(x - αg).
-
-        The way to the projection of a gradient step; all of it is feasible.
-        """
+        """p = x - P(x - αg): x - tp is feasible for 0 ≤ t ≤ 1."""
         for block in self.blocks:
             np.copyto(block.p, block.g)
             block.project_into(alpha, out=block.trial)
@@ -360,10 +350,7 @@ class Iterate:
         self.drift += float(np.finfo(np.float64).eps) * size
 
     def _image_of_last(self) -> np.ndarray | None:
-        """The image of the last vector that the operator was applied to.
-
-        The next application overwrites it.
-        """
+        """The image of the operator's last vector; the next application overwrites it."""
         image = getattr(self.operator, "image", None)
         assert image is None or isinstance(image, np.ndarray)
         return image

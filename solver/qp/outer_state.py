@@ -1,7 +1,4 @@
-"""Outer iterations of SMALBE-M.
-
-The state at the end, the state to restart from, and the callbacks.
-"""
+"""Records of SMALBE-M: the state after an outer iteration, the state to restart from, callbacks."""
 
 from __future__ import annotations
 

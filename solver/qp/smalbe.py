@@ -149,9 +149,16 @@ class SMALBE:
 
 @dataclass(frozen=True, eq=False)
 class _Problem:
-    """The problem.
+    """Cost and feasible set, equalities Cx = c, and norms.
 
-    Cost and box, equalities Cx = c, ‖A‖ with the multiplications spent on it, ‖C‖.
+    Attributes
+    ----------
+    right : (rows,)
+        c, local part.
+    norm, C_norm
+        ‖A‖ and ‖C‖.
+    multiplications
+        Hessian multiplications spent on ‖A‖.
     """
 
     qp: SeparableQP
@@ -165,9 +172,9 @@ class _Problem:
 class OuterIterations:
     """The outer iterations of one solve, step by step.
 
-    `step` is one inner solve, `ended` tells whether the solve ends with it, and `update` moves
-    multiplier, M and ρ to the next outer iteration. `run` calls them to the end. A caller who wants
-    to act in between, for example to certify the answer, writes this loop anew.
+    `step` is one inner solve, `ended` says whether the solve ends with it, and `update` moves
+    multiplier, M and ρ to the next outer iteration. `run` is the loop of the three. A caller that
+    acts in between, for example to certify the answer, has a loop of its own.
 
     Attributes
     ----------
@@ -283,17 +290,14 @@ class OuterIterations:
 
     @property
     def interrupted(self) -> Reason | None:
-        """The reason why the inner solve ended before its tolerance.
-
-        None where it met the tolerance.
-        """
+        """The reason why the inner solve ended before its tolerance; None where it met it."""
         stopped = (Reason.STOPPED, Reason.MAX_ITERATIONS, Reason.DIVERGED)
         return self._inner_reason if self._inner_reason in stopped else None
 
     def ended(self, own_test: bool = False) -> Reason | None:
-        """The reason why the solve ends with the last step.
+        """The reason why the solve ends with the last step; None where it goes on.
 
-        Round-off, or the tolerance without own test.
+        The tolerance ends it only where the caller has no test of its own; round-off always does.
         """
         it, size = self._it, self._size * self._to_gradient
         small = it.projected_gradient_norm <= self._tolerance and size <= self._tolerance
@@ -354,10 +358,7 @@ class OuterIterations:
     # ------------------------------------------------------------------ parts of a step
 
     def _inner_stop(self, it: Iterate, own_test: bool) -> Reason | None:
-        """Whether to end the inner solve.
-
-        ‖g^P‖ ≤ min(M ‖Cx - c‖, η), or all residuals are small.
-        """
+        """The reason to end the inner solve: ‖g^P‖ ≤ min(M ‖Cx - c‖, η), or small residuals."""
         gradient = it.projected_gradient_norm
         if gradient > self._eta:
             return None
@@ -385,10 +386,7 @@ class OuterIterations:
         return self._size
 
     def _carried(self, it: Iterate) -> tuple[float, float] | None:
-        """‖Cx‖ by recurrence with a bound on its rounding error.
-
-        None if it takes a multiplication with C.
-        """
+        """‖Cx‖ by recurrence and a bound on its rounding error; None where c or A prevent this."""
         if it.image is None or self._right_square > 0.0:
             return None
         it.equality_residual = size = it.operator.image_norm(it.image)  # type: ignore[attr-defined]

@@ -34,17 +34,12 @@ from solver.tfeti.recycling import DeflatedPreconditioner, RecordedOperator, Rec
 from solver.vectors import largest_magnitude
 
 STALLED = 2
-"""Steps on an active set, over its unknowns, after which the residual counts as rounding errors.
-
-In exact arithmetic conjugate gradients end within a factor of one. More steps mean that the rows
-hardly hold some body, or are nearly dependent.
-"""
+"""Steps on an active set, over its unknowns, after which the residual counts as rounding errors: in
+exact arithmetic conjugate gradients need at most as many steps as unknowns."""
 
 OUTSIDE = 10.0
-"""Smallest attainable residual, over the part of the right-hand side outside the range of P.
-
-Rounding errors make this part, and no step of conjugate gradients can remove it.
-"""
+"""Smallest attainable residual, over the part of the right-hand side outside the range of P:
+rounding errors make this part, and no step of conjugate gradients can remove it."""
 
 SOFTENED = 0.3
 """Stiffness against a row of several nodes with elastic surroundings, relative to that by the
@@ -233,10 +228,7 @@ class ActiveSetProblem:
 
     @property
     def _smallest(self) -> float:
-        """Residual that rounding errors leave.
-
-        Of the right-hand side and of the terms of its sum.
-        """
+        """Residual that rounding errors of the right-hand side and of its terms leave."""
         it = self._iterate
         floor = max(self.reduced.round_off, ROUNDED * it.largest * self._weight)
         return floor if it.counts.cg <= SHORT else max(floor, OUTSIDE * self._outside)

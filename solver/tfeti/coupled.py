@@ -8,11 +8,10 @@ compliance of these rows if every unknown were a separate spring. Then
     M⁻¹ B D⁻¹ S D⁻¹ Bᵀ M⁻¹
 
 is an approximate inverse (A. Klawonn, O. Widlund, FETI and Neumann-Neumann iterative substructuring
-methods, Comm. Pure Appl. Math. 54 (2001)); For orthonormal rows between equal stiffnesses it equals
+methods, Comm. Pure Appl. Math. 54 (2001)). For orthonormal rows between equal stiffnesses it equals
 B S Bᵀ. M also contains rows of one node that are not perpendicular to these rows, for example where
-an obstacle reaches a tied boundary: without them a floor up to the tie took 36 operator
-applications instead of 16. M contains free rows only, because open contact connects nothing. M is
-as large as a contact surface; every rank holds and factors it.
+an obstacle reaches a tied boundary. M contains free rows only, because open contact connects
+nothing. M is as large as a contact surface; every rank holds and factors it.
 """
 
 from __future__ import annotations

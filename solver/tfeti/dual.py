@@ -41,6 +41,7 @@ from solver.tfeti.projected import ProjectedOperator
 from solver.tfeti.subdomain.classes import SubdomainClass
 from solver.tfeti.system import ContactSystem
 from solver.tfeti.unfactored_loads import lengths_at_unknowns, loads_in_energy
+from solver.vectors import largest_magnitude
 
 
 @dataclass(frozen=True, eq=False)
@@ -158,10 +159,7 @@ class DualProblem:
 
     @property
     def wide(self) -> NDArray[np.bool_]:
-        """Mask (dual,) of contact, tangential and tied rows over several nodes.
-
-        They overlap others.
-        """
+        """Mask (dual,) of contact, tangential and tied rows over several nodes, which overlap."""
         return self.system.constraints.wide
 
     @property
@@ -328,7 +326,8 @@ class DualProblem:
     def free_lengths(self) -> NDArray[np.float64]:
         """Largest K⁺ f on the interface of each body, (bodies,) (collective at the first call).
 
-        Without factors, the displacements if each unknown gave way to its load alone.
+        Without factors, the largest f_i / K_ii: the value if each unknown gave way to its load
+        alone.
         """
         if not self.factored:
             return lengths_at_unknowns(self.bodies, self.classes, self.loads, self.comm)
@@ -338,7 +337,7 @@ class DualProblem:
     def free_strains(self) -> NDArray[np.float64]:
         """fᵀ K⁺ f of each body, (bodies,), held unknowns at rest (collective at the first call).
 
-        Without factors, the displacements if each unknown gave way to its load alone.
+        Without factors, Σ f_i² / K_ii: the value if each unknown gave way to its load alone.
         """
         if not self.factored:
             return self.strains_at_unknowns()
@@ -408,7 +407,7 @@ class DualProblem:
         result = np.zeros(self.size)
         if self.coarse is not None:
             self.coarse.carry(self.e, result)
-            largest = self.comm.allreduce(float(np.abs(result).max(initial=0.0)), op=MPI.MAX)
+            largest = largest_magnitude(self.comm, result)
             result[self.inequality & (np.abs(result) < 1e-11 * largest)] = 0.0
         return result
 

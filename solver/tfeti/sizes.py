@@ -20,11 +20,8 @@ PRESSING = 1e-6
 """Force of a row over the largest on its bodies, below which it does not resist a motion."""
 
 SLID = 1e-4
-"""Smallest reference of lengths of a body that slid, over its displacement.
-
-Rounding errors of large slides leave jumps of 1e-13 of them (random scene 71009), which a tolerance
-of 1e-8 must allow. The slide of scene 30072, whose energy was off, is 500 times the deformation.
-"""
+"""Smallest reference of lengths of a body that slid, over its displacement: large slides leave
+jumps of 1e-13 of them by rounding, which a tolerance of 1e-8 must allow."""
 
 ROUNDED = 4.0
 """Rounding errors of displacements, in units of ε max|u|, that count for the forces."""

@@ -27,10 +27,8 @@ from solver.tfeti.dual import DualProblem
 from solver.vectors import largest_magnitude
 
 SOFTNESS = 0.1
-"""Stiffness of a contact spring over that of its node in K.
-
-Under a pressure the neighbours of the node move, too.
-"""
+"""Stiffness of a contact spring over that of its node in K: under a pressure its neighbours move,
+too."""
 
 RIGID_STEPS = 40
 """Largest number of Newton steps, each with a coarse factor."""
@@ -43,7 +41,6 @@ FAINT = 1e-3
 
 SHORTEST = 1e-4
 """Step length below which a step is taken without testing whether φ falls."""
-
 
 FLAT = 1e-12
 """Gaps, over the largest coordinate, that count as zero."""

@@ -99,7 +99,7 @@ class CoarseProblem:
         """G W Gᵀ without its contact rows, which are added from `_contact` (collective)."""
         single = np.flatnonzero(~self._inequality)
         others = self._layout.brought(Blocks.of(rows.alike(single), rows.motions, metric))
-        others = others.without(VANISHING * self._layout.largest(others))
+        others = others.without(VANISHING * largest_magnitude(self.comm, others.values))
         places = Blocks.of(self._contact, rows.motions, np.zeros(self.size))
         others = Blocks.join([others, self._layout.brought(places)]).summed()
         return _Gram(others, self._layout.places(others))
@@ -294,11 +294,6 @@ class _Layout:
             return Blocks.join(self.comm.allgather(blocks)).summed()
         exchange = NodeExchange(self.comm, blocks.starts[:, 0], self.total, self.starts)
         return blocks.to_owners(exchange).summed()
-
-    def largest(self, blocks: Blocks) -> float:
-        """Largest magnitude on all ranks (collective)."""
-        own = float(np.abs(blocks.values).max(initial=0.0))
-        return float(self.comm.allreduce(own, op=MPI.MAX))
 
     def places(self, blocks: Blocks) -> sparse.csr_matrix:
         """Places of the entries of the matrix among the values of the brought blocks."""

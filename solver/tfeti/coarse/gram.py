@@ -131,12 +131,11 @@ class Blocks:
         return Blocks(*map(exchange.to_owners, (self.starts, self.widths, self.values)))
 
     def places(self, first: int, rows: int, columns: int) -> sparse.csr_matrix:
-        """Sparse matrix of the rows from `first` on of `summed` blocks.
+        """Places of the matrix entries in ``values.ravel()``, as entries of a sparse matrix.
 
-        The pattern of the blocks must not change.
-
-        Its entries are the places of the matrix entries in ``values.ravel()``. Blocks are stored
-        whole even if entries vanish: the factorisation is faster so.
+        Its rows are those from `first` on. The blocks are `summed`; whoever changes their values
+        keeps their pattern. Blocks are stored whole even if entries vanish: the factorisation is
+        faster so.
         """
         motions = np.arange(self.motions)
         used = (motions[:, None] < self.widths[:, 0, None, None]) & (

@@ -66,7 +66,15 @@ class NodeConditions:
 
 @dataclass(frozen=True, eq=False)
 class HeldRows:
-    """Held nodes this rank owns: node, point (k, 3), components (k, d), values, eliminated."""
+    """Held nodes that this rank owns.
+
+    Attributes
+    ----------
+    nodes, points : (k,), (k, 3)
+        Global number and coordinates.
+    held, values : (k, dimension), (k, dimension)
+        Mask of held components, and their displacements; 0 for other components.
+    """
 
     nodes: NDArray[np.int64]
     points: NDArray[np.float64]

@@ -16,14 +16,13 @@ contact
     gluing rows, and the row is scaled to unit length. Held components go to the right-hand side;
     if nothing is left the row is decided by the held values and dropped. At an obstacle a is the
     direction into it, -n, at one node, and of rows in the same direction only the tightest stays.
-
 tangential
     the slip along a tangent at a contact point with friction; a multiplier of either sign. All
     rows of a point are scaled alike, so that the bound on its friction force is a disc.
 tied
-    the same with equality: the mean jump of two surfaces, component by component.
+    the mean jump of two surfaces, component by component, held at zero.
 mean
-    the same: a rigid motion of a body in the mean over its surface, held on request.
+    a rigid motion of a body in the mean over its surface, held on request.
 
 So B Bᵀ = I except where contact, tied and mean rows share nodes and are not perpendicular, and the
 rows of obstacles, gluing and held unknowns have full rank however the conditions overlap.
@@ -51,7 +50,6 @@ from solver.tfeti.options import TotalFetiOptions
 
 MOST_COMPONENTS = 3
 """Largest number of components of a node."""
-
 
 SHARED = RowKind.CONTACT, RowKind.TANGENT, RowKind.TIED, RowKind.MEAN
 """Kinds of rows over nodes that other ranks may own, in the order of `SharedRows`."""

@@ -40,31 +40,20 @@ ENDS = (Reason.ACCEPTED, Reason.STOPPED, Reason.MAX_ITERATIONS)
 """Reasons for which active sets end a solve; after other reasons SMALBE-M may go on."""
 
 PATIENCE = 12
-"""Number of sets with friction after which each set is solved more accurately before it changes.
-
-Without this, 300 sets of a cube of 20³ cells on a rough wall did not settle. Six took 5 % more
-operator applications (`contact_app.studies.friction_cost`).
-"""
+"""Number of sets with friction after which sets are solved more accurately: six took 5 % more
+operator applications (`contact_app.studies.friction_cost`)."""
 
 STICKING_COMPLIANCE = 0.03
-"""Compliance of a point that sticks while its node is closed in another contact.
-
-Relative to the compliance of the node. Slips fall to about this share in each set.
-"""
+"""Compliance of a point that sticks while its node is closed in another contact, over that of the
+node: slips fall to about this share in each set."""
 
 LARGEST_ERROR = 0.3
-"""Error above which the answer on a set with friction does not change the set.
-
-Rows of sliding points with small slip limits have large compliances, so that a small residual
-leaves a large error.
-"""
+"""Error above which the answer on a set with friction does not change the set: sliding rows with
+small limits have large compliances, so that a small residual leaves a large error."""
 
 SURE = 0.3
-"""Share of the tolerance below which the friction numbers have to be before an answer is certified.
-
-Displacements of answers at a tolerance of 1e-6 were right to 9e-7 with this share, and to 3e-6 with
-a share of one. Load histories also begin with the last answer.
-"""
+"""Share of the tolerance that the friction numbers have to meet before an answer is certified: at
+1e-6 displacements are then right to 9e-7, and to 3e-6 with a share of one."""
 
 LOOSE = 1e-2
 """Share of an iterate's jumps that may remain in û where the duality gap is only an estimate."""

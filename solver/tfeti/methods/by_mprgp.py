@@ -20,10 +20,7 @@ METHOD = "mprgp"
 
 STEPS_PER_ROW, FEWEST_STEPS = 2, 1000
 """Steps for undecomposed bodies after which rounding errors stop the solve: per row, and at least.
-
-MPRGP takes at most two steps per row on random scenes, and does not end on a body 500 times as long
-as thick.
-"""
+MPRGP takes fewer on random scenes, and does not end on a body 500 times as long as thick."""
 
 
 def solve_by_mprgp(
