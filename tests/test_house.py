@@ -64,6 +64,8 @@ POINTING_NAMES = {"mine", "apart", "alike", "beside", "wanted", "there", "stands
 PLAIN = {
     "solver": VAGUE_NAMES,
     "meshes": VAGUE_NAMES,
+    "solver/qp": VAGUE_NAMES | POINTING_NAMES,
+    "solver/tfeti": VAGUE_NAMES | POINTING_NAMES | {"give", "carry", "brought"},
     "contact_app": PRIVATE_NAMES,
     **{
         f"contact_app/{room}": VAGUE_NAMES | POINTING_NAMES

@@ -250,10 +250,10 @@ class Attention:
 
     def __call__(self, event: Step) -> bool:
         """Whether to stop."""
-        mine = self.STOP if self._interrupted() else 0
+        requests = self.STOP if self._interrupted() else 0
         if self._comm.rank == 0 and self._checkpoint.overdue:
-            mine |= self.SAVE
-        agreed = self._comm.allreduce(mine, op=MPI.BOR)
+            requests |= self.SAVE
+        agreed = self._comm.allreduce(requests, op=MPI.BOR)
         self._checkpoint.due = bool(agreed)
         return bool(agreed & self.STOP)
 

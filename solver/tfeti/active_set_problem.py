@@ -175,9 +175,9 @@ class ActiveSetProblem:
         if rows is not None and self._compliance is not None:
             own = ScaledPreconditioner(base, rows[1])
             scaled = rows[0] ** 2 * self._compliance
-            give = scaled * self.reduced.offset
-            coarse.project_transpose(give, give)
-            rhs = rhs - give
+            compliant = scaled * self.reduced.offset
+            coarse.project_transpose(compliant, compliant)
+            rhs = rhs - compliant
         operator = RecordedOperator(self.reduced, directions, scaled)
         if recycled is None and directions.count:
             near = ChangedDirections(directions, problem, statuses, frame, scaled, coarse)

@@ -303,8 +303,8 @@ def _meshed_by_all(comm: MPI.Intracomm, subdomains: Sequence[CongruentSubdomains
     """Mask of this rank's meshes that all ranks have at the same place of their lists."""
     if comm.size == 1:
         return [False] * len(subdomains)
-    mine = [sha1(s.points.tobytes(), usedforsecurity=False).digest() for s in subdomains]
-    of_ranks = comm.allgather(mine)
+    digests = [sha1(s.points.tobytes(), usedforsecurity=False).digest() for s in subdomains]
+    of_ranks = comm.allgather(digests)
     shortest = min(map(len, of_ranks))
     same = [len(set(places)) == 1 for places in zip(*of_ranks, strict=False)]
     return same + [False] * (len(subdomains) - shortest)

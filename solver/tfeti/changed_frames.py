@@ -99,18 +99,18 @@ class ChangedDirections:
         conditional = problem.conditional
         active = ~conditional | statuses.active
         scale = np.ones(problem.size) if frame.scale is None else frame.scale
-        give = np.zeros(problem.size) if compliance is None else compliance
+        softness = np.zeros(problem.size) if compliance is None else compliance
         vectors = frame.turned(directions.vectors)
         self._basis = vectors * (active / scale)
         self._products = frame.turned(directions.applied) * (active * scale)
-        self._products += give * self._basis
+        self._products += softness * self._basis
         stiffness = problem.row_stiffness(conditional)
         weight = np.zeros(problem.size)
         weight[conditional] = np.divide(
             LOST, stiffness, out=np.zeros(len(stiffness)), where=stiffness > 0.0
         )
         lost = vectors * ~active
-        own = (self._basis * give) @ self._basis.T + (lost * weight) @ lost.T
+        own = (self._basis * softness) @ self._basis.T + (lost * weight) @ lost.T
         self._inverse = self._inverted(directions.gram + self._comm.allreduce(own))
 
     def _inverted(self, gram: Array) -> Array:

@@ -133,7 +133,7 @@ class CoupledRows:
             matrix.destroy()
         counts = self.comm.allgather(len(self._rows))
         first = sum(counts[: self.comm.rank])
-        self._mine = slice(first, first + len(self._rows))
+        self._own_part = slice(first, first + len(self._rows))
         self._filled, self._factor = gathered.diagonal() > 0.0, _Factor(gathered)
 
     def on(self, rows: NDArray[np.bool_]) -> CoupledRows:
@@ -165,4 +165,4 @@ class CoupledRows:
         if self.comm.size > 1:
             pairs = self.comm.allgather((values, own))
             values, in_set = (np.concatenate(part) for part in zip(*pairs, strict=True))
-        x[self._rows] = self._factor.solve(values, in_set & self._filled)[self._mine]
+        x[self._rows] = self._factor.solve(values, in_set & self._filled)[self._own_part]

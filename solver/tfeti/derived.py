@@ -65,7 +65,7 @@ def with_active(
             loaded = np.empty_like(missing)
             own.coarse.restrict(tractions, loaded)  # type: ignore[union-attr]
             missing += loaded
-        constraints.coarse.carry(problem.e - missing, change)
+        constraints.coarse.least_multiplier(problem.e - missing, change)
         offset += change
     if offset is not None and tractions is not None:
         moved = np.empty_like(problem.free_displacements)

@@ -148,7 +148,7 @@ class Directions:
         """VᵀFV, (count, count)."""
         return self._gram[: self.count, : self.count]
 
-    def wanted(self, steps: int) -> bool:
+    def stores_step(self, steps: int) -> bool:
         """Whether to store the direction of this step on a set, counted from one."""
         return self.light or self._next > 0 or steps > self.options.easy
 

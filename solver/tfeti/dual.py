@@ -406,7 +406,7 @@ class DualProblem:
             return self.known.offset
         result = np.zeros(self.size)
         if self.coarse is not None:
-            self.coarse.carry(self.e, result)
+            self.coarse.least_multiplier(self.e, result)
             largest = largest_magnitude(self.comm, result)
             result[self.inequality & (np.abs(result) < 1e-11 * largest)] = 0.0
         return result

@@ -83,7 +83,7 @@ def _balance(
         if largest_magnitude(problem.comm, missing) <= tolerance:
             break
         coarse = coarse or problem.coarse.weighted(root)
-        coarse.carry(missing, change)
+        coarse.least_multiplier(missing, change)
         change *= root
         if attempt < ROUNDS:
             change[sliding] = 0.0
@@ -232,9 +232,9 @@ def motion_energies(
 
 def follows(problem: DualProblem) -> bool:
     """Whether `relaxed_energies` applies (collective): Schur complements, orthonormal rows."""
-    mine = all(cls.schur_complement is not None for cls in problem.classes)
-    mine = mine and bool((problem.overlap <= 1.0 + 1e-9).all())
-    return bool(problem.comm.allreduce(mine, op=MPI.LAND))
+    applies = all(cls.schur_complement is not None for cls in problem.classes)
+    applies = applies and bool((problem.overlap <= 1.0 + 1e-9).all())
+    return bool(problem.comm.allreduce(applies, op=MPI.LAND))
 
 
 def relaxed_energies(

@@ -30,24 +30,24 @@ def solve_free(
     for cls, part, load, work in zip(classes, interface_slices(classes), loads, works, strict=True):
         loaded = np.flatnonzero(load.any(axis=0))
         if len(loaded):
-            first, alike = _alike(load, loaded)
+            first, of_column = _distinct_columns(load, loaded)
             u = cls.solve(load[:, first])
-            result[part].reshape(cls.members, -1)[loaded] = u[cls.interface].T[alike]
-            work[loaded] = np.einsum("ij,ij->j", load[:, first], u)[alike]
+            result[part].reshape(cls.members, -1)[loaded] = u[cls.interface].T[of_column]
+            work[loaded] = np.einsum("ij,ij->j", load[:, first], u)[of_column]
     return result, works
 
 
-def _alike(
+def _distinct_columns(
     loads: NDArray[np.float64], chosen: NDArray[np.int64]
 ) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
     """The first column of each set of equal chosen columns, and the set of each column."""
     sets: dict[bytes, int] = {}
     firsts: list[int] = []
-    alike = np.empty(len(chosen), np.int64)
+    of_column = np.empty(len(chosen), np.int64)
     for k, column in enumerate(chosen):
         digest = sha1(np.ascontiguousarray(loads[:, column]).data, usedforsecurity=False).digest()
         if digest not in sets:
             sets[digest] = len(firsts)
             firsts.append(int(column))
-        alike[k] = sets[digest]
-    return np.array(firsts), alike
+        of_column[k] = sets[digest]
+    return np.array(firsts), of_column

@@ -64,8 +64,8 @@ def add_motions(
     for cls, part, kernel in zip(
         problem.classes, interface_slices(problem.classes), problem.kernel_slices(), strict=True
     ):
-        mine = displacements[part].reshape(cls.members, -1)
-        mine += alpha[kernel].reshape(cls.members, -1) @ cls.kernel[cls.interface].T
+        of_class = displacements[part].reshape(cls.members, -1)
+        of_class += alpha[kernel].reshape(cls.members, -1) @ cls.kernel[cls.interface].T
 
 
 def displacements(

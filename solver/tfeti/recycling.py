@@ -44,7 +44,7 @@ class RecordedOperator(RangeOperator):
             out += self._compliance * x
             self.coarse.project_transpose(out, out)
         self._applied += 1
-        if self._directions.wanted(self._applied):
+        if self._directions.stores_step(self._applied):
             self._directions.store(x, self.image, out)
 
     def orthogonalise(self, z: NDArray[np.float64]) -> None:

@@ -50,9 +50,9 @@ def gaps_are_zero(problem: DualProblem) -> bool:
     """Whether all gaps are zero before any load and no two rows overlap (collective)."""
     comm, points = problem.comm, problem.contact.points
     size = largest_magnitude(comm, points)
-    apart = np.abs(problem.contact.gaps) > FLAT * size
+    has_gap = np.abs(problem.contact.gaps) > FLAT * size
     overlaps = problem.overlap[problem.inequality] > 1.0 + FLAT
-    return not comm.allreduce(int((apart | overlaps).sum()))
+    return not comm.allreduce(int((has_gap | overlaps).sum()))
 
 
 def contact_stiffness(problem: DualProblem) -> tuple[NDArray[np.float64], float]:

@@ -86,7 +86,7 @@ class CoarseProblem:
         self._layout = _Layout(self.comm, self.kernels, options.gathered)
         self._inequality = inequality
         rows = KernelRows(B, kernels, options.chunk)
-        self._contact = list(rows.alike(np.flatnonzero(inequality)))
+        self._contact = list(rows.row_sets(np.flatnonzero(inequality)))
         self._weighed = self._gram(rows, metric)
         self._oblique = False
         self._own_factor: CoarseFactor | None = None  # of G W Gᵀ; else that of G Gᵀ
@@ -98,10 +98,10 @@ class CoarseProblem:
     def _gram(self, rows: KernelRows, metric: NDArray[np.float64]) -> _Gram:
         """G W Gᵀ without its contact rows, which are added from `_contact` (collective)."""
         single = np.flatnonzero(~self._inequality)
-        others = self._layout.brought(Blocks.of(rows.alike(single), rows.motions, metric))
+        others = self._layout.collected(Blocks.of(rows.row_sets(single), rows.motions, metric))
         others = others.without(VANISHING * largest_magnitude(self.comm, others.values))
         places = Blocks.of(self._contact, rows.motions, np.zeros(self.size))
-        others = Blocks.join([others, self._layout.brought(places)]).summed()
+        others = Blocks.join([others, self._layout.collected(places)]).summed()
         return _Gram(others, self._layout.places(others))
 
     @property
@@ -152,7 +152,7 @@ class CoarseProblem:
         result = copy(self)
         result.B = B
         rows = KernelRows(B, self._kernels, self.options.chunk)
-        result._contact = list(rows.alike(np.flatnonzero(self._inequality)))
+        result._contact = list(rows.row_sets(np.flatnonzero(self._inequality)))
         result._product = _Restriction(B, self._kernels, self._layout, self.metric)
         return result
 
@@ -161,7 +161,7 @@ class CoarseProblem:
     ) -> CoarseFactor:
         """The factor for some weights of contact rows; it replaces one of the same pattern."""
         contact = Blocks.of(self._contact, gram.others.motions, weights)
-        values = gram.others.plus(self._layout.brought(contact)).values
+        values = gram.others.plus(self._layout.collected(contact)).values
         factor = factor or CoarseFactor(self._layout, gram.places)
         factor.take(values.ravel())
         return factor
@@ -180,7 +180,7 @@ class CoarseProblem:
         """Gᵀ times a coarse vector."""
         self._product.extend(self._layout.spread(coarse), out, metric=False)
 
-    def carry(self, coarse: NDArray[np.float64], out: NDArray[np.float64]) -> None:
+    def least_multiplier(self, coarse: NDArray[np.float64], out: NDArray[np.float64]) -> None:
         """W Gᵀ (G W Gᵀ)⁻¹ times a coarse vector e: the smallest multipliers with G λ = e."""
         self.factor.solve(self._layout.spread(coarse), self._solution)
         self._product.extend(self._solution, out, self._oblique)
@@ -221,10 +221,10 @@ class CoarseProblem:
         probe : (dual,)
             Vector to which Q is applied twice.
         """
-        once, twice = np.empty_like(probe), np.empty_like(probe)
-        self.apply(probe, once)
-        self.apply(once, twice)
-        size, error = (largest_magnitude(self.comm, v) for v in (once, twice - once))
+        projected, again = np.empty_like(probe), np.empty_like(probe)
+        self.apply(probe, projected)
+        self.apply(projected, again)
+        size, error = (largest_magnitude(self.comm, v) for v in (projected, again - projected))
         return error <= IDEMPOTENT * size and self._least_resistance() > RESISTED
 
     def _least_resistance(self) -> float:
@@ -285,7 +285,7 @@ class _Layout:
         self.comm.Allgatherv(own, (result, self.counts))
         return result
 
-    def brought(self, blocks: Blocks) -> Blocks:
+    def collected(self, blocks: Blocks) -> Blocks:
         """The sum over all ranks of the rows that this rank needs (collective)."""
         blocks = blocks.summed()
         if self.comm.size == 1:

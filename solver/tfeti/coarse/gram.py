@@ -27,7 +27,7 @@ Places = tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.int64]]
 
 
 @dataclass(frozen=True, eq=False)
-class AlikeRows:
+class RowSets:
     """Sets of n local rows of Gᵀ; the rows of one set have entries on the same m subdomains.
 
     Attributes
@@ -69,11 +69,11 @@ class Blocks:
 
     @classmethod
     def of(
-        cls, alike: Iterable[AlikeRows], motions: int, weights: NDArray[np.float64] | None = None
+        cls, row_sets: Iterable[RowSets], motions: int, weights: NDArray[np.float64] | None = None
     ) -> Blocks:
         """Vᵀ W V of all sets, with a weight for each local row of B (one unless given)."""
         parts = [cls(*(np.empty((0, 2), np.int64),) * 2, np.empty((0, motions, motions)))]
-        for rows in alike:
+        for rows in row_sets:
             sets, m = rows.starts.shape
             V = rows.values
             weighed = V if weights is None else V * weights[rows.rows][:, :, None]
@@ -232,7 +232,7 @@ class KernelRows:
             part[here], part[~here] = own_part, distant[at]
         return result[0], result[1], result[2]
 
-    def alike(self, rows: NDArray[np.int64]) -> Iterator[AlikeRows]:
+    def row_sets(self, rows: NDArray[np.int64]) -> Iterator[RowSets]:
         """Some local rows, grouped by their subdomains.
 
         Rows without floating subdomains are left out.
@@ -255,7 +255,7 @@ class KernelRows:
         entry = runs(self._begins[rows], counts)
         return (begins, *self._places_of(self._columns[entry]), self._values[entry])
 
-    def _chunk(self, rows: NDArray[np.int64]) -> Iterator[AlikeRows]:
+    def _chunk(self, rows: NDArray[np.int64]) -> Iterator[RowSets]:
         begins, start, width, place, value = self.entries_of(rows)
         row = np.repeat(np.arange(len(rows)), np.diff(begins))
         floating = width > 0
@@ -286,7 +286,7 @@ class KernelRows:
                     values *= value[of][..., None]
                 else:
                     values = several[of]
-                yield AlikeRows(
+                yield RowSets(
                     rows[row[of[:, :, 0]]], starts[begins], width[pairs[begins]],
                     values.reshape(len(begins), n, -1),
                 )  # fmt: skip

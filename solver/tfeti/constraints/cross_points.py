@@ -115,8 +115,8 @@ class Neighbours:
     """
 
     def __init__(self, comm: MPI.Intracomm, pairs: NDArray[np.int64]) -> None:
-        mine = np.unique(self._keys(pairs[:, 0], pairs[:, 1]))
-        self._known = np.unique(np.concatenate(comm.allgather(mine)))
+        own = np.unique(self._keys(pairs[:, 0], pairs[:, 1]))
+        self._known = np.unique(np.concatenate(comm.allgather(own)))
 
     @staticmethod
     def _keys(a: NDArray[np.int64], b: NDArray[np.int64]) -> NDArray[np.int64]:
@@ -142,5 +142,5 @@ class Neighbours:
         kinds, kind = np.unique(np.packbits(adjacent, axis=1), axis=0, return_inverse=True)
         kind = kind.reshape(-1)
         for number in range(len(kinds)):
-            mine = np.flatnonzero(kind == number)
-            yield mine, *joining(adjacent[mine[0]].reshape(m, m))
+            own = np.flatnonzero(kind == number)
+            yield own, *joining(adjacent[own[0]].reshape(m, m))

@@ -109,5 +109,5 @@ def _levels(problem: DualProblem) -> list[NDArray[np.bool_]]:
             result.append(mask)
         else:
             mask = np.zeros(problem.size, bool)
-    apart = [comm.allreduce(int(m.sum())) * thickness ** (problem.dimension - 1) for m in result]
-    return result if apart and apart[0] < total else []
+    sizes = [comm.allreduce(int(m.sum())) * thickness ** (problem.dimension - 1) for m in result]
+    return result if sizes and sizes[0] < total else []

@@ -98,9 +98,9 @@ class Rows:
     def held_unknowns(self, dimension: int) -> NDArray[np.int64]:
         """Unknown of each held row, node · dimension + component, (rows,); -1 for other rows."""
         result = np.full(len(self.kind), -1, np.int64)
-        mine = self.kind[self.row] == RowKind.DIRICHLET  # each has one entry
-        row = self.row[mine]
-        result[row] = self.node[row] * dimension + self.component[mine]
+        held = self.kind[self.row] == RowKind.DIRICHLET  # each has one entry
+        row = self.row[held]
+        result[row] = self.node[row] * dimension + self.component[held]
         return result
 
     def entries(

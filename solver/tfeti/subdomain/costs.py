@@ -106,25 +106,25 @@ def run_seconds(
     """
     subdomains = sum(g.members for g in groups)
     dimension = groups[0].dimension
-    once, each = 0.005 + SUBDOMAIN_SECONDS * subdomains, ROW_SECONDS * rows
+    setup, application = 0.005 + SUBDOMAIN_SECONDS * subdomains, ROW_SECONDS * rows
     for g in groups:
         kind = g.kind
-        once += CLASS_SECONDS + (ASSEMBLY_SECONDS[g.dimension] + 1e-5) * g.unknowns
-        once += UNKNOWN_SECONDS * g.unknowns * g.members
-        once += factor_seconds(g.unknowns, g.order, g.dimension)
-        once += build_seconds(kind, g.unknowns, g.interface, g.order, g.dimension)
+        setup += CLASS_SECONDS + (ASSEMBLY_SECONDS[g.dimension] + 1e-5) * g.unknowns
+        setup += UNKNOWN_SECONDS * g.unknowns * g.members
+        setup += factor_seconds(g.unknowns, g.order, g.dimension)
+        setup += build_seconds(kind, g.unknowns, g.interface, g.order, g.dimension)
         apply = apply_seconds(kind, g.unknowns, g.interface, g.order, g.dimension)
-        each += g.members * apply
+        application += g.members * apply
         if glued:
             relaxed = kind is not BlockKind.NONE
-            each += g.members * (SINGLE * apply if relaxed else SPARSE_SECONDS * g.interface)
-        each += CALL_SECONDS
-        once += 2.0 * g.members * solve_seconds(g.unknowns, g.order, g.dimension)
+            application += g.members * (SINGLE * apply if relaxed else SPARSE_SECONDS * g.interface)
+        application += CALL_SECONDS
+        setup += 2.0 * g.members * solve_seconds(g.unknowns, g.order, g.dimension)
     if glued:
-        once += COARSE_ROW_SECONDS * rows
-        once += SETS * (SET_SECONDS[dimension] + coarse_factor_seconds(subdomains, dimension))
-        each += 2.0 * coarse_seconds(subdomains)
-    return once + applications * each
+        setup += COARSE_ROW_SECONDS * rows
+        setup += SETS * (SET_SECONDS[dimension] + coarse_factor_seconds(subdomains, dimension))
+        application += 2.0 * coarse_seconds(subdomains)
+    return setup + applications * application
 
 
 def factor_seconds(unknowns: float, order: int, dimension: int = 3) -> float:

@@ -103,8 +103,8 @@ class Symmetry:
         kind = np.stack([bits @ fixed, bits @ (self.signs[:, first] > 0)], axis=1)
         families = []
         for known in np.unique(kind, axis=0):
-            mine = first[(kind == known).all(axis=1)]
-            families.append(self._family(mine))
+            firsts = first[(kind == known).all(axis=1)]
+            families.append(self._family(firsts))
         families.sort(key=lambda family: len(family.unknowns))
         return Split(tuple(families), self.order)
 

@@ -111,7 +111,7 @@ def test_a_factor_takes_the_place_of_one_that_is_no_longer_in_use(problem: DualP
 
     def residual(of: CoarseProblem) -> float:
         multiplier, back = np.empty(of.size), np.empty(of.kernels)
-        of.carry(rhs, multiplier)
+        of.least_multiplier(rhs, multiplier)
         of.restrict(multiplier, back)
         return float(np.abs(back - rhs).max())
 
