@@ -46,8 +46,8 @@ def bisected(mesh: CellMesh, marked: Ints) -> CellMesh:
         raise ValueError("only first-order triangles and tetrahedra are bisected")
     edges, of_cells = _edges(mesh.cells)
     lengths = np.linalg.norm(np.diff(mesh.points[edges], axis=1)[:, 0], axis=1)
-    alike = np.round(np.log(lengths) / ALIKE)
-    order = np.lexsort((np.arange(len(edges)), -alike))
+    size_classes = np.round(np.log(lengths) / ALIKE)
+    order = np.lexsort((np.arange(len(edges)), -size_classes))
     rank = np.empty(len(edges), np.int64)
     rank[order] = np.arange(len(edges))
 

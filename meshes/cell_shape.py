@@ -73,8 +73,8 @@ def warped(points: NDArray[np.float64], cells: NDArray[np.int64]) -> NDArray[np.
     edges = (ends[:, :, 1] - ends[:, :, 0])[:, along] * sign[:, :, None]
     mean = edges.mean(axis=2)
     length = np.linalg.norm(mean, axis=2)
-    apart = np.linalg.norm(edges - mean[:, :, None], axis=3).max(axis=2)
-    room = np.linalg.det(mean) - (length + apart).prod(axis=1) + length.prod(axis=1)
+    spread = np.linalg.norm(edges - mean[:, :, None], axis=3).max(axis=2)
+    room = np.linalg.det(mean) - (length + spread).prod(axis=1) + length.prod(axis=1)
     return np.asarray(room <= FOLDED * length.prod(axis=1))
 
 

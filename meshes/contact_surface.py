@@ -143,10 +143,10 @@ def _around(points: NDArray[np.float64]) -> NDArray[np.int64]:
 
 def _middles(vertices: NDArray[np.float64], points: NDArray[np.float64]) -> NDArray[np.int64]:
     """Numbers of the further nodes (n, m, 3) in the middle of each edge, and of the facet."""
-    wanted = 0.5 * (vertices + np.roll(vertices, -1, axis=1))
-    wanted = np.concatenate([wanted, vertices.mean(axis=1, keepdims=True)], axis=1)
-    wanted = wanted[:, [0] if vertices.shape[1] == 2 else range(points.shape[1])]
-    return np.linalg.norm(wanted[:, :, None] - points[:, None], axis=3).argmin(axis=2)
+    targets = 0.5 * (vertices + np.roll(vertices, -1, axis=1))
+    targets = np.concatenate([targets, vertices.mean(axis=1, keepdims=True)], axis=1)
+    targets = targets[:, [0] if vertices.shape[1] == 2 else range(points.shape[1])]
+    return np.linalg.norm(targets[:, :, None] - points[:, None], axis=3).argmin(axis=2)
 
 
 def _normals(vertices: NDArray[np.float64]) -> NDArray[np.float64]:

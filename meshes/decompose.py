@@ -85,14 +85,14 @@ def decompose(
     first_cell = np.cumsum([0, *(shape.total_cells for shape in shapes)], dtype=np.int64)
     plans = _plans(shapes, subdomains, comm, choose)
     counts = [p if isinstance(p, int) else math.prod(p) for p in plans]
-    mine: dict[int, Piece] = {}
+    pieces: dict[int, Piece] = {}
     graph = any(isinstance(plan, int) for plan in plans)
     if graph:
-        counts, mine = _cut(shapes, plans, counts, comm)
+        counts, pieces = _cut(shapes, plans, counts, comm)
     starts = np.cumsum([0, *counts])
     begin, end = _share(int(starts[-1]), comm)
     if graph and comm.size > 1:
-        begin, end, mine = _evened(shapes, counts, mine, comm)
+        begin, end, pieces = _evened(shapes, counts, pieces, comm)
     references: dict[Any, Any] = {}
     local: list[Subdomain] = []
     for body, (shape, plan) in enumerate(zip(shapes, plans, strict=True)):
@@ -102,7 +102,7 @@ def decompose(
             assert isinstance(shape, BoxShape)
             local += split_regularly(shape, plan, body, start, node, numbers, references)
         else:
-            local += [place_piece(mine[n], body, n, node, references) for n in numbers]
+            local += [place_piece(pieces[n], body, n, node, references) for n in numbers]
     sizes = [len(s.reference.cells) for s in local]
     before = comm.exscan(sum(sizes)) or 0
     return Partition(
@@ -137,8 +137,8 @@ def _plans(
     plans: list[int | tuple[int, ...]] = []
     if isinstance(subdomains, int):
         weights = np.array([shape.total_cells for shape in shapes], dtype=float)
-        wanted = np.maximum(1, np.rint(subdomains * weights / weights.sum()))
-        plans = [int(n) for n in wanted]
+        shares = np.maximum(1, np.rint(subdomains * weights / weights.sum()))
+        plans = [int(n) for n in shares]
     else:
         needed = -(-comm.size // len(shapes))
         for shape in shapes:
@@ -188,12 +188,12 @@ def _cut(
             by_first = parts_along_graph(cells, counts[b]) if comm.rank == 0 else None
             label[b] = comm.bcast(by_first)
 
-    def rows(b: int, wanted: range) -> Rows:
+    def rows(b: int, part_range: range) -> Rows:
         if b in label:
-            return rows_of(label[b], wanted)
-        return bisected(centres[b], counts[b], wanted)
+            return rows_of(label[b], part_range)
+        return bisected(centres[b], counts[b], part_range)
 
-    own = {b: rows(b, wanted) for b, wanted in _wanted(counts, comm).items() if b in bodies}
+    own = {b: rows(b, part_range) for b, part_range in _wanted(counts, comm).items() if b in bodies}
     hanging = {b: through_facets(bodies[b], parts) for b, parts in own.items()}
     broken = np.array([len(hanging[b][1]) - len(parts) for b, parts in own.items()])
     broken = comm.allreduce(broken)
@@ -205,7 +205,9 @@ def _cut(
             part = np.concatenate(comm.allgather(part))
             label[b] = without_crumbs(bodies[b], piece, part, counts[b])
             counts[b] = int(label[b].max()) + 1
-        own = {b: rows(b, wanted) for b, wanted in _wanted(counts, comm).items() if b in bodies}
+        own = {
+            b: rows(b, part_range) for b, part_range in _wanted(counts, comm).items() if b in bodies
+        }
     centres.clear()
     starts = np.cumsum([0, *counts])
     return counts, {
@@ -216,7 +218,7 @@ def _cut(
 
 
 def _evened(
-    shapes: Sequence[Shape], counts: Sequence[int], mine: dict[int, Piece], comm: MPI.Intracomm
+    shapes: Sequence[Shape], counts: Sequence[int], pieces: dict[int, Piece], comm: MPI.Intracomm
 ) -> tuple[int, int, dict[int, Piece]]:
     """First and end subdomain of this rank, and its pieces, balanced by the work on them.
 
@@ -227,18 +229,18 @@ def _evened(
         for b, (shape, count) in enumerate(zip(shapes, counts, strict=True))
         for _ in range(count)
     ]
-    for known in comm.allgather({n: (piece.kind, len(piece.cells)) for n, piece in mine.items()}):
+    for known in comm.allgather({n: (piece.kind, len(piece.cells)) for n, piece in pieces.items()}):
         for number, kind in known.items():
             kinds[number] = kind
     starts = balanced_runs(kinds, comm.size)
     begin, end = starts[comm.rank], starts[comm.rank + 1]
     away = [
-        {n: piece for n, piece in mine.items() if first <= n < last and not begin <= n < end}
+        {n: piece for n, piece in pieces.items() if first <= n < last and not begin <= n < end}
         for first, last in zip(starts[:-1], starts[1:], strict=True)
     ]
     for came in comm.alltoall(away):
-        mine = mine | came
-    return begin, end, mine
+        pieces = pieces | came
+    return begin, end, pieces
 
 
 def _cells(shape: Shape) -> Cells:

@@ -17,22 +17,22 @@ QUERIES = 200_000
 def facets_along_normals(
     on: Surface,
     against: Surface,
-    mine: NDArray[np.int64],
+    chosen: NDArray[np.int64],
     reach: NDArray[np.float64] | None = None,
 ) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Pairs of facets (`mine` of on, against) near enough for their projections to overlap, sorted.
+    """Pairs of facets (`chosen` of on, against) whose projections may overlap, sorted.
 
     The facets lie along the normal of an `on` facet, on both of its sides, at distances up to
-    `reach` (facets,) of `mine`. Without `reach` this is the distance within which a facet lies
+    `reach` (facets,) of `chosen`. Without `reach` this is the distance within which a facet lies
     that faces the `on` facet within 60°, if any does.
 
     Search trees of the centres of the other side, one for each size of facets, are queried at
     points along the normal. So the work grows with the gap over the size of facets, not with its
     square.
     """
-    if len(mine) == 0:
-        return mine, mine
-    centres, radii, normals = on.centres[mine], on.radii[mine], on.normals[mine]
+    if len(chosen) == 0:
+        return chosen, chosen
+    centres, radii, normals = on.centres[chosen], on.radii[chosen], on.normals[chosen]
     middles, sizes = against.centres, against.radii
     level = np.floor(np.log2(sizes / sizes.min() * (1.0 + 1e-9))).astype(int)
     groups = [np.flatnonzero(level == k) for k in np.unique(level)]
@@ -47,13 +47,13 @@ def facets_along_normals(
         for part in np.array_split(np.arange(len(which)), len(which) // QUERIES + 1):
             hits = tree.query_ball_point(queried[part], radius[part])
             count = np.fromiter(map(len, hits), np.int64, len(hits))
-            there = np.fromiter(chain.from_iterable(hits), np.int64, count.sum())
-            keys.append(np.repeat(which[part], count) * len(middles) + group[there])
+            places = np.fromiter(chain.from_iterable(hits), np.int64, count.sum())
+            keys.append(np.repeat(which[part], count) * len(middles) + group[places])
     i, j = np.divmod(np.unique(np.concatenate(keys)), len(middles))
     across = middles[j] - centres[i]
     across -= np.einsum("ij,ij->i", across, normals[i])[:, None] * normals[i]
     near = np.linalg.norm(across, axis=1) <= (radii[i] + sizes[j]) * (1.0 + 1e-9)
-    return mine[i[near]], j[near]
+    return chosen[i[near]], j[near]
 
 
 def _filled(

@@ -84,7 +84,7 @@ def parts_along_graph(cells: Cells, parts: int) -> NDArray[np.int32]:
     return dolfinx_compat.scotch_parts((joined.indices, joined.indptr), parts)
 
 
-def bisected(centres: NDArray[np.floating], parts: int, wanted: range) -> Rows:
+def bisected(centres: NDArray[np.floating], parts: int, part_range: range) -> Rows:
     """Parts by recursive bisection with planes across the longest extent.
 
     Of points in a cutting plane, those with lower numbers are below it. So the parts do not depend
@@ -95,7 +95,7 @@ def bisected(centres: NDArray[np.floating], parts: int, wanted: range) -> Rows:
     centres : (dimension, cells)
     parts
         Number of parts, of nearly equal size.
-    wanted
+    part_range
         Requested parts; other parts are not cut further.
     """
     found: Rows = {}
@@ -108,7 +108,7 @@ def bisected(centres: NDArray[np.floating], parts: int, wanted: range) -> Rows:
         half = count // 2
         below = _lowest(places[_longest(places)], len(rows) * half // count)
         for side, start, share in ((below, first, half), (~below, first + half, count - half)):
-            if start < wanted.stop and wanted.start < start + share:
+            if start < part_range.stop and part_range.start < start + share:
                 inside = np.flatnonzero(side)
                 left.append((rows[inside], [x[inside] for x in places], share, start))
     return found
@@ -137,15 +137,17 @@ def _lowest(x: NDArray[np.floating], count: int) -> NDArray[np.bool_]:
     return lowest
 
 
-def rows_of(label: NDArray[np.int32], wanted: range) -> Rows:
+def rows_of(label: NDArray[np.int32], part_range: range) -> Rows:
     """Cells of the wanted parts by the part of each cell."""
-    inside = np.flatnonzero((label >= wanted.start) & (label < wanted.stop))
+    inside = np.flatnonzero((label >= part_range.start) & (label < part_range.stop))
     ones, ends = np.ones(len(inside), np.int8), np.arange(len(inside) + 1)
-    part = sparse.csr_matrix((ones, label[inside] - wanted.start, ends), (len(inside), len(wanted)))
+    part = sparse.csr_matrix(
+        (ones, label[inside] - part_range.start, ends), (len(inside), len(part_range))
+    )
     by_part = part.tocsc()  # sorts by counting
     return {
         part: inside[by_part.indices[a:b]]
-        for part, a, b in zip(wanted, by_part.indptr[:-1], by_part.indptr[1:], strict=True)
+        for part, a, b in zip(part_range, by_part.indptr[:-1], by_part.indptr[1:], strict=True)
     }
 
 

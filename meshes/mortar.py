@@ -200,13 +200,13 @@ def _rows(on: Surface, against: Surface, found: Overlaps) -> MeanGaps:
     touched = np.unique(found.i)
     normals = on.normals[:, :d]
     here = _scatter(corners[touched], local[touched], own[touched], normals[touched], count, count)
-    there = _scatter(
+    other_side = _scatter(
         corners[found.i], other_local[found.j], -shared, normals[found.i], count, len(others)
     )
-    matrix = sparse.hstack([here, there], format="csr")
+    matrix = sparse.hstack([here, other_side], format="csr")
 
     share = np.bincount(corners.ravel(), np.repeat(sizes / v, v), minlength=count)
-    given = give(corners, weight, total, total < WEAK * share)
+    given = distribute(corners, weight, total, total < WEAK * share)
     total, gaps, matrix = given @ total, given @ gaps, (given @ matrix).tocsr()
     strong = np.flatnonzero(given.diagonal() > 0.0)
 
@@ -222,11 +222,11 @@ def _rows(on: Surface, against: Surface, found: Overlaps) -> MeanGaps:
     at, component = entries.col // d, entries.col % d
     all_nodes, all_points = np.concatenate([nodes, others]), np.concatenate([place, other_place])
     mean, turned = np.zeros((len(strong), d)), np.zeros((len(strong), 3))
-    mine = at < count
-    np.add.at(mean, (entries.row[mine], component[mine]), entries.data[mine])
-    force = -entries.data[mine, None] * np.eye(3)[component[mine]]
-    arm = place[at[mine]] - place[strong[entries.row[mine]]]
-    np.add.at(turned, entries.row[mine], np.cross(arm, force))
+    on_first = at < count
+    np.add.at(mean, (entries.row[on_first], component[on_first]), entries.data[on_first])
+    force = -entries.data[on_first, None] * np.eye(3)[component[on_first]]
+    arm = place[at[on_first]] - place[strong[entries.row[on_first]]]
+    np.add.at(turned, entries.row[on_first], np.cross(arm, force))
     return MeanGaps(
         nodes=nodes[strong],
         points=place[strong],
@@ -261,7 +261,7 @@ def _scatter(
     return sparse.csr_matrix((values.ravel(), (row.ravel(), column.ravel())), shape=shape)
 
 
-def give(
+def distribute(
     local: NDArray[np.int64],
     weight: NDArray[np.float64],
     total: NDArray,

@@ -45,13 +45,13 @@ def locate_in(
 ) -> Located:
     """Find points in given cells (points,)."""
     order = 2 if reference.curved else 1
-    nodes, wanted = reference.cells[cells], points[:, :dimension]
+    nodes, targets = reference.cells[cells], points[:, :dimension]
     simplex = VERTICES[reference.cell] == dimension + 1
     corners = reference.points[nodes[:, : len(vtk_order(reference.cell, order))], :dimension]
-    place = vtk_places(reference.cell, order, corners, wanted)
+    place = vtk_places(reference.cell, order, corners, targets)
     place = np.clip(place, 0.0, 1.0)
     if simplex:
         place /= np.maximum(place.sum(axis=1, keepdims=True), 1.0)
     at = np.einsum("pn,pni->pi", vtk_shapes(reference.cell, order, place)[0], corners)
     shares = vtk_shapes(reference.cell, reference.degree, place)[0]
-    return Located(nodes, shares, np.linalg.norm(wanted - at, axis=1))
+    return Located(nodes, shares, np.linalg.norm(targets - at, axis=1))

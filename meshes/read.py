@@ -124,12 +124,14 @@ def read_file(path: Path, dimension: int) -> FileContent:
             raise MeshError(f"has a {block.type} that names a node the file does not define")
     kind = _kind(mesh, dimension)
     names = (kind.first, *kind.second)
-    mine = [i for i, block in enumerate(mesh.cells) if block.type in names]
-    cells = np.concatenate([_corners(mesh.cells[i], kind.corners) for i in mine])
+    own_blocks = [i for i, block in enumerate(mesh.cells) if block.type in names]
+    cells = np.concatenate([_corners(mesh.cells[i], kind.corners) for i in own_blocks])
     notes = []
     facet_types = {n for n, c in FACET_CORNERS.items() if c == len(FACETS[kind.name][0])}
     facets = [i for i, block in enumerate(mesh.cells) if block.type in facet_types]
-    starts = dict(zip(mine, np.cumsum([0, *(len(mesh.cells[i]) for i in mine)]), strict=False))
+    starts = dict(
+        zip(own_blocks, np.cumsum([0, *(len(mesh.cells[i]) for i in own_blocks)]), strict=False)
+    )
 
     cell_groups: dict[str, list[NDArray[np.int64]]] = {}
     facet_groups: dict[str, list[NDArray[np.int64]]] = {}
@@ -154,7 +156,7 @@ def read_file(path: Path, dimension: int) -> FileContent:
             str(name): np.unique(np.asarray(nodes, dtype=np.int64))
             for name, nodes in (mesh.point_sets or {}).items()
         },
-        nodes=tuple(np.asarray(mesh.cells[i].data, dtype=np.int64) for i in mine),
+        nodes=tuple(np.asarray(mesh.cells[i].data, dtype=np.int64) for i in own_blocks),
         notes=tuple(notes),
     )
 

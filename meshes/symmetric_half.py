@@ -88,7 +88,7 @@ def box_images(box: BoxShape, other: BoxShape, axis: int) -> tuple[HalfSurface, 
     place, facets, side_of = _box_surface(box, box.cells)
     image = place.copy()
     image[:, axis] = box.degree * box.cells[axis] - place[:, axis]
-    beside = np.zeros(len(place), bool)
+    is_beside = np.zeros(len(place), bool)
     none = np.zeros(len(facets), bool)
     points, images = _places(box, place), _places(other, image)
     own, others = {}, {}
@@ -96,8 +96,8 @@ def box_images(box: BoxShape, other: BoxShape, axis: int) -> tuple[HalfSurface, 
         own[name] = (side_of == number, none)
         others[name] = (none, side_of == (number ^ 1 if across == axis else number))
     return (
-        HalfSurface(points, images, beside, facets, own, (True, False)),
-        HalfSurface(points, images, beside, facets, others, (False, True)),
+        HalfSurface(points, images, is_beside, facets, own, (True, False)),
+        HalfSurface(points, images, is_beside, facets, others, (False, True)),
     )
 
 
@@ -207,18 +207,18 @@ def mesh_images(
     _refuse_unlike(shape, image, place, kinds[0][mesh.tags], kinds[1][other.tags])
     facets = shape.topology.facets
     points, images, _, local, rows_there = _facet_images(shape, image, facets, place)
-    beside, none = np.zeros(len(points), bool), np.zeros(len(facets), bool)
+    is_beside, none = np.zeros(len(points), bool), np.zeros(len(facets), bool)
 
-    def members(rows: NDArray[np.int32], there: NDArray[np.int64] | slice) -> Bools:
+    def members(rows: NDArray[np.int32], other_facets: NDArray[np.int64] | slice) -> Bools:
         member = np.zeros(len(facets), bool)
         member[rows] = True
-        return np.asarray(member[there])
+        return np.asarray(member[other_facets])
 
     own = {name: (members(rows, slice(None)), none) for name, rows in mesh.sides.items()}
     others = {name: (none, members(rows, rows_there)) for name, rows in other.sides.items()}
     return (
-        HalfSurface(points, images, beside, local, own, (True, False)),
-        HalfSurface(points, images, beside, local, others, (False, True)),
+        HalfSurface(points, images, is_beside, local, own, (True, False)),
+        HalfSurface(points, images, is_beside, local, others, (False, True)),
     )
 
 
@@ -274,8 +274,8 @@ def _facet_images(
     Coordinates of both (nodes, 3), the nodes, the facets by rows of these nodes, and the rows of
     the images among the facets of the other mesh.
     """
-    there = np.sort(other.topology.facets, axis=1)
-    image = row_places(there, np.sort(place[facets], axis=1))
+    other_facets = np.sort(other.topology.facets, axis=1)
+    image = row_places(other_facets, np.sort(place[facets], axis=1))
     used, local = np.unique(facets, return_inverse=True)
     padding = ((0, 0), (0, 3 - mesh.dimension))
     points = np.pad(mesh.points[used], padding)

@@ -33,7 +33,7 @@ from scipy import sparse
 from meshes.contact_surface import Surface, frames
 from meshes.facet_overlaps import Overlaps
 from meshes.facing import overlaps
-from meshes.mortar import NEGLIGIBLE, WEAK, MeanGaps, Multipliers, give
+from meshes.mortar import NEGLIGIBLE, WEAK, MeanGaps, Multipliers, distribute
 
 
 @dataclass(frozen=True, eq=False)
@@ -108,12 +108,12 @@ def mean_jumps(
     """
     found = overlaps(on, against, tilted=True, comm=comm)
     made = _Ties.of(on, against, found)
-    here, there = decided.of(made.nodes), decided.of(made.others)
+    here, other_places = decided.of(made.nodes), decided.of(made.others)
     outer = abs(made.jump[:, len(made.nodes) :])
     tied_before = np.isin(made.nodes, decided.tied_before)
     distance = np.abs(found.distance)
     worst = int(np.argmax(distance))
-    held = here & (outer @ there > 0.0)
+    held = here & (outer @ other_places > 0.0)
     yielding = tied_before[:, None] | held if gives else np.zeros_like(held)
     rows = tuple(made.component(i, yielding[:, i]) for i in range(on.dimension))
     size = float(on.radii[found.i[worst]])
@@ -154,17 +154,20 @@ class _Ties:
         d, v = on.dimension, on.vertices.shape[1]
         psi = Multipliers.of(on, found)
         nodes, local = np.unique(on.nodes, return_inverse=True)
-        others, there = np.unique(against.nodes, return_inverse=True)
-        local, there = local.reshape(on.nodes.shape), there.reshape(against.nodes.shape)
+        others, other_places = np.unique(against.nodes, return_inverse=True)
+        local, other_places = (
+            local.reshape(on.nodes.shape),
+            other_places.reshape(against.nodes.shape),
+        )
         count, corners = len(nodes), local[:, :v]
         functions, touched = psi.functions[found.i], np.unique(found.i)
         shared = functions @ found.shared
         places = np.zeros((count + len(others), 3))
         places[local.ravel()] = on.points.reshape(-1, 3)
-        places[count + there.ravel()] = against.points.reshape(-1, 3)
+        places[count + other_places.ravel()] = against.points.reshape(-1, 3)
         here = _scattered(corners[touched], local[touched], psi.own[touched], (count, count))
         shape = (count, len(others))
-        jump = [here, _scattered(corners[found.i], there[found.j], -shared, shape)]
+        jump = [here, _scattered(corners[found.i], other_places[found.j], -shared, shape)]
         tilt = sparse.csr_matrix((count, count * d * d))
         if found.tilt.any():
             turned = np.einsum("pjk,pkal->pjal", functions, found.tilt)
@@ -187,15 +190,15 @@ class _Ties:
         total = np.bincount(self.corners.ravel(), weight.ravel(), minlength=count)
         share = np.repeat(self.psi.sizes / v, v)
         share = np.bincount(self.corners.ravel(), share, minlength=count)
-        given = give(self.corners, weight, total, yielding | (total < WEAK * share))
+        given = distribute(self.corners, weight, total, yielding | (total < WEAK * share))
         total = given @ total
         strong = np.flatnonzero(given.diagonal() > 0.0)
         scale = sparse.diags(1.0 / total[strong]) @ given[strong]
         jump, tilt = ((scale @ m).tocoo() for m in (self.jump, self.tilt))
-        mine = tilt.col % d == i  # of the result
-        row = np.concatenate([jump.row, tilt.row[mine]])
-        column = np.concatenate([jump.col * d + i, tilt.col[mine] // d])
-        value = np.concatenate([jump.data, -tilt.data[mine]])
+        of_component = tilt.col % d == i  # of the result
+        row = np.concatenate([jump.row, tilt.row[of_component]])
+        column = np.concatenate([jump.col * d + i, tilt.col[of_component] // d])
+        value = np.concatenate([jump.data, -tilt.data[of_component]])
         summed = sparse.csr_matrix(
             (value, (row, column)), shape=(len(strong), len(self.places) * d)
         )

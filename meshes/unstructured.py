@@ -55,14 +55,14 @@ EVEN = 3.0
 """Largest ratio of large to small cells (95th and 5th percentile of lengths) of even meshes."""
 
 
-def matching_rows(table: NDArray[np.int64], wanted: NDArray[np.int64]) -> NDArray[np.int64]:
-    """Row of `table` that equals each row of `wanted`; each must exist, rows are sorted."""
-    return row_places(table, wanted)
+def matching_rows(table: NDArray[np.int64], sought: NDArray[np.int64]) -> NDArray[np.int64]:
+    """Row of `table` that equals each row of `sought`; each must exist, rows are sorted."""
+    return row_places(table, sought)
 
 
-def row_places(table: NDArray[np.int64], wanted: NDArray[np.int64]) -> NDArray[np.int64]:
-    """Row of `table` that equals each row of `wanted`, -1 if no row does; rows are sorted."""
-    keys = _row_keys(np.concatenate([table, wanted]))
+def row_places(table: NDArray[np.int64], sought: NDArray[np.int64]) -> NDArray[np.int64]:
+    """Row of `table` that equals each row of `sought`, -1 if no row does; rows are sorted."""
+    keys = _row_keys(np.concatenate([table, sought]))
     own, requested = keys[: len(table)], keys[len(table) :]
     order = np.argsort(own)
     at = order[np.minimum(np.searchsorted(own, requested, sorter=order), len(own) - 1)]
