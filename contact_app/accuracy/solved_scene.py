@@ -13,6 +13,7 @@ from contact_app.accuracy.estimate.error_estimate import ErrorEstimator
 from contact_app.machine.timings import Timings
 from contact_app.model.model import Model
 from contact_app.results.fields import CellFields, NodeFields, slabs
+from contact_app.results.output import Fields
 from solver.contact.solution import Accuracy, Solution
 from solver.qp.result import Reason
 
@@ -38,6 +39,11 @@ class SolvedScene:
     communication: dict[str, float] | None = None
     summary: dict[str, Any] = field(default_factory=dict)
     guaranteed: Guarantee | None = None
+
+    @property
+    def fields(self) -> Fields:
+        """The fields that files of results hold."""
+        return Fields(self.nodes, self.cells, self.nodal)
 
     @property
     def certified(self) -> bool:

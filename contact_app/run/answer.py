@@ -16,13 +16,14 @@ from contact_app.accuracy.refine.levels import with_levels
 from contact_app.accuracy.refine.refinement import solve_to_accuracy
 from contact_app.accuracy.solved_scene import SolvedScene
 from contact_app.errors import ConfigurationError
+from contact_app.machine.ranks import on_first
 from contact_app.model.outline import Outline
-from contact_app.results.mirror import Image, full_mesh
-from contact_app.results.output import Fields, write_fields
+from contact_app.results.fields import NODAL_FIELDS
+from contact_app.results.mirror import full_mesh
+from contact_app.results.output import write_fields
 from contact_app.results.report import write_summary
 from contact_app.results.series import Series
 from contact_app.run.cases import Overview, solved_cases
-from contact_app.run.communication import on_first
 from contact_app.run.increments import solved_increments
 from contact_app.run.solve import solve_scene
 from contact_app.run.step_records import record_of, summary_of_steps, write_table
@@ -100,8 +101,7 @@ class Answer:
         """Write the files of fields in `output`, and `summary.json` (collective)."""
         directory, model = Path(directory), self.solved.model
         on_first(model.comm, lambda: directory.mkdir(parents=True, exist_ok=True))
-        fields = Fields(self.solved.nodes, self.solved.cells, self.solved.nodal)
-        write_fields(model, fields, directory)
+        write_fields(model, self.solved.fields, directory)
         on_first(model.comm, lambda: write_summary(directory / "summary.json", self.summary))
 
 
@@ -170,8 +170,7 @@ class StepAnswers:
         for answer, record in zip(self.increments, self.summary["steps"], strict=True):
             solved = answer.solved
             series.begin(record["time"])
-            fields = Fields(solved.nodes, solved.cells, solved.nodal)
-            write_fields(solved.model, fields, directory, series)
+            write_fields(solved.model, solved.fields, directory, series)
         on_first(comm, lambda: write_table(directory / "increments.csv", self.summary["steps"]))
         on_first(comm, lambda: write_summary(directory / "summary.json", self.summary))
 
@@ -252,36 +251,26 @@ def _refuse(scene: Scene, known: Outline) -> None:
 
 def _answer(solved: SolvedScene, summary: dict[str, Any]) -> Answer:
     """The answer with the arrays of all mirror images."""
-    nodes, cells = solved.nodes, solved.cells
-    points, displacement, pressure, smoothed, gap, stress = [], [], [], [], [], []
+    nodes, cells, nodal = solved.nodes, solved.cells, solved.nodal
     images, rough = full_mesh(solved.model, nodes).images, solved.model.scene.has_friction
-    for image in images:
-        points.append(image.points(nodes.points)[image.new])
-        displacement.append(image.field("displacement", nodes.displacement)[image.new])
-        pressure.append(nodes.contact_pressure[image.new])
-        smoothed.append(nodes.smoothed_contact_pressure[image.new])
-        gap.append(nodes.gap[image.new])
-        stress.append(image.field("stress", cells.stress))
+
+    def at_nodes(values: Array, name: str = "") -> Array:
+        """Values at the nodes of all images; a vector or stress is reflected, given its name."""
+        parts = [image.field(name, values) if name else values for image in images]
+        return np.concatenate([v[image.new] for v, image in zip(parts, images, strict=True)])
+
     return Answer(
         summary=summary,
-        points=np.concatenate(points),
-        displacement=np.concatenate(displacement),
-        contact_pressure=np.concatenate(pressure),
-        smoothed_contact_pressure=np.concatenate(smoothed),
-        gap=np.concatenate(gap),
+        points=np.concatenate([image.points(nodes.points)[image.new] for image in images]),
+        displacement=at_nodes(nodes.displacement, "displacement"),
+        contact_pressure=at_nodes(nodes.contact_pressure),
+        smoothed_contact_pressure=at_nodes(nodes.smoothed_contact_pressure),
+        gap=at_nodes(nodes.gap),
         friction_traction=nodes.friction_traction if rough else None,  # halves have no friction
         slip=nodes.slip if rough else None,
         contact_status=nodes.contact_status if rough else None,
-        stress=np.concatenate(stress),
+        stress=np.concatenate([image.field("stress", cells.stress) for image in images]),
         von_mises=np.tile(cells.von_mises, len(images)),
-        nodal_stress=_nodal("nodal_stress", solved, images),
-        nodal_von_mises=_nodal("nodal_von_mises", solved, images),
+        **{name: at_nodes(nodal[name], name) if name in nodal else None for name in NODAL_FIELDS},
         solved=solved,
     )
-
-
-def _nodal(name: str, solved: SolvedScene, images: Sequence[Image]) -> Array | None:
-    """A recovered field at the nodes of all mirror images."""
-    if name not in solved.nodal:
-        return None
-    return np.concatenate([image.field(name, solved.nodal[name])[image.new] for image in images])

@@ -9,8 +9,8 @@ from pathlib import Path
 
 from mpi4py import MPI
 
+from contact_app.machine.ranks import on_first
 from contact_app.results.report import run_log
-from contact_app.run.communication import on_first
 from contact_app.run.files import log_caches, without_parts
 from contact_app.run.progress import Interruption, Progress
 from contact_app.run.result_directory import clear

@@ -18,6 +18,7 @@ from contact_app.accuracy.solved_scene import SolvedScene
 from contact_app.errors import ConfigurationError
 from contact_app.machine.environment import environment
 from contact_app.machine.exits import Exit
+from contact_app.machine.ranks import on_first
 from contact_app.model.method import chosen
 from contact_app.model.outline import Report
 from contact_app.results.envelope import Envelope
@@ -26,7 +27,6 @@ from contact_app.results.repeated_sentences import without_repetitions
 from contact_app.results.report import log, print_cases, write_summary
 from contact_app.run.attended import Attended, attended
 from contact_app.run.case_models import CaseModels
-from contact_app.run.communication import on_first
 from contact_app.run.files import (
     log_model_that_fits,
     part_that_is_solved,

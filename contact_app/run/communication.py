@@ -7,29 +7,13 @@ factor are not counted.
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from typing import Any
 
 import numpy as np
 from mpi4py import MPI
 from petsc4py import PETSc
 
-from contact_app.errors import ContactError
 from solver import Counts
-
-
-def on_first(comm: MPI.Intracomm, action: Callable[[], object]) -> None:
-    """Run an action on rank 0 alone; its errors are raised on all ranks (collective)."""
-    fault: Exception | None = None
-    if comm.rank == 0:
-        try:
-            action()
-        except (OSError, ContactError) as error:
-            fault = error
-    first_fault = comm.bcast(fault)
-    if first_fault is not None:
-        raise fault or first_fault
-
 
 HALO = "VecScatterBegin"
 """PETSc's event in which a halo exchange is posted."""

@@ -11,12 +11,12 @@ from contact_app.accuracy.solved_scene import SolvedScene
 from contact_app.machine.caches import usable_caches
 from contact_app.machine.disk import refuse_without_room
 from contact_app.machine.exits import print_message
+from contact_app.machine.ranks import on_first
 from contact_app.model.outline import Outline
-from contact_app.results.output import Fields, write_fields
+from contact_app.results.output import write_fields
 from contact_app.results.repeated_sentences import without_repetitions
 from contact_app.results.report import log, write_summary
 from contact_app.results.result_size import all_bytes, file_names
-from contact_app.run.communication import on_first
 from contact_app.run.model_report import modelled_lines
 from contact_app.run.progress import Progress
 from contact_app.run.result_directory import remove_parts
@@ -60,8 +60,7 @@ def write_run(
     if file_names(solved.model.scene):
         progress.stage("writing")
         with solved.timings.measure("output"):
-            fields = Fields(solved.nodes, solved.cells, solved.nodal)
-            files = [*write_fields(solved.model, fields, directory), *files]
+            files = [*write_fields(solved.model, solved.fields, directory), *files]
     summary = {**solved.summary, "timings": solved.timings.as_dict()}
     if refined is not None:
         from contact_app.accuracy.refine.levels import with_levels

@@ -28,7 +28,7 @@ from contact_app.run.fallback import NoWayLeftError
 from contact_app.run.increment_models import IncrementModels
 from contact_app.run.solve import solve_scene
 from contact_app.run.step_equilibrium import LeavesInStepError
-from contact_app.run.ways import warned
+from contact_app.run.summary import warned
 from contact_app.scene.scene import Scene
 from solver.qp.result import Monitor, Reason
 

@@ -43,8 +43,8 @@ from contact_app.run.placing import (
     placed_anew,
     rotation_warnings,
 )
-from contact_app.run.summary import summary_of
-from contact_app.run.ways import first_certified, warned
+from contact_app.run.summary import summary_of, warned
+from contact_app.run.ways import first_certified
 from contact_app.scene.scene import Scene
 from solver import Counts
 from solver.contact.checkpoint import Checkpoint, CheckpointError

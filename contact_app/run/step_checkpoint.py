@@ -23,8 +23,8 @@ from numpy.typing import NDArray
 
 from contact_app.errors import ConfigurationError
 from contact_app.machine.atomic_file import atomic
+from contact_app.machine.ranks import on_first
 from contact_app.results.report import log, plain
-from contact_app.run.communication import on_first
 from contact_app.run.increments import Position
 from contact_app.run.step_records import Record
 from contact_app.scene.scene import CONDITIONS, Scene

@@ -10,13 +10,13 @@ from typing import Any
 from mpi4py import MPI
 
 from contact_app.machine.exits import Exit
+from contact_app.machine.ranks import on_first
 from contact_app.results.history import History
-from contact_app.results.output import Fields, write_fields
+from contact_app.results.output import write_fields
 from contact_app.results.report import log, print_steps, write_summary
 from contact_app.results.result_size import file_names
 from contact_app.results.series import Series
 from contact_app.run.attended import Attended, attended
-from contact_app.run.communication import on_first
 from contact_app.run.files import log_model_that_fits, part_that_is_solved, printed
 from contact_app.run.increment_models import IncrementModels
 from contact_app.run.increments import Place, Position, SolvedIncrement, solved_increments
@@ -92,11 +92,10 @@ class _Files:
         """Write an increment."""
         solved, directory = increment.solved, self.directory
         self.series.begin(increment.place.time)
-        fields = Fields(solved.nodes, solved.cells, solved.nodal)
         paths: list[Path] = []
         if file_names(solved.model.scene):
             with solved.timings.measure("output"):
-                paths = write_fields(solved.model, fields, directory, self.series)
+                paths = write_fields(solved.model, solved.fields, directory, self.series)
         self.records.append(record_of(increment))
         last = {**solved.summary, "steps": None}
         self.summary = summary_of_steps(last, self.records)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from hashlib import sha1
 from typing import Any
 
@@ -60,6 +61,14 @@ def summary_of(solved: SolvedScene) -> dict[str, Any]:
     if solved.model.scene.mirrors:
         return whole_summary(summary, solved.model, nodes)
     return summary
+
+
+def warned(solved: SolvedScene, texts: list[str]) -> SolvedScene:
+    """The answer with more warnings."""
+    certificate = solved.solution.certificate
+    certificate = replace(certificate, warnings=(*certificate.warnings, *texts))
+    solved = replace(solved, solution=replace(solved.solution, certificate=certificate))
+    return replace(solved, summary=summary_of(solved))
 
 
 def summary_of_solution(model: Model, solution: Solution) -> dict[str, Any]:

@@ -47,7 +47,7 @@ from contact_app.run.fallback import (
     fewest_subdomains,
     is_final,
 )
-from contact_app.run.summary import summary_of
+from contact_app.run.summary import warned
 from contact_app.scene.scene import Scene
 from solver import Counts, Reason
 from solver.contact.options import Method
@@ -206,11 +206,3 @@ def _ends(way: Way, answer: SolvedScene, limit: int) -> bool:
     if impatient and answer.solution.reason is Reason.MAX_ITERATIONS:
         return answer.solution.converged
     return is_final(answer.model, answer.solution, limit)
-
-
-def warned(solved: SolvedScene, texts: list[str]) -> SolvedScene:
-    """The answer with more warnings."""
-    certificate = solved.solution.certificate
-    certificate = replace(certificate, warnings=(*certificate.warnings, *texts))
-    solved = replace(solved, solution=replace(solved.solution, certificate=certificate))
-    return replace(solved, summary=summary_of(solved))

@@ -54,10 +54,7 @@ class BodyMesh(Protocol):
 
     @property
     def congruent(self) -> bool:
-        """Whether `decomposition.
-
-        Auto` cuts the mesh into congruent parts, which share one factor.
-        """
+        """Whether `decomposition: auto` cuts it into congruent parts, which share one factor."""
 
     @property
     def notes(self) -> tuple[str, ...]:

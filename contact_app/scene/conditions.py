@@ -6,6 +6,7 @@ Conditions may have a name, by which load cases give them a factor; `scaled` app
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import Any, ClassVar, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,8 +16,31 @@ from contact_app.scene.obstacles import Obstacle
 
 
 @dataclass(frozen=True)
-class DisplacementCondition:
+class Scaled:
+    """A condition whose values a load case multiplies by a factor."""
+
+    scales: ClassVar[tuple[str, ...]]
+    """Names of the fields that are multiplied."""
+
+    def scaled(self, factor: float) -> Self:
+        """The condition with its values times a factor; free components stay free."""
+        return replace(self, **{key: times(getattr(self, key), factor) for key in self.scales})
+
+
+def times(value: Any, factor: float) -> Any:
+    """A number, a vector of them or an expression times a factor; None stays None."""
+    if isinstance(value, tuple):
+        return tuple(times(part, factor) for part in value)
+    if isinstance(value, FieldExpression):
+        return value.times(factor)
+    return None if value is None else factor * value
+
+
+@dataclass(frozen=True)
+class DisplacementCondition(Scaled):
     """Displacement of a boundary by component, None where free."""
+
+    scales: ClassVar[tuple[str, ...]] = ("values",)
 
     body: int
     boundary: str
@@ -24,15 +48,12 @@ class DisplacementCondition:
     source: str
     name: str | None = None
 
-    def scaled(self, factor: float) -> DisplacementCondition:
-        """The condition with its values times a factor; free components stay free."""
-        values = tuple(None if v is None else factor * v for v in self.values)
-        return replace(self, values=values)
-
 
 @dataclass(frozen=True)
-class Traction:
+class Traction(Scaled):
     """Force per area on a boundary."""
+
+    scales: ClassVar[tuple[str, ...]] = ("vector",)
 
     body: int
     boundary: str
@@ -40,14 +61,12 @@ class Traction:
     source: str
     name: str | None = None
 
-    def scaled(self, factor: float) -> Traction:
-        """The traction times a factor."""
-        return replace(self, vector=tuple(factor * v for v in self.vector))
-
 
 @dataclass(frozen=True)
-class Pressure:
+class Pressure(Scaled):
     """Pressure against the outward normal of a boundary."""
+
+    scales: ClassVar[tuple[str, ...]] = ("value",)
 
     body: int
     boundary: str
@@ -55,13 +74,9 @@ class Pressure:
     source: str
     name: str | None = None
 
-    def scaled(self, factor: float) -> Pressure:
-        """The pressure times a factor."""
-        return replace(self, value=factor * self.value)
-
 
 @dataclass(frozen=True)
-class TotalLoad:
+class TotalLoad(Scaled):
     """Resultant force and moment of the traction on a boundary.
 
     Attributes
@@ -72,6 +87,8 @@ class TotalLoad:
         Point at which both act; the centroid of the boundary if None.
     """
 
+    scales: ClassVar[tuple[str, ...]] = ("force", "moment")
+
     body: int
     boundary: str
     force: tuple[float, ...]
@@ -80,39 +97,29 @@ class TotalLoad:
     source: str
     name: str | None = None
 
-    def scaled(self, factor: float) -> TotalLoad:
-        """The force and moment times a factor."""
-        x, y, z = self.moment
-        force = tuple(factor * v for v in self.force)
-        return replace(self, force=force, moment=(factor * x, factor * y, factor * z))
-
 
 @dataclass(frozen=True)
-class BodyForce:
+class BodyForce(Scaled):
     """Force per volume in a body."""
+
+    scales: ClassVar[tuple[str, ...]] = ("vector",)
 
     body: int
     vector: tuple[float, ...]
     source: str
     name: str | None = None
 
-    def scaled(self, factor: float) -> BodyForce:
-        """The force times a factor."""
-        return replace(self, vector=tuple(factor * v for v in self.vector))
-
 
 @dataclass(frozen=True)
-class Temperature:
+class Temperature(Scaled):
     """Rise of the temperature of a body over its stress-free temperature."""
+
+    scales: ClassVar[tuple[str, ...]] = ("rise",)
 
     body: int
     rise: FieldExpression
     source: str
     name: str | None = None
-
-    def scaled(self, factor: float) -> Temperature:
-        """The rise times a factor."""
-        return replace(self, rise=self.rise.times(factor))
 
 
 @dataclass(frozen=True)

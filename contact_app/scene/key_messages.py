@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import difflib
 import re
 from collections.abc import Sequence
 from typing import Any
 
 from pydantic_core import ErrorDetails
 
-from contact_app.scene.schema.base import SMALLEST, Model, shown
+from contact_app.scene.schema.base import SMALLEST, Model, shown, suggestion
 from contact_app.scene.yaml_reader import Key, key_text
 
 
@@ -75,8 +74,7 @@ def message(
         "string_too_long": f"at most {context.get('max_length')} characters are allowed",
     }.get(kind, details["msg"])
     if kind == "literal_error" and isinstance(value, str):
-        near = difflib.get_close_matches(value, re.findall(r"'([^']+)'", allowed), 1)
-        allowed += f"; did you mean {near[0]}?" if near else ""
+        allowed += suggestion(value, re.findall(r"'([^']+)'", allowed))
     return f"{at} is {text}; {allowed}"
 
 

@@ -55,6 +55,14 @@ class Keys:
             )
         return tuple(values)
 
+    def components(self, values: Sequence[object], path: Place) -> None:
+        """Refuse a displacement with a wrong number of components."""
+        d = self.dimension
+        if len(values) != d:
+            self.fail(
+                path, f"has {len(values)} components; in {d}D it has {d} (null leaves one free)"
+            )
+
     def space(self, values: Sequence[float], path: Place, kind: str) -> Vector:
         """A vector of the scene with three components, zero across a plane."""
         vector = self.vector(values, path, kind)

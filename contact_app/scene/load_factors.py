@@ -9,12 +9,12 @@ cases:                                   steps:
 
 from __future__ import annotations
 
-import difflib
 import re
 from collections.abc import Mapping, Sequence
 
 from contact_app.scene.keys import Keys, Place
 from contact_app.scene.scene import LoadCase, LoadStep
+from contact_app.scene.schema.base import suggestion
 
 LONGEST = 100
 """Largest number of characters in the name of a case."""
@@ -55,8 +55,7 @@ def read_factors(
     """
     for name in given:
         if name not in known:
-            near = difflib.get_close_matches(name, [*known, *others], 1)
-            hint = f"; did you mean {near[0]}?" if near else ""
+            hint = suggestion(name, [*known, *others])
             keys.fail((*path, name), f"names no condition{hint} (known: {', '.join(known)})")
     return tuple(given.items())
 

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import difflib
-
 from contact_app.scene.bodies import Body
 from contact_app.scene.conditions import (
     BodyContact,
@@ -23,6 +21,7 @@ from contact_app.scene.obstacles import SHAPES
 from contact_app.scene.read_rigid import RigidReader, read_moment, read_obstacle
 from contact_app.scene.rigid import RigidBody, RigidLoad, RigidMotion
 from contact_app.scene.schema import conditions as c
+from contact_app.scene.schema.base import suggestion
 
 Condition = (
     DisplacementCondition | Traction | Pressure | BodyForce | TotalLoad | Temperature
@@ -54,8 +53,7 @@ class ConditionReader:
 
     def _refuse_unknown(self, text: str, known: list[str], path: Place) -> None:
         if text not in known:
-            near = difflib.get_close_matches(text, known, 1)
-            hint = f"; did you mean {near[0]}?" if near else ""
+            hint = suggestion(text, known)
             self.keys.fail(path, f"names the body {text!r}{hint} (known: {', '.join(known)})")
 
     def boundary(self, text: str, path: Place, inner: bool = False) -> tuple[int, str]:
@@ -79,8 +77,7 @@ class ConditionReader:
         known = [*own, *self.bodies[body].boundaries]
         if boundary not in known:
             kind = "inner surface" if inner else "boundary"
-            near = difflib.get_close_matches(boundary, known, 1)
-            hint = f"; did you mean {name}.{near[0]}?" if near else ""
+            hint = suggestion(boundary, known, f"{name}.")
             if boundary in other:
                 hint = "; it is on the surface" if inner else "; it lies inside, for sections alone"
             listing = ", ".join(known) or "none that divides the body"
@@ -143,12 +140,7 @@ class ConditionReader:
             vector = self.keys.vector(condition.traction or [], (*path, kind), "a traction")
             return Traction(body, boundary, vector, source)
         values = condition.displacement or []
-        d = self.keys.dimension
-        if len(values) != d:
-            self.keys.fail(
-                (*path, kind),
-                f"has {len(values)} components; in {d}D it has {d} (null leaves one free)",
-            )
+        self.keys.components(values, (*path, kind))
         if all(v is None for v in values):
             self.keys.fail((*path, kind), "leaves every component free; give a number for one")
         return DisplacementCondition(body, boundary, tuple(values), source)

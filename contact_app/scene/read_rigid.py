@@ -115,11 +115,8 @@ class RigidReader:
     def _motion(self, body: int, condition: c.Condition, path: Place) -> RigidMotion:
         keys, d = self.keys, self.keys.dimension
         displacement = condition.displacement
-        if displacement is not None and len(displacement) != d:
-            keys.fail(
-                (*path, "displacement"),
-                f"has {len(displacement)} components; in {d}D it has {d} (null leaves one free)",
-            )
+        if displacement is not None:
+            keys.components(displacement, (*path, "displacement"))
         rotation = condition.rotation
         if rotation is not None and not isinstance(rotation, list):
             rotation = [rotation]

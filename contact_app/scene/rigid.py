@@ -13,11 +13,13 @@ rotations are assumed to be small.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
+from typing import ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
 
+from contact_app.scene.conditions import Scaled
 from contact_app.scene.obstacles import Obstacle, Vector
 
 TURNS = {2: 1, 3: 3}
@@ -44,7 +46,7 @@ class RigidBody:
 
 
 @dataclass(frozen=True)
-class RigidMotion:
+class RigidMotion(Scaled):
     """Prescribed motion of a rigid body by component; None for free components.
 
     Attributes
@@ -55,6 +57,8 @@ class RigidMotion:
     rotation : (1,) in the plane, (3,) in space
         In radians.
     """
+
+    scales: ClassVar[tuple[str, ...]] = ("displacement", "rotation")
 
     body: int
     displacement: tuple[float | None, ...]
@@ -67,18 +71,9 @@ class RigidMotion:
         """Components of the displacement, then of the rotation."""
         return (*self.displacement, *self.rotation)
 
-    def scaled(self, factor: float) -> RigidMotion:
-        """The condition with its values times a factor; free components stay free."""
-        parts = (
-            tuple(None if v is None else factor * v for v in part)
-            for part in (self.displacement, self.rotation)
-        )
-        displacement, rotation = parts
-        return replace(self, displacement=displacement, rotation=rotation)
-
 
 @dataclass(frozen=True)
-class RigidLoad:
+class RigidLoad(Scaled):
     """Force and moment on a rigid body.
 
     Attributes
@@ -89,16 +84,13 @@ class RigidLoad:
         Force and moment at the reference point; three components each, also in the plane.
     """
 
+    scales: ClassVar[tuple[str, ...]] = ("force", "moment")
+
     body: int
     force: Vector
     moment: Vector
     source: str
     name: str | None = None
-
-    def scaled(self, factor: float) -> RigidLoad:
-        """The force and moment times a factor."""
-        force, moment = (_vector(factor * np.array(v)) for v in (self.force, self.moment))
-        return replace(self, force=force, moment=moment)
 
 
 @dataclass(frozen=True)

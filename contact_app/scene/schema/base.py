@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import difflib
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from typing import Annotated, Any
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
@@ -44,6 +44,12 @@ class Model(BaseModel):
     def known_keys(cls) -> list[str]:
         """The keys of this section, as they are typed."""
         return [f.alias or name for name, f in cls.model_fields.items()]
+
+
+def suggestion(text: str, known: Iterable[str], prefix: str = "") -> str:
+    """The end of a message that suggests the name nearest to a text; empty if none is near."""
+    near = difflib.get_close_matches(text, list(known), 1)
+    return f"; did you mean {prefix}{near[0]}?" if near else ""
 
 
 def not_allowed(value: Any, allowed: str) -> PydanticCustomError:
