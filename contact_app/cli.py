@@ -59,7 +59,7 @@ def run(
 
     Exit code 0: converged and certified. 1: solved but not certified or not converged; the results
     so far are written. 2: bad input. 3: the scene has no equilibrium. 4: the program could not run
-    (disk, memory, permissions, an internal error); the message says what to do.
+    (disk, memory, permissions, an internal error); the message has the remedy.
 
     Results of an earlier run in the directory are removed first. Ctrl-C or SIGTERM ends the solve:
     the results reached so far are written, with a checkpoint for --resume.
@@ -79,7 +79,7 @@ def run(
 
 @app.command()
 def check(config: Config, overrides: Overrides = None) -> None:
-    """Validate a scene and say what will be modelled, what is left out, and what it costs."""
+    """Validate a scene and report the model, its omissions, and its cost."""
     from contact_app.scene.build import build_scene
     from contact_app.scene.configuration import load
 

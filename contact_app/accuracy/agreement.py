@@ -58,9 +58,8 @@ scenes with levels that differed by 2.25 none was above 1.1.
 EITHER_WAY = Limits(ratio=2.25, disagree=2.0)
 """Limits if energies may rise.
 
-A disc on 5 by 5 cells, whose estimate was a quarter of its error, had a quotient of 2.6 beside 2 by
-2 cells.
-"""
+A disc on 5 by 5 cells, whose estimate was a quarter of its error, had a quotient of 2.6 against 2
+by 2 cells."""
 
 OTHER_KIND = 1.3
 """Largest quotient of levels of different degree that agree."""

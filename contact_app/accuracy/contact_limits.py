@@ -1,6 +1,6 @@
 """Tests whether contact boundaries are too small, or their facets too coarse, for the answer.
 
-Surface nodes beside a contact boundary may enter an obstacle, because nothing stops them: the
+Surface nodes next to a contact boundary may enter an obstacle, because nothing stops them: the
 boundary is too small. And if the pressure varies by its own size within single facets, it depends
 on the mesh. Over facets T of size h, with p at their nodes,
 
@@ -30,11 +30,12 @@ from meshes.quadratic import FACETS
 from solver.contact.solution import Solution
 
 ENTERED = 1e-2
-"""Depth of nodes beside a contact in an obstacle, over the displacement, that is warned of."""
+"""Depth of nodes next to a contact in an obstacle, over the displacement, that causes a warning."""
 
 BETWEEN = 0.1
-"""Depth of a round obstacle between nodes, over the largest displacement, from which on it is told.
-Under Hertz's ball on facets of size h it is h²/(8a²) of the approach, a the radius of contact."""
+"""Depth of a round obstacle between nodes, over the largest displacement, from which on a warning
+follows. Under Hertz's ball on facets of size h it is h²/(8a²) of the approach, a the radius of
+contact."""
 
 FLAT = 1e-9
 """Thickness of a boundary, over its size, up to which it counts as flat."""
@@ -71,7 +72,7 @@ all kinds of cells, none with three facets or more had a larger one
 
 
 def entered_beside(model: Model, solution: Solution, number: int) -> tuple[int, float]:
-    """Number of surface nodes beside a contact's boundary that enter its obstacle, and their depth.
+    """Number of surface nodes next to a contact's boundary that enter its obstacle; their depth.
 
     They were outside before; nodes that subdomains share are counted once for each. A plane on a
     boundary that an expression picks ends with it: a punch (collective).
@@ -150,10 +151,10 @@ def coarse_contact(model: Model, solution: Solution, nodes: NodeFields) -> float
     An obstacle that enters by δ between the nodes of a contact with force F acts like an obstacle
     moved by δ. This changes the force by about F/n² for n facets across the contact, since the
     obstacle's surface falls by n² δ over it: the error is F δ/n². Where F is smaller than the force
-    k δ that pushes the obstacle out of a facet of size h, it tells little, and k δ² is the error; k
-    = π E/8 in the plane and E h in space. A contact of one or two nodes is a concentrated force,
-    whose displacement depends on the mesh, F²/(2 k) (of the order of Flamant's and Boussinesq's
-    solutions).
+    k δ that pushes the obstacle out of a facet of size h, it determines little, and k δ² is the
+    error; k = π E/8 in the plane and E h in space. A contact of one or two nodes is a concentrated
+    force, whose displacement depends on the mesh, F²/(2 k) (of the order of Flamant's and
+    Boussinesq's solutions).
     """
     scene, problem, count = model.scene, model.problem, len(model.scene.contacts)
     force = np.maximum(solution.multiplier * problem.spread, 0.0)[problem.inequality]
@@ -197,7 +198,8 @@ def slipped_through(
     Parameters
     ----------
     unpressed_depth
-        Depth over the largest displacement from which on an obstacle is told that presses no node.
+        Depth over the largest displacement from which on an obstacle that presses no node causes a
+        warning.
     """
     scene, problem, warnings = model.scene, model.problem, []
     pressed = problem.inequality.copy()
@@ -263,7 +265,7 @@ class PressedFacets:
         """Approximate number of facets along each axis of a contact in space; ∞ without a pressure.
 
         Axes are the principal ones of the pressure's second moments; half the length of the
-        contact along one is √5 times the root of its moment, as of Hertz's ellipsoid. It is told
+        contact along one is √5 times the root of its moment, as of Hertz's ellipsoid. It is
         in units of the mean extent of the loaded facets along the axis (collective).
         """
         return _along_axes(comm, self.corners, self.areas * self.pressure.mean(axis=1))

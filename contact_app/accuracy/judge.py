@@ -1,6 +1,6 @@
 """The error that a run compares with its target: the estimate, corrected by energies of its meshes.
 
-Energies of the meshes of a run tell by how much estimates exceed the error
+Energies of the meshes of a run show by how much estimates exceed the error
 (`contact_app.accuracy.estimate.calibration`: lowered) and by how much they fall short of it
 (`contact_app.accuracy.agreement`: raised or rejected).
 """

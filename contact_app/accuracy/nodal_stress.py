@@ -40,7 +40,7 @@ and 3 % with 0.01 to 0.3; of tetrahedra 49 %, 37 % with 0.01, 15 % with 0.15 and
 
 
 def nodal_stresses(model: Model, solution: Solution, estimator: ErrorEstimator) -> dict[str, Array]:
-    """Fields at the nodes this rank owns that the scene asks for, by name (collective).
+    """Fields at the nodes this rank owns that the scene requests, by name (collective).
 
     Returns
     -------

@@ -53,7 +53,7 @@ def usable_caches() -> tuple[str, ...]:
         os.environ["XDG_CONFIG_HOME"] = str(own)
         messages.append(f"{config_home} cannot be read: options of dolfinx there are not used")
     elif "MPLCONFIGDIR" not in os.environ and not _allowed(config_home / "matplotlib"):
-        # else matplotlib makes a directory for each process and says so on the terminal
+        # else matplotlib makes a directory for each process and logs it on the terminal
         os.environ["MPLCONFIGDIR"] = str(own_directory() / "matplotlib")
     return tuple(messages)
 

@@ -64,7 +64,7 @@ def no_room(path: Path, needed: int, free: int | None = None) -> CouldNotRunErro
 
 
 def is_full(error: OSError) -> bool:
-    """Whether an error says that the disk, a quota or a limit on files is exhausted."""
+    """Whether the cause of an error is an exhausted disk, quota or limit on files."""
     return error.errno in DISK_FULL
 
 

@@ -81,20 +81,6 @@ def slow_blas_warning(name: str | None = None) -> str | None:
     )
 
 
-def dolfinx_version() -> str:
-    """Release of dolfinx."""
-    import dolfinx
-
-    return str(dolfinx.__version__)
-
-
-def petsc_version() -> str:
-    """Release of PETSc itself."""
-    from petsc4py import PETSc
-
-    return ".".join(map(str, PETSc.Sys.getVersion()))
-
-
 def peak_rss_gb(comm: MPI.Comm = MPI.COMM_SELF) -> float:
     """Largest memory that a rank of `comm` has held so far, in GB (collective)."""
     # the kernel's count since this program began; ru_maxrss includes the program that started it
@@ -108,10 +94,13 @@ def peak_rss_gb(comm: MPI.Comm = MPI.COMM_SELF) -> float:
 
 def environment(comm: MPI.Comm = MPI.COMM_WORLD) -> dict[str, str | int | float]:
     """``environment`` of ``summary.json`` (collective)."""
+    import dolfinx
+    from petsc4py import PETSc
+
     return {
         "blas": blas(),
-        "dolfinx": dolfinx_version(),
-        "petsc": petsc_version(),
+        "dolfinx": str(dolfinx.__version__),
+        "petsc": ".".join(map(str, PETSc.Sys.getVersion())),
         "ranks": comm.size,
         "peak_rss_gb": round(peak_rss_gb(comm), 3),
     }

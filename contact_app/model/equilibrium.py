@@ -104,7 +104,10 @@ def body_balances(
             if cones is not None:
                 resisting = np.concatenate([contact_rows, cones.slips])
             sliding = loose_motions(comm, both, resisting, moved)
-        sliding = _with_free(sliding, found.free_motions, np.repeat(group < elastic, MOTIONS[d]))
+        # the motions of elastic bodies in the span of slides and free motions
+        both_motions = np.hstack([sliding, found.free_motions])
+        of_elastic = np.repeat(group < elastic, MOTIONS[d])[:, None]
+        sliding = spanned(np.where(of_elastic, both_motions, 0.0))
         loose = sliding.reshape(len(group), MOTIONS[d], -1)
         allowed = held_motions(comm, both).reshape(len(group), MOTIONS[d], -1)
         for nth, b in enumerate(group):
@@ -143,14 +146,6 @@ def _no_equilibrium(
         + (", not even friction at its limit" if cones is not None else "")
         + (f"; it starts at {share:.3g} times all loads" if share is not None else "")
     )
-
-
-def _with_free(sliding: Array, free: Array, elastic: NDArray[np.bool_]) -> Array:
-    """Orthonormal motions of elastic bodies in the span of slides and free motions.
-
-    All arrays are (motions of the group, k).
-    """
-    return spanned(np.where(elastic[:, None], np.hstack([sliding, free]), 0.0))
 
 
 def loose_bodies(bodies: Sequence[Body], balances: list[BodyBalance]) -> LooseBodies:

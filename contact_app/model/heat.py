@@ -32,14 +32,11 @@ def node_temperatures(scene: Scene, partition: Partition) -> list[Array | None]:
     ConfigurationError
         An expression has no value at a node; raised on the rank of the node.
     """
+    heated = {item.body for item in scene.temperatures}
     return [
-        _temperature(scene, s.body, s.points()) if _heated(scene, s.body) else None
+        _temperature(scene, s.body, s.points()) if s.body in heated else None
         for s in partition.subdomains
     ]
-
-
-def _heated(scene: Scene, body: int) -> bool:
-    return any(item.body == body for item in scene.temperatures)
 
 
 def _temperature(scene: Scene, body: int, points: Array) -> Array:

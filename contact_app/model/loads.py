@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from contact_app.model.assembly import Element
 from contact_app.model.boundaries import boundary_facets, refuse_without_facet
-from contact_app.model.total_loads import LinearTraction, load_of
+from contact_app.model.total_loads import LinearTraction
 from contact_app.scene.bodies import Body
 from contact_app.scene.conditions import Pressure, Traction
 from contact_app.scene.scene import Scene
@@ -83,7 +83,8 @@ def subdomain_load(
         if traction.body == s.body:
             rows = boundary_facets(s, scene.bodies[s.body], traction.boundary)
             if len(rows):
-                parts.append(load_of(element, rows, s.points(), traction))
+                values = traction.at(s.points(), element.dimension)
+                parts.append(element.linear_traction(rows, values))
     for i, force in enumerate(scene.forces):
         if force.body == s.body:
             key = (id(s.reference), "force", i)

@@ -90,7 +90,7 @@ class Outline:
     needed, left_out
         Mask of this rank's candidate rows in `contact`, and the other candidates.
     merged
-        Rows that are redundant beside a candidate row of the same node.
+        Rows that a candidate row of the same node makes redundant.
     elements
         Finite-element forms by the identity of their reference.
     linear

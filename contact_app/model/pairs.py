@@ -2,9 +2,9 @@
 
 Every rank gathers the facets of both sides of a contact, and ranks share the integrals over their
 overlaps. Then each rank has all rows and keeps those of the nodes it owns: a surface is small
-beside the bodies, and the answer does not depend on which rank holds which part of it.
+compared with the bodies, and the answer does not depend on which rank holds which part of it.
 
-Where the scene was cut at planes of symmetry, both sides are those of the whole: facets beside a
+Where the scene was cut at planes of symmetry, both sides are those of the whole: facets next to a
 plane may meet facets beyond it. Nodes of the image about some of the planes have numbers of their
 own there; entries of rows at these nodes are moved to the nodes of which they are images.
 """

@@ -18,7 +18,6 @@ problem.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from functools import cached_property
 
 import numpy as np
 from mpi4py import MPI
@@ -82,12 +81,6 @@ class RigidUnknowns:
     def count(self) -> int:
         """Moving rigid bodies."""
         return len(self.scene.moving)
-
-    @cached_property
-    def slots(self) -> NDArray[np.int64]:
-        """Place of each component, displacement then rotation, among those of both nodes."""
-        d = self.scene.dimension
-        return np.arange(MOTIONS[d])  # the rotation in the plane is the first of its node
 
     @property
     def size(self) -> int:
@@ -248,30 +241,27 @@ def with_motions(rows: ContactRows, unknowns: RigidUnknowns) -> ContactRows:
     scene, d = unknowns.scene, unknowns.scene.dimension
     values = np.zeros((len(rows.nodes), MOTIONS[d]))
     body, gaps = np.zeros(len(rows.nodes), np.int64), rows.gaps.copy()
-    force = np.zeros((len(rows.nodes), 3))
-    force[:, :d] = rows.normals
     for nth, number in enumerate(scene.moving):
         about = [i for i, c in enumerate(scene.contacts) if c.rigid == number]
         chosen = np.isin(rows.sources, about)
+        own = _along(rows.of(chosen), unknowns, number)
         arm = rows.points[chosen] - unknowns.center(nth)
-        turn = np.cross(arm, force[chosen]) + rows.moments[chosen]
-        own = np.concatenate([rows.normals[chosen], turn if d == 3 else turn[:, 2:]], axis=1)
-        own /= unknowns.units
         longest = np.maximum(1.0, np.linalg.norm(arm, axis=1) / unknowns.length)
         own[np.abs(own) < FAINT * longest[:, None]] = 0.0
         own[:, unknowns.held(nth)[0]] = 0.0
         body[chosen], values[chosen] = nth, own
         gaps[chosen] += own @ unknowns.placed(nth)
+    return replace(rows, gaps=gaps, rigid=_entries(unknowns, rows, body, values))
+
+
+def _entries(
+    unknowns: RigidUnknowns, rows: ContactRows, body: NDArray[np.int64], values: Array
+) -> ContactEntries:
+    """Entries of rows for components (rows, components) of one moving body each, (rows,)."""
     row, component = np.nonzero(values)
-    node, inside = np.divmod(unknowns.slots[component], d)
-    entries = ContactEntries(
-        row=row,
-        node=unknowns.first + NODES * body[row] + node,
-        points=rows.points[row],
-        component=inside,
-        value=values[row, component],
-    )
-    return replace(rows, gaps=gaps, rigid=entries)
+    node, inside = np.divmod(component, unknowns.scene.dimension)
+    node += unknowns.first + NODES * body[row]
+    return ContactEntries(row, node, rows.points[row], inside, values[row, component])
 
 
 def with_slips(rows: ContactRows, unknowns: RigidUnknowns, number: int) -> ContactRows:
@@ -280,19 +270,15 @@ def with_slips(rows: ContactRows, unknowns: RigidUnknowns, number: int) -> Conta
     The free components are entries, the held ones gaps: slips are relative to the body, and count
     from where it is drawn.
     """
-    scene, d = unknowns.scene, unknowns.scene.dimension
-    own = _along(rows, unknowns, number)
+    scene, own = unknowns.scene, _along(rows, unknowns, number)
     held, values = scene.held_components(number)
     gaps = rows.gaps - own[:, held] @ (np.asarray(values) * unknowns.units)[held]
     if number not in scene.moving:
         return replace(rows, gaps=gaps)
     own[:, held] = 0.0
     own[np.abs(own) < FAINT] = 0.0
-    row, component = np.nonzero(own)
-    node, inside = np.divmod(unknowns.slots[component], d)
-    first = unknowns.first + NODES * scene.moving.index(number)
-    entries = ContactEntries(row, first + node, rows.points[row], inside, own[row, component])
-    return replace(rows, gaps=gaps, rigid=entries)
+    body = np.full(len(rows.nodes), scene.moving.index(number))
+    return replace(rows, gaps=gaps, rigid=_entries(unknowns, rows, body, own))
 
 
 def slips_of_held(rows: ContactRows, unknowns: RigidUnknowns, before: Scene | None) -> Array:
@@ -341,9 +327,9 @@ def rigid_subdomains(
     for nth in range(unknowns.count):
         held, values = unknowns.held(nth)
         free = np.zeros(size, bool)
-        free[unknowns.slots[~held]] = True
+        free[: len(held)] = ~held
         force, lifting = np.zeros((2, size, 1))
-        force[unknowns.slots, 0], lifting[unknowns.slots, 0] = unknowns.loads(nth), values
+        force[: len(held), 0], lifting[: len(held), 0] = unknowns.loads(nth), values
         start = len(surface.nodes) + NODES * nth
         numbers = unknowns.first + NODES * nth + np.arange(NODES)
         points = np.tile(unknowns.center(nth), (NODES, 1))

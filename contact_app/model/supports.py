@@ -55,7 +55,7 @@ def _of_rigid_bodies(
         held = unknowns.held(nth)[0]
         for motion in balances[len(scene.bodies) + nth].free_motions.T:
             values = np.zeros(unknowns.size)
-            values[unknowns.slots] = np.where(held | (np.abs(motion) < FAINT), 0.0, motion)
+            values[: len(held)] = np.where(held | (np.abs(motion) < FAINT), 0.0, motion)
             copies = len(surface.nodes) + NODES * nth + np.arange(NODES)
             supports.add(copies, values.reshape(NODES, -1))
     return supports

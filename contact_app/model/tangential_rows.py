@@ -194,7 +194,7 @@ def _without_held(
 ) -> FrictionRows:
     """Rows without held components and without rows that tied rows determine (collective)."""
     count = len(found.rows.nodes)
-    numbered = replace(found.rows, areas=np.arange(count, dtype=float))  # they tell which are left
+    numbered = replace(found.rows, areas=np.arange(count, dtype=float))  # the areas number the rows
     cut = cut_held(exchange, numbered, held, 0.0, one_sided=False)
     cut = cut.of(undecided(exchange.comm, cut, tied))
     left = cut.areas.astype(np.int64)
@@ -241,7 +241,7 @@ def _tangents(rows: ContactRows, fixed: NDArray[np.bool_] | None) -> tuple[Array
 
 def _at_obstacle(own: ContactRows, tangents: Array) -> ContactRows:
     """Slips along tangents (rows, d - 1, d) with the weights that contact rows have on nodes."""
-    d = tangents.shape[2]
+    count, k, d = tangents.shape
     both = ContactEntries.join([own.entries, own.held], [0, 0])
     key, first, place = np.unique(
         np.stack([both.row, both.node]), axis=1, return_index=True, return_inverse=True
@@ -250,25 +250,7 @@ def _at_obstacle(own: ContactRows, tangents: Array) -> ContactRows:
     np.add.at(push, (place.reshape(-1), both.component), both.value)
     size = np.linalg.norm(push, axis=1)
     weight = -np.sign(np.einsum("ei,ei->e", push, own.normals[key[0]])) * size
-    return _rows(own, tangents, key[0], key[1], both.points[first], weight)
-
-
-def _rows(
-    own: ContactRows,
-    tangents: Array,
-    row: NDArray[np.int64],
-    node: NDArray[np.int64],
-    points: Array,
-    weight: Array,
-) -> ContactRows:
-    """Rows Σ weight t · u[node] of all tangents, those of a contact row one after another.
-
-    Parameters
-    ----------
-    row, node, points, weight : (entries,), …, (entries, 3), (entries,)
-        Weights of nodes in each contact row.
-    """
-    count, k, d = tangents.shape
+    row, points = key[0], both.points[first]
     value = weight[:, None, None] * tangents[row]
     entry, tangent, component = np.nonzero(np.abs(value) > 1e-14)
     force = np.zeros((len(row), k, 3))
@@ -277,7 +259,7 @@ def _rows(
     total = np.zeros((count, k, 3))
     np.add.at(total, row, turned)
     entries = ContactEntries(
-        row[entry] * k + tangent, node[entry], points[entry], component,
+        row[entry] * k + tangent, key[1][entry], points[entry], component,
         value[entry, tangent, component],
     )  # fmt: skip
     return _record(own, tangents, total, entries)

@@ -113,11 +113,3 @@ def _moments(element: Element, rows: NDArray[np.int32], points: Array, d: int) -
     weighted = np.zeros((len(points), 3))
     weighted[:, :d] = element.linear_traction(rows, points[:, :d]).reshape(-1, d)
     return np.concatenate([[one.sum()], one @ points, (weighted.T @ points).ravel()])
-
-
-def load_of(
-    element: Element, rows: NDArray[np.int32], points: Array, traction: LinearTraction
-) -> Array:
-    """Load vector (unknowns,) of a subdomain whose nodes are at points (nodes, 3)."""
-    values = traction.at(points, element.dimension)
-    return element.linear_traction(rows, values)

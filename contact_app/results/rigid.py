@@ -27,7 +27,7 @@ def placements_of(model: Model, solution: Solution) -> list[Placement]:
     scene, comm, d = model.scene, model.comm, model.scene.dimension
     unknowns = RigidUnknowns.of(scene, model.partition)
     mine = [
-        u[unknowns.slots, 0] / unknowns.units
+        u[: len(unknowns.units), 0] / unknowns.units
         for cls, u in zip(model.problem.classes, solution.displacements, strict=True)
         if cls.rigid
     ]

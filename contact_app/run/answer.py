@@ -88,7 +88,7 @@ class Answer:
     def certificate(self) -> Certificate:
         """The certificate.
 
-        Relative errors of the answer; `passed` tells whether all meet the tolerance.
+        Relative errors of the answer, and `passed`: whether all meet the tolerance.
         """
         return self.solved.solution.certificate
 
@@ -120,7 +120,7 @@ class CaseAnswers:
 
     @property
     def summary(self) -> dict[str, Any]:
-        """The overview in ``summary.json`` beside the directories of the cases."""
+        """The overview: ``summary.json`` in the directory of the run."""
         return self._overview.summary
 
     @property
@@ -201,7 +201,7 @@ def solve(
     NoEquilibriumError
         A body would move away under its loads.
     CouldNotRunError
-        The program could not run; the message says what to do.
+        The program could not run; the message has the remedy.
     """
     if not isinstance(scene, str | Path | Mapping):
         raise ConfigurationError(

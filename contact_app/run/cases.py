@@ -125,7 +125,7 @@ class Overview:
 
     @property
     def summary(self) -> dict[str, Any]:
-        """The ``summary.json`` beside the directories of the cases (collective)."""
+        """The overview: ``summary.json`` in the directory of the run (collective)."""
         assert self._envelope is not None
         names = list(self._cases)
         return {

@@ -9,10 +9,10 @@ the path where
   step is tested: if a step begins without contact, points close in its first increments, however
   small these are, and little of their error remains at the end.
 
-Neither tells the size of the error: if every point closes, it is anything from zero to 40 % of the
-slip limits (`python -m tests.stability.increments`). So in either case the increment is solved once
-more in two halves, and a warning follows if this changes the answer. It costs about as much as the
-increment itself, and is done once per step.
+Neither determines the size of the error: if every point closes, it is anything from zero to 40 % of
+the slip limits (`python -m tests.stability.increments`). So in either case the increment is solved
+once more in two halves, and a warning follows if this changes the answer. It costs about as much as
+the increment itself, and is done once per step.
 """
 
 from __future__ import annotations

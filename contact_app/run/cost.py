@@ -1,8 +1,8 @@
 """The cost of a run, estimated from the outline of its model.
 
 Time is estimated from the sizes of the subdomains by the model that chooses the decomposition
-(`solver.tfeti.subdomain.costs`), for the Hessian multiplications that bodies of such a shape were
-seen to need; a badly conditioned scene needs several times as many. Each cell adds its share of
+(`solver.tfeti.subdomain.costs`), for the Hessian multiplications that bodies of such a shape needed
+in measurements; a badly conditioned scene needs several times as many. Each cell adds its share of
 error estimate and output. `python -m contact_app.studies.estimates` compares estimates with runs.
 """
 

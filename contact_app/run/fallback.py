@@ -48,7 +48,7 @@ FAILURES = (QPError, ArithmeticError, np.linalg.LinAlgError)
 
 
 class NoAnswerError(Exception):
-    """A method ended without any answer; the text says why.
+    """A method ended without any answer; the text has the reason.
 
     Attributes
     ----------
@@ -62,7 +62,7 @@ class NoAnswerError(Exception):
 
 
 class NoWayLeftError(CouldNotRunError):
-    """No method found an answer; the text says what to do."""
+    """No method found an answer; the text has the remedy."""
 
 
 def failure_text(error: Exception) -> str:

@@ -54,7 +54,7 @@ SMOOTHED = "and max_smoothed_pressure may be a third off, too"
 to 22 % too low, with 2.8 across Hertz's circle up to 31 %."""
 
 SMALL_STRAIN, SMALL_ROTATION = 0.05, 0.1
-"""Strain, and rotation in radians, above which a warning says that they are not small."""
+"""Strain, and rotation in radians, above which a warning follows: they are not small."""
 
 SMALL_SAGITTA = 0.01
 """Error of a gap by sliding along a curved obstacle, over the displacement, that is warned of."""
@@ -88,7 +88,7 @@ the load was applied in twelve increments; of 34 with fewer in 6
 
 
 LARGE_FRICTION = 1.0
-"""Coefficient of friction from which on a warning says that there may be other answers. For
+"""Coefficient of friction from which on a warning follows: there may be other answers. For
 isotropic bodies in the plane an answer is known to exist below √(3 - 4ν)/(2 - 2ν), 0.87 to 1 (C.
 Eck, J. Jarušek, *Existence results for the static contact problem with Coulomb friction*, Math.
 Models Methods Appl. Sci. 8, 1998); examples of several have larger ones (P. Hild, *Non-unique
@@ -135,7 +135,7 @@ def _straight_edges(answer: SolvedScene) -> Iterator[str]:
 
 
 def _straight_facets(answer: SolvedScene) -> Iterator[str]:
-    """Round bodies in contact through flat facets that are coarse beside displacements or gaps."""
+    """Round bodies in contact through flat facets that are coarse for displacements or gaps."""
     scene, moved = answer.model.scene, answer.solution.measures.deformations
     found = pair_sagittas(answer.model, answer.nodes)
     gaps = median_gaps(answer.model)[len(scene.contacts) :] if any(found) else []
@@ -281,7 +281,7 @@ def _coarse_meshes(answer: SolvedScene) -> Iterator[str]:
 
 
 def _stresses_beside_expansion(answer: SolvedScene) -> Iterator[str]:
-    """Stresses that are small beside those that would prevent the thermal expansion."""
+    """Stresses that are small compared with those that would prevent the thermal expansion."""
     accuracy = answer.solution.accuracy
     if not answer.model.scene.temperatures or accuracy is None:
         return

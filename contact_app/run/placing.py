@@ -1,9 +1,9 @@
 """Placement of rigid bodies by the displacements of an answer.
 
 Contact rows with a moving rigid body are linearised about its placement. If its displacement is
-large beside the radius of curvature of its shapes, the linearised gaps differ from those of the
-shapes. The body is then moved by its displacement and the scene is solved again, until both agree:
-the answer is that of obstacles that are fixed there.
+large compared with the radius of curvature of its shapes, the linearised gaps differ from those of
+the shapes. The body is then moved by its displacement and the scene is solved again, until both
+agree: the answer is that of obstacles that are fixed there.
 
 Free rotations are small, as rotations of elastic bodies: normals do not rotate with them, and a
 plate that tilts slightly on frictionless supports does not slide off. Prescribed rotations are
@@ -38,7 +38,7 @@ MISPLACED = 0.1
 """Admissible error of gaps over the largest displacement, in units of the solver's tolerance."""
 
 SMALL_ROTATION = 0.1
-"""Free rotation in radians above which a warning says that it is not small."""
+"""Free rotation in radians above which a warning follows: the rotation is not small."""
 
 LEAST, MOST = 0.3, 3.0
 """Least and largest factor on the displacement of a new placement."""

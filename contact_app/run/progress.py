@@ -156,7 +156,7 @@ class Interruption:
         return self.requested
 
     def requested_by_any(self, comm: MPI.Intracomm) -> bool:
-        """Whether any rank was asked to stop (collective)."""
+        """Whether any rank was interrupted (collective)."""
         return bool(comm.allreduce(self.requested, op=MPI.LOR))
 
     def _ask(self, number: int, frame: FrameType | None) -> None:

@@ -1,9 +1,9 @@
 """The directory of a run: removal of older results and of incomplete files.
 
-A run begins by removing the results of an earlier run, so that the summary beside a failed run
-never belongs to another scene. Only files with names of this program are touched. A file is written
-as ``.NAME.part`` and renamed when it is complete; a killed run leaves such a part, and the next run
-removes it. `run.log` and `history.csv` grow during the run.
+A run begins by removing the results of an earlier run, so that the summary in the directory of a
+failed run never belongs to another scene. Only files with names of this program are touched. A file
+is written as ``.NAME.part`` and renamed when it is complete; a killed run leaves such a part, and
+the next run removes it. `run.log` and `history.csv` grow during the run.
 """
 
 from __future__ import annotations

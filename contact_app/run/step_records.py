@@ -49,8 +49,8 @@ def summary_of_steps(last: Mapping[str, Any], records: Sequence[Record]) -> Reco
     """``summary.json`` of a load history: the summary of the last increment, and all records.
 
     Timings are summed. Of warnings that differ only in their numbers, that of the last increment
-    appears, or else that of the first increment that has one; a sentence tells how many are left
-    out.
+    appears, or else that of the first increment that has one; a sentence has the number of those
+    left out.
 
     Parameters
     ----------

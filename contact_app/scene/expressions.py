@@ -8,7 +8,7 @@ once.
 
 Where a number has no value, as sqrt(-1), a comparison with it is neither true nor false. Kleene's
 three-valued logic applies: `x <= 0 or log(x) < 1` is decided everywhere, and so is `x > 0 and
-log(x) < 1`. Points that stay undecided are not on the boundary, and a warning says so.
+log(x) < 1`. Points that stay undecided are not on the boundary, which causes a warning.
 """
 
 from __future__ import annotations

@@ -56,7 +56,7 @@ class Calibration:
     _quotients: dict[str, list[float]] = field(default_factory=dict)
 
     def share(self, kind: str, energy: float, square: float) -> float:
-        """Share of η² of the next level that is squared error; 1 if energies do not tell.
+        """Share of η² of the next level that is squared error; 1 if energies do not determine it.
 
         Parameters
         ----------

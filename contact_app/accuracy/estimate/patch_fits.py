@@ -168,7 +168,7 @@ class Meeting:
         self._sums = sparse.csr_matrix(
             (np.ones(len(local)), (local, exchange.own)), shape=(len(self.known), len(numbers))
         )
-        # what comes from other ranks belongs to few of the nodes
+        # values from other ranks belong to few of the nodes
         self._shared, place = np.unique(foreign, return_inverse=True)
         arrived = len(foreign)
         self._foreign = sparse.csr_matrix(
@@ -392,7 +392,7 @@ class LinearFits:
             result += sums
         polynomials = self._fit @ moments
         for nth, (helped, sources, targets) in enumerate(self._continued, 1):
-            # of the last no neighbour asks more than the value
+            # of the last ones neighbours need the value only
             count = self._size if nth < len(self._continued) else 1
             polynomials[targets, :count] = helped.continued(polynomials[sources], count)
         result[self._near] = polynomials[:, 0]

@@ -238,7 +238,7 @@ class BoxSurface:
 
 
 def refuse_unguaranteed(scene: Scene, partition: Partition, memory: float | None = None) -> None:
-    """Refuse a scene that asks for a guaranteed bound and cannot have one (collective).
+    """Refuse a scene that requests a guaranteed bound and cannot have one (collective).
 
     Parameters
     ----------

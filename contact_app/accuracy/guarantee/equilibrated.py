@@ -74,7 +74,7 @@ AGREE = 1e-12
 
 
 class NoAdmissibleStressError(ValueError):
-    """No stress of the space satisfies the data; the message says which datum and where."""
+    """No stress of the space satisfies the data; the message names the datum and its place."""
 
 
 @dataclass(frozen=True, eq=False)

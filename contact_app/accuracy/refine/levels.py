@@ -75,7 +75,7 @@ class Level:
 
 @dataclass(frozen=True, eq=False)
 class Refined:
-    """The finest solution and all levels; `missed` tells why the target is not met.
+    """The finest solution and all levels; `missed` has the reason why the target is not met.
 
     Coarser meshes that were solved only to confirm an estimate come first in the list.
     """

@@ -19,7 +19,7 @@ where the error is. The gain is predicted from that of the last grid lines, and 
 cells only for the rest; the number of cells may differ between axes. If a scene selects nodes by an
 expression, coordinates of the first mesh stay grid lines.
 
-If energies of the levels tell by how much the estimate exceeds the error, it is lowered
+If energies of the levels show that the estimate exceeds the error, it is lowered
 (`calibration`).
 
 In a body from a file the cells with a large share of the error are refined (`local_refinement`),
@@ -128,7 +128,7 @@ def solve_to_accuracy(
 ) -> Refined:
     """Refine a scene until its error is below `scene.accuracy` (collective).
 
-    That is the estimated total error, or its guaranteed bound where the scene asks for one.
+    That is the estimated total error, or its guaranteed bound where the scene requests one.
 
     Parameters
     ----------
@@ -137,8 +137,8 @@ def solve_to_accuracy(
     report
         Called with a sentence on each level.
     stop
-        Whether the user has asked to stop, the same on all ranks; called after each level, since
-        the model of the next one may take minutes before its solve sees it.
+        Whether the user has interrupted the run, the same on all ranks; called after each level,
+        since the model of the next one may take minutes before its solve sees it.
     """
     assert scene.accuracy is not None
     limits = limits or Limits()

@@ -41,6 +41,9 @@ from meshes.symmetric_half import SAME, AsymmetryError
 SAMPLES = {2: 32, 3: 8}
 """Points along the edge of a facet at which expressions are compared where meshes are refined."""
 
+MIRRORED = ("displacements", "tractions", "pressures", "forces", "contacts", "pairs")
+"""Fields of a scene with items that have to be mirror images of each other."""
+
 AT_CUT = "symmetry across"
 """Source of the conditions that hold the solved part at a cut, before the name of the axis."""
 
@@ -150,6 +153,9 @@ def _cut(scene: Scene, axis: int) -> Scene:
             if _acts_on_solved_part(item, scene, halves, part)
         )  # fmt: skip
 
+    parts_of: dict[str, Any] = {
+        key: solved_part(getattr(scene, key)) for key in (*MIRRORED, "temperatures")
+    }
     sections = tuple(
         replace(
             section,
@@ -168,13 +174,7 @@ def _cut(scene: Scene, axis: int) -> Scene:
     return replace(
         scene,
         bodies=tuple(left),
-        displacements=(*solved_part(scene.displacements), *planes),
-        tractions=solved_part(scene.tractions),
-        pressures=solved_part(scene.pressures),
-        forces=solved_part(scene.forces),
-        contacts=solved_part(scene.contacts),
-        pairs=solved_part(scene.pairs),
-        temperatures=solved_part(scene.temperatures),
+        **{**parts_of, "displacements": (*parts_of["displacements"], *planes)},
         decomposition=_divided(scene.decomposition, left),
         output=replace(scene.output, sections=sections),
         mirrors=(
@@ -191,7 +191,7 @@ def _cut(scene: Scene, axis: int) -> Scene:
 
 def _refuse_unpaired(scene: Scene, mirror: Mirror, described: Descriptions) -> None:
     """Refuse items without a mirror image."""
-    items = _items(scene)
+    items: list[Item] = [item for key in MIRRORED for item in getattr(scene, key)]
     for item in items:
         for body, boundary in _boundaries(item):
             if not described.part(body, boundary).nodes.any():
@@ -272,11 +272,3 @@ def _divided(decomposition: Decomposition, bodies: list[Body]) -> Decomposition:
         while any(body.mesh.uncuttable(parts, body.name) for body in bodies):
             parts = tuple(p - 1 if p == max(parts) else p for p in parts)
     return Decomposition(parts)
-
-
-def _items(scene: Scene) -> list[Item]:
-    """All conditions and contacts of a scene."""
-    return [
-        *scene.displacements, *scene.tractions, *scene.pressures, *scene.forces, *scene.contacts,
-        *scene.pairs,
-    ]  # fmt: skip

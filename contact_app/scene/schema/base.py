@@ -53,14 +53,14 @@ def suggestion(text: str, known: Iterable[str], prefix: str = "") -> str:
 
 
 def not_allowed(value: Any, allowed: str) -> PydanticCustomError:
-    """The error for a value, with a phrase that says what is allowed."""
+    """The error for a value, with a phrase that lists what is allowed."""
     return PydanticCustomError(
         "refused", "is {value}; allowed: {allowed}", {"value": shown(value), "allowed": allowed}
     )
 
 
 def checked(value: Any, check: Callable[[Any], Any], allowed: str) -> Any:
-    """A value that passes a check; otherwise an error that says what is allowed."""
+    """A value that passes a check; otherwise an error that lists what is allowed."""
     try:
         return check(value)
     except ValidationError:
