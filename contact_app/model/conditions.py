@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
-from mpi4py import MPI
 from numpy.typing import NDArray
 
 from contact_app.errors import ConfigurationError, ContactError, NoEquilibriumError
+from contact_app.machine.ranks import agreed
 from contact_app.model.averaged_rows import averaged_rows, has_averaged_rows
 from contact_app.model.boundaries import boundary_nodes, facets_of
 from contact_app.model.pairs import of_what_is_solved, owned_rows, sides_of
@@ -100,19 +99,6 @@ def mortar_rows(
     if scene.mirrors:
         found = of_what_is_solved(scene, partition.nodes, found)
     return owned_rows(exchange, found, len(scene.contacts) + number)
-
-
-@contextmanager
-def agreed(comm: MPI.Intracomm) -> Iterator[None]:
-    """Raise a `ConfigurationError` of any rank on all ranks."""
-    message = None
-    try:
-        yield
-    except ConfigurationError as error:
-        message = str(error)
-    messages = [m for m in comm.allgather(message) if m]
-    if messages:
-        raise ConfigurationError(messages[0])
 
 
 def refuse_empty_boundaries(scene: Scene, partition: Partition, conditions: NodeConditions) -> None:

@@ -16,12 +16,12 @@ from mpi4py import MPI
 from numpy.typing import NDArray
 
 from contact_app.errors import ConfigurationError
+from contact_app.machine.ranks import agreed
 from contact_app.machine.timings import Timings
 from contact_app.model.assembly import Element
 from contact_app.model.averaged_rows import has_averaged_rows
 from contact_app.model.candidates import Needed, distinct
 from contact_app.model.conditions import (
-    agreed,
     contradiction,
     mortar_rows,
     node_conditions,

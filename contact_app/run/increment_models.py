@@ -26,6 +26,7 @@ from contact_app.model.outline import Report
 from contact_app.model.rigid import RigidUnknowns, slips_of_held
 from contact_app.results.friction import approach_of_held
 from contact_app.run.case_models import CaseModels
+from contact_app.run.placing import SameRows
 from contact_app.scene.scene import Scene
 from solver.tfeti.derived import beside_moved
 
@@ -41,7 +42,7 @@ class IncrementModels:
         self._rough = scene.has_friction
         self._displacements: Displacements | None = None
         self._earlier: Callable[[list[tuple[int, int]]], Displacements] | None = None
-        self._multiplier: NDArray[np.float64] | None = None
+        self._rows: SameRows | None = None
         self._last: Scene | None = None
 
     @property
@@ -101,7 +102,7 @@ class IncrementModels:
     def add(self, solved: SolvedScene) -> None:
         """Store an answer: the next increment begins with it."""
         self._last, self._displacements = solved.model.scene, solved.solution.displacements
-        self._multiplier = solved.solution.multiplier
+        self._rows = SameRows(solved.solution.multiplier)
         self._models.add(solved.model, solved.solution)
 
     def after(self, scene: Scene, displacements: Displacements) -> IncrementModels:
@@ -119,7 +120,4 @@ class IncrementModels:
     def on(self, model: Model) -> NDArray[np.float64] | None:
         """Initial multipliers (dual,)."""
         near = self._models.on(model)
-        if near is not None:
-            return near
-        same = self._multiplier is not None and len(self._multiplier) == model.problem.size
-        return self._multiplier if model.comm.allreduce(int(same), op=MPI.MIN) else None
+        return near if near is not None or self._rows is None else self._rows.on(model)

@@ -23,6 +23,7 @@ from contact_app.accuracy.solved_scene import SolvedScene
 from contact_app.errors import NoEquilibriumError
 from contact_app.model.model import Model
 from contact_app.results.rigid import placements_of
+from contact_app.run.summary import warned
 from contact_app.scene.conditions import Contact
 from contact_app.scene.rigid import Placement
 from contact_app.scene.scene import Scene
@@ -48,7 +49,7 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True, eq=False)
 class SameRows:
-    """Initial multipliers from the same scene with other placements of rigid bodies."""
+    """Initial multipliers from an answer with the same rows, such as to other placements."""
 
     multiplier: Array
 
@@ -166,11 +167,11 @@ def leaves_where_placed(error: NoEquilibriumError) -> NoEquilibriumError:
 
 def never_placed(solved: SolvedScene) -> SolvedScene:
     """The last answer of rigid bodies whose positions still change; it is not certified."""
-    certificate = solved.solution.certificate
+    certificate = replace(solved.solution.certificate, passed=False)
+    solved = replace(solved, solution=replace(solved.solution, certificate=certificate))
     text = (
         f"the positions of the rigid bodies still change after {PLACINGS} solves, each from the "
         "positions of the last answer: the bodies may slide off the surfaces that they touch; add "
         "displacement conditions along these surfaces"
     )
-    certificate = replace(certificate, passed=False, warnings=(*certificate.warnings, text))
-    return replace(solved, solution=replace(solved.solution, certificate=certificate))
+    return warned(solved, [text])

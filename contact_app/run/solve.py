@@ -43,7 +43,7 @@ from contact_app.run.placing import (
     placed_anew,
     rotation_warnings,
 )
-from contact_app.run.summary import summary_of, warned
+from contact_app.run.summary import warned
 from contact_app.run.ways import first_certified
 from contact_app.scene.scene import Scene
 from solver import Counts
@@ -189,8 +189,7 @@ def _at_rest(request: _Request) -> SolvedScene:
             request, scene=request.scene.placed(places), start=SameRows(solved.solution.multiplier),
             checkpoint=None, counts_before=solved.solution.counts, report=None,
         )  # fmt: skip
-    solved = never_placed(solved)
-    return replace(solved, summary=summary_of(solved))
+    return never_placed(solved)
 
 
 def _certified(request: _Request) -> SolvedScene:

@@ -85,12 +85,9 @@ class StepCheckpoint:
         ConfigurationError
             The checkpoint belongs to another scene or number of ranks, or cannot be read.
         """
-        found = self._comm.bcast(self._read() if self._comm.rank == 0 else None)
-        if isinstance(found, ConfigurationError):
-            raise found
-        return found
+        return on_first(self._comm, self._read)
 
-    def _read(self) -> Reached | ConfigurationError | None:
+    def _read(self) -> Reached | None:
         if not self._path.is_file():
             return None
         try:
@@ -101,13 +98,13 @@ class StepCheckpoint:
                 position["dissipated"],
             )  # fmt: skip
             if saved["ranks"] != self._comm.size:
-                return ConfigurationError(
+                raise ConfigurationError(
                     f"{self._path}: the checkpoint was written on {saved['ranks']} ranks, and on "
                     f"{self._comm.size} its displacements have another order; resume on as many "
                     "ranks, or run without --resume"
                 )
             if saved["scene"] != digest(self._scene, at.step):
-                return ConfigurationError(
+                raise ConfigurationError(
                     f"{self._path}: the checkpoint is of another scene (bodies, conditions, "
                     "contacts, or the steps up to there differ); run without --resume, or into "
                     "another directory"
@@ -115,9 +112,9 @@ class StepCheckpoint:
             vectors = self._path.with_name(saved["vectors"])
             return Reached(at, saved["records"], saved["last"], vectors)
         except (OSError, KeyError, TypeError, ValueError) as error:
-            return ConfigurationError(
+            raise ConfigurationError(
                 f"{self._path}: no readable checkpoint: {error}; run without --resume"
-            )
+            ) from error
 
     def write(
         self, at: Position, records: list[Record], last: Record, displacements: Displacements

@@ -26,6 +26,7 @@ from scipy import sparse
 
 from contact_app.accuracy.guarantee.grid_stress import GridStress, GridStresses
 from contact_app.accuracy.guarantee.separable import EquilibriumPreconditioner, conjugate_gradients
+from contact_app.errors import ContactError
 from solver.tfeti.subdomain.generalised_inverse import CholeskyFactor
 
 Array = NDArray[np.float64]
@@ -73,7 +74,7 @@ AGREE = 1e-12
 """Difference of tractions, relative to the largest, that counts as rounding error."""
 
 
-class NoAdmissibleStressError(ValueError):
+class NoAdmissibleStressError(ContactError):
     """No stress of the space satisfies the data; the message names the datum and its place."""
 
 

@@ -41,6 +41,7 @@ from contact_app.accuracy.estimate.stress_recovery import (
 from contact_app.accuracy.estimate.tractions import SHEARS
 from contact_app.accuracy.guarantee.box_surface import BoxSurface, FacetsOnFace
 from contact_app.accuracy.guarantee.equilibrated import Found, NoAdmissibleStressError
+from contact_app.machine.ranks import on_first
 from contact_app.model.model import Model
 from contact_app.results.report import at_most
 from meshes import Subdomain
@@ -273,17 +274,12 @@ class _Answer:
         NoAdmissibleStressError
             No stress is in equilibrium with the data.
         """
-        found: Found | str = ""
-        if self.comm.rank == 0:
-            try:
-                start = body.stresses.space.from_means(means)
-                found = body.stresses.search(start, touching, energy)
-            except NoAdmissibleStressError as error:
-                found = str(error)
-        found = self.comm.bcast(found)
-        if isinstance(found, str):
-            raise NoAdmissibleStressError(found)
-        return found
+
+        def search() -> Found:
+            start = body.stresses.space.from_means(means)
+            return body.stresses.search(start, touching, energy)
+
+        return on_first(self.comm, search)
 
     def _slacks(self, number: int) -> Iterator[tuple[FacetsOnFace, Array]]:
         """Facets of this rank that obstacles oppose, and g - û·n at their nodes."""
