@@ -16,4 +16,4 @@ class NoEquilibriumError(ContactError):
 
 
 class CouldNotRunError(ContactError):
-    """The program could not run: exit code 4. The text says what is missing and what to do."""
+    """The program could not run: exit code 4. The text names the lack and the remedy."""

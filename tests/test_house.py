@@ -41,6 +41,7 @@ UNCLEAR = ("What ", "Those ", "Whose ", "Who ", "Of ", "As ", "Where ", "Which "
 
 RIDDLES = (
     "what there is", "asked for", "gives way", "give way", "is none of", "so many along",
+    "is told", "told of", "does not tell", "is seen to",
     "laid anew", "ours beside", "beside theirs", "says of it", "is believed",
 )  # fmt: skip
 """Phrases of docstrings and pages that a reader had to guess at; each has a plain word instead."""
