@@ -304,6 +304,7 @@ def answer(name: str) -> dict[str, Any]:
         "reactions": [f for r in problem.summary["reactions"] for f in r["force"]],
         "nodes": list(contact["nodes"].values()),
         "passed": problem.certificate.passed,
+        "contact warnings": [w for w in problem.certificate.warnings if w.startswith("contacts[")],
         "subdomains": problem.summary["decomposition"]["subdomains"],
         "applications": problem.summary["solver"]["hessian_multiplications"],
     }

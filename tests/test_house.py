@@ -16,7 +16,10 @@ ROOT = Path(__file__).parents[1]
 
 PACKAGES = ("solver", "meshes", "contact_app")
 
-SOLVER = ("errors", "vectors", "openmp", "qp", "backend", "contact", "tfeti", "primal", "driver")
+SOLVER = (
+    "errors", "vectors", "openmp", "factors", "qp", "backend", "contact", "tfeti", "primal",
+    "driver",
+)  # fmt: skip
 """Rooms and modules of `solver`, lower ones first; each may import those before it."""
 
 APPLICATION = (

@@ -12,6 +12,7 @@ n across the contact.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -46,6 +47,9 @@ UNPRESSED_DEPTH = 1e-2
 Without a force, the depth alone decides.
 """
 
+GapAndNormal = Callable[[NDArray[np.float64]], tuple[NDArray[np.float64], NDArray[np.float64]]]
+"""Gap (n,) and normal (n, 3) of an obstacle at points (n, 3)."""
+
 CONCENTRATED = {2: 1, 3: 3}
 """Number of nodes in contact, by dimension, up to which their force counts as concentrated."""
 
@@ -71,6 +75,12 @@ all kinds of cells, none with three facets or more had a larger one
 (`python -m contact_app.studies.peak_draws --seed 11`)."""
 
 
+SMOOTHED = "and max_smoothed_pressure may be a third off, too"
+"""Sentence on the smoothed pressure in warnings of fewer than three facets across a contact. With
+2.2 to 2.7 across Hertz's ellipse (ball_in_grooves.yaml, its ball turned by random angles) it is 2 %
+to 22 % too low, with 2.8 across Hertz's circle up to 31 %."""
+
+
 def entered_beside(model: Model, solution: Solution, number: int) -> tuple[int, float]:
     """Number of surface nodes next to a contact's boundary that enter its obstacle; their depth.
 
@@ -93,15 +103,31 @@ def entered_beside(model: Model, solution: Solution, number: int) -> tuple[int, 
         if not len(outside):
             continue
         u = solution.displacements[cls][:, column].reshape(-1, d)[outside]
-        try:
-            gap, normal = contact.gap_and_normal(s.points()[outside])
-        except ConfigurationError:  # a node in the middle of a round obstacle has no normal
-            continue
-        entered = -(gap + np.einsum("ij,ij->i", normal[:, :d], u))
-        entered = entered[(gap >= 0.0) & (entered > least)]
-        count += len(entered)
-        depth = max(depth, float(entered.max(initial=0.0)))
+        found = entered_points(s.points()[outside], u, contact.gap_and_normal, least)
+        count, depth = count + found[0], max(depth, found[1])
     return int(comm.allreduce(count)), float(comm.allreduce(depth, op=MPI.MAX))
+
+
+def entered_points(
+    points: NDArray[np.float64],
+    moved: NDArray[np.float64],
+    gap_and_normal: GapAndNormal,
+    least: float,
+) -> tuple[int, float]:
+    """Number of points that enter an obstacle by some depth at least, and the largest depth.
+
+    Parameters
+    ----------
+    points, moved : (n, 3), (n, d)
+        Places, where they are outside, and displacements.
+    """
+    try:
+        gap, normal = gap_and_normal(points)
+    except ConfigurationError:  # a node in the middle of a round obstacle has no normal
+        return 0, 0.0
+    entered = -(gap + np.einsum("ij,ij->i", normal[:, : moved.shape[1]], moved))
+    entered = entered[(gap >= 0.0) & (entered > least)]
+    return len(entered), float(entered.max(initial=0.0))
 
 
 def entered_between(model: Model, solution: Solution, number: int) -> float:
@@ -124,19 +150,33 @@ def entered_between(model: Model, solution: Solution, number: int) -> float:
             continue
         facets = s.reference.facets[rows]
         u = solution.displacements[cls][:, column].reshape(-1, d)
-        shapes = shapes_on_lattice(d, facets.shape[1])
-        points, moved = (
-            np.tensordot(shapes, values[facets], (1, 1)).reshape(-1, values.shape[1])
-            for values in (s.points(), u)
-        )
-        try:
-            gap, normal = contact.gap_and_normal(points)
-        except ConfigurationError:  # a point in the middle of a round obstacle has no normal
-            continue
-        left = gap + np.einsum("ij,ij->i", normal[:, :d], moved)
-        counted = (gap >= 0.0) | _flat(s.points()[facets][..., :d])
-        depth = max(depth, float(-left[counted].min(initial=0.0)))
+        depth = max(depth, depth_between(s.points()[facets], u[facets], contact.gap_and_normal))
     return float(comm.allreduce(depth, op=MPI.MAX))
+
+
+def depth_between(
+    points: NDArray[np.float64], moved: NDArray[np.float64], gap_and_normal: GapAndNormal
+) -> float:
+    """Depth to which an obstacle enters facets between their nodes.
+
+    Parameters
+    ----------
+    points, moved : (facets, nodes, 3), (facets, nodes, d)
+        Places of the nodes, and their displacements.
+    """
+    d = moved.shape[2]
+    shapes = shapes_on_lattice(d, points.shape[1])
+    x, u = (
+        np.tensordot(shapes, values, (1, 1)).reshape(-1, values.shape[2])
+        for values in (points, moved)
+    )
+    try:
+        gap, normal = gap_and_normal(x)
+    except ConfigurationError:  # a point in the middle of a round obstacle has no normal
+        return 0.0
+    left = gap + np.einsum("ij,ij->i", normal[:, :d], u)
+    counted = (gap >= 0.0) | _flat(points[..., :d])
+    return float(-left[counted].min(initial=0.0))
 
 
 def _flat(points: NDArray[np.float64]) -> bool:
@@ -210,18 +250,30 @@ def slipped_through(
         depth = entered_between(model, solution, number)
         moved = float(solution.measures.deformations[contact.body])
         if depth > (BETWEEN if pressed_nodes[number] else unpressed_depth) * moved:
-            share = "of a body that does not move"
-            if moved > 0.0:
-                share = f"{percent(depth / moved)} of the largest displacement"
             body = scene.bodies[contact.body]
-            place, remedy = "between the nodes of", "smaller cells there"
-            if has_averaged_rows(body):
-                place, remedy = "between the vertices of", "smaller cells there, or degree: 1"
-            warnings.append(
-                f"{contact.source}: {place} {body.name} the obstacle enters by up to {depth:.2g}, "
-                f"{share}: contact is narrower than a facet; use {remedy}"
-            )
+            text = between_nodes(depth, moved, body.name, has_averaged_rows(body))
+            warnings.append(f"{contact.source}: {text}")
     return warnings
+
+
+def between_nodes(depth: float, moved: float, name: str, averaged: bool) -> str:
+    """Warning on an obstacle that enters a body by a depth, without the name of the contact.
+
+    Parameters
+    ----------
+    averaged
+        Whether contact rows are means about vertices.
+    """
+    share = "of a body that does not move"
+    if moved > 0.0:
+        share = f"{percent(depth / moved)} of the largest displacement"
+    place, remedy = "between the nodes of", "smaller cells there"
+    if averaged:
+        place, remedy = "between the vertices of", "smaller cells there, or degree: 1"
+    return (
+        f"{place} {name} the obstacle enters by up to {depth:.2g}, "
+        f"{share}: contact is narrower than a facet; use {remedy}"
+    )
 
 
 @dataclass(frozen=True, eq=False)
@@ -269,6 +321,36 @@ class PressedFacets:
         in units of the mean extent of the loaded facets along the axis (collective).
         """
         return _along_axes(comm, self.corners, self.areas * self.pressure.mean(axis=1))
+
+
+def coarse_pressure(facets: PressedFacets, comm: MPI.Intracomm, dimension: int) -> str:
+    """Warning on a pressure that varies within single facets; empty if there is none (collective).
+
+    The name of its contact is left out.
+    """
+    across = facets.across(comm, dimension)
+    narrow = facets.across_narrow_side(comm, dimension)
+    if across < FEWEST_FACETS:
+        return (
+            "the pressure varies within single facets: only about "
+            f"{max(across, 1.0):.0f} across carry the contact; the largest pressure depends on "
+            f"the mesh, {SMOOTHED}; use smaller cells there"
+        )
+    if narrow < FEWEST_FACETS:
+        return (
+            f"the pressure varies within single facets: about {narrow:.1f} "
+            "facets lie across the narrow side of the contact and "
+            f"{max(facets.along_axes(comm)):.0f} along it; the largest pressure depends on the "
+            f"mesh, {SMOOTHED}; use smaller cells there"
+        )
+    if narrow < ENOUGH_FACETS:
+        return (
+            "the pressure varies as that of Hertz's contact with only about "
+            f"{narrow:.1f} facets across: max_smoothed_pressure may be "
+            f"{100.0 * expected_error(narrow):.0f} % off, more where the pressure is singular, "
+            "and the pressure of single nodes more; use smaller cells there"
+        )
+    return ""
 
 
 def expected_error(across: float) -> float:

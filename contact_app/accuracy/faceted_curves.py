@@ -155,10 +155,27 @@ def _sagitta(
         facets = facets[inside]
     else:
         facets = facets[mesh.sides[boundary]]
+    return largest_sagitta(facets, points[facets], watched, gaps)
+
+
+def largest_sagitta(
+    facets: NDArray[np.int64],
+    x: NDArray[np.float64],
+    watched: NDArray[np.float64],
+    gaps: NDArray[np.float64],
+) -> float:
+    """Largest sagitta of flat facets near watched points whose gap does not exceed it.
+
+    Parameters
+    ----------
+    facets, x : (facets, vertices), (facets, vertices, 3)
+        Numbers and places of their vertices.
+    watched, gaps : (n, 3), (n,)
+    """
+    d = 2 if x.shape[1] == 2 else 3
     first, second = _neighbours(facets, d)
-    if len(first) == 0:
+    if len(first) == 0 or len(gaps) == 0:
         return 0.0
-    x = points[facets]
     along = x[:, 1] - x[:, 0]
     normals = np.cross(along, [0.0, 0.0, 1.0] if d == 2 else x[:, 2] - x[:, 0])
     normals /= np.linalg.norm(normals, axis=1, keepdims=True)

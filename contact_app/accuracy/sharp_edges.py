@@ -20,14 +20,14 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from mpi4py import MPI
 from numpy.typing import NDArray
 
 from contact_app.model.boundaries import boundary_facets, surface_facets
 from contact_app.model.model import Model
 from contact_app.model.pairs import gather_surface
 from contact_app.results.fields import NodeFields
-from contact_app.results.pressure import NodesInContact
-from contact_app.scene.conditions import BodyContact, Contact
+from contact_app.scene.conditions import BodyContact
 from meshes.contact_surface import Surface
 
 Array = NDArray[np.float64]
@@ -49,28 +49,6 @@ edges: the edge's own nodes. An edge of the other body may lie anywhere in its f
 
 REACH = 4.0
 """Distance within which facets are gathered, over the size of a node's share of its boundary."""
-
-
-@dataclass(frozen=True)
-class SharpPeak:
-    """The largest pressure of a contact if it is at a sharp edge.
-
-    Attributes
-    ----------
-    number
-        Contact as `Scene.touching` counts.
-    edge
-        Phrase that names the edge.
-    pressure
-        Its value.
-    point : (dimension,)
-        The node.
-    """
-
-    number: int
-    edge: str
-    pressure: float
-    point: tuple[float, ...]
 
 
 @dataclass(frozen=True, eq=False)
@@ -99,76 +77,113 @@ class _Joints:
         return np.asarray(np.linalg.norm(point - nearest, axis=1))
 
 
-def sharp_peaks(model: Model, nodes: NodeFields) -> list[SharpPeak]:
-    """The contacts whose largest pressure is at a sharp edge (collective)."""
+@dataclass(frozen=True, eq=False)
+class Skin:
+    """The facets of one side of a contact near its largest pressure.
+
+    Attributes
+    ----------
+    surface
+        Facets of the body, in and beside the contact boundary.
+    joints
+        The edges between them.
+    name
+        Of the body.
+    stiffness
+        Its Young's modulus, in a unit common to both sides.
+    """
+
+    surface: Surface
+    joints: _Joints
+    name: str
+    stiffness: float
+
+    @classmethod
+    def of(cls, surface: Surface, pressed: Surface, name: str, stiffness: float) -> Skin:
+        """The facets of a body, of which some belong to the contact boundary."""
+        known = {tuple(row) for row in np.sort(pressed.nodes, axis=1)}
+        on = np.array([tuple(row) in known for row in np.sort(surface.nodes, axis=1)])
+        return cls(surface, _joints(surface, on), name, stiffness)
+
+
+def sharp_peaks(model: Model, nodes: NodeFields) -> list[str]:
+    """Warnings on contacts whose largest pressure is at a sharp edge (collective)."""
     found = []
-    for number, at_nodes in enumerate(nodes.contacts):
-        pressure, point, size = _peak(model, nodes, at_nodes)
+    scene, d = model.scene, model.scene.dimension
+    for touching, at_nodes in zip(scene.touching, nodes.contacts, strict=True):
+        points = nodes.points[at_nodes.nodes - nodes.first]
+        pressure, point, size = peak(model.comm, at_nodes.pressure, points, at_nodes.shares, d)
         if pressure <= 0.0:
             continue
-        edge = _edge(model, number, np.array(point), size)
+        sides = [_skin(model, touching.body, touching.boundary, point, REACH * size)]
+        end = ""
+        if isinstance(touching, BodyContact):
+            other = touching.other, touching.other_boundary
+            sides.append(_skin(model, *other, point, REACH * size))
+        elif touching.obstacle.curvature_radius is None:
+            end = touching.boundary
+        edge = sharp_edge(point, sides, end)
         if edge:
-            place = tuple(point[: model.scene.dimension])
-            found.append(SharpPeak(number, edge, pressure, place))
+            found.append(f"{touching.source}: {sentence(pressure, point[:d], edge)}")
     return found
 
 
-def _peak(
-    model: Model, nodes: NodeFields, at_nodes: NodesInContact
-) -> tuple[float, tuple[float, ...], float]:
-    """Largest pressure of a contact, its node's place, and the size of its share."""
+def peak(
+    comm: MPI.Intracomm, pressure: Array, points: Array, shares: Array, d: int
+) -> tuple[float, Array, float]:
+    """Largest pressure of a contact, its place, and the size of the node's share (collective).
+
+    Parameters
+    ----------
+    pressure, points, shares : (n,), (n, 3), (n,)
+        At nodes of this rank, with the integrals of their shape functions.
+    """
     largest: tuple[float, tuple[float, ...], float] = (0.0, (0.0, 0.0, 0.0), 0.0)
-    if len(at_nodes.nodes):
-        k = int(np.argmax(at_nodes.pressure))
-        share = float(at_nodes.shares[k]) ** (1.0 / (model.scene.dimension - 1))
-        point = nodes.points[at_nodes.nodes[k] - nodes.first]
-        largest = float(at_nodes.pressure[k]), tuple(map(float, point)), share
-    return max(model.comm.allgather(largest))
+    if len(pressure):
+        k = int(np.argmax(pressure))
+        share = float(shares[k]) ** (1.0 / (d - 1))
+        largest = float(pressure[k]), tuple(map(float, points[k])), share
+    most, point, size = max(comm.allgather(largest))
+    return most, np.array(point), size
 
 
-def _edge(model: Model, number: int, point: Array, size: float) -> str:
-    """Phrase that names the sharp edge at a point; empty if there is none (collective)."""
-    scene = model.scene
-    touching = scene.touching[number]
-    own = _skin(model, touching.body, touching.boundary, point, REACH * size)
-    others = None
-    if isinstance(touching, BodyContact):
-        others = _skin(model, touching.other, touching.other_boundary, point, REACH * size)
+def sharp_edge(point: Array, sides: Sequence[Skin | None], end: str) -> str:
+    """Phrase that names the sharp edge at a point; empty if there is none.
+
+    Parameters
+    ----------
+    sides
+        That of the pressure, and the other body's unless the contact is with an obstacle.
+    end
+        Name of the contact boundary if a plane obstacle may end with it: a punch.
+    """
+    own = sides[0]
     if own is None:
         return ""
-    surface, joints = own
-    facet = _facet_edge(surface, point)
-    near = joints.distances(point) <= NEAR * facet
-    sharp = near & (joints.turns > SHARP) & joints.pressed.any(axis=1)
-    name = scene.bodies[touching.body].name
-    if isinstance(touching, Contact):
-        if (sharp & (joints.turns < BLUNT)).any():
-            return f"at a sharp edge of {name}"
-        flat = near & (joints.turns < SHARP) & (joints.pressed.sum(axis=1) == 1)
-        return f"at the end of {touching.boundary}" if flat.any() and _punch(touching) else ""
-    if others is None:
+    facet = _facet_edge(own.surface, point)
+    near = own.joints.distances(point) <= NEAR * facet
+    sharp = near & (own.joints.turns > SHARP) & own.joints.pressed.any(axis=1)
+    if len(sides) == 1:
+        if (sharp & (own.joints.turns < BLUNT)).any():
+            return f"at a sharp edge of {own.name}"
+        flat = near & (own.joints.turns < SHARP) & (own.joints.pressed.sum(axis=1) == 1)
+        return f"at the end of {end}" if flat.any() and end else ""
+    other = sides[1]
+    if other is None:
         return ""
-    across = others[1]
+    across = other.joints
     opposite = (across.turns > SHARP) & across.pressed.any(axis=1)
     opposite &= across.distances(point) <= 1.01 * facet
     if sharp.any() == opposite.any():
         return ""
-    bodies = [scene.bodies[touching.body], scene.bodies[touching.other]]
-    pressing, pressed = bodies if sharp.any() else bodies[::-1]
-    if pressing.softest < SOFTER * pressed.softest:
+    pressing, pressed = (own, other) if sharp.any() else (other, own)
+    if pressing.stiffness < SOFTER * pressed.stiffness:
         return ""
     return f"at a sharp edge of {pressing.name}"
 
 
-def _punch(contact: Contact) -> bool:
-    """Whether a contact's obstacle is flat and need not be larger than its boundary."""
-    return contact.obstacle.curvature_radius is None
-
-
-def _skin(
-    model: Model, body: int, boundary: str, point: Array, reach: float
-) -> tuple[Surface, _Joints] | None:
-    """Facets of a body near a point and the edges between them.
+def _skin(model: Model, body: int, boundary: str, point: Array, reach: float) -> Skin | None:
+    """Facets of a body near a point and the edges between them (collective).
 
     Facets that are held along one axis only are left out: they lie on planes of symmetry.
     """
@@ -178,25 +193,27 @@ def _skin(
         rows = contact = np.zeros(0, np.int32)
         if s.body == body:
             rows = surface_facets(s, scene.bodies[body])
+            rows = rows[within(s.points()[s.reference.facets[rows]], point, reach)]
+        if len(rows):
             held = [
                 boundary_facets(s, scene.bodies[body], condition.boundary)
                 for condition in scene.displacements
                 if condition.body == body and sum(v is not None for v in condition.values) == 1
             ]
-            contact = boundary_facets(s, scene.bodies[body], boundary)
             rows = np.setdiff1d(rows, np.concatenate([*held, rows[:0]]))
-            x = s.points()[s.reference.facets[rows]]
-            away = np.linalg.norm(x - point, axis=2).min(axis=1, initial=np.inf)
-            rows = rows[away <= reach + np.linalg.norm(np.ptp(x, axis=1), axis=1)]
-            contact = np.intersect1d(rows, contact)
+            contact = np.intersect1d(rows, boundary_facets(s, scene.bodies[body], boundary))
         every.append(rows)
         of_contact.append(contact)
     surface, pressed = (gather_surface(scene, partition, rows) for rows in (every, of_contact))
     if surface is None or pressed is None:
         return None
-    known = {tuple(row) for row in np.sort(pressed.nodes, axis=1)}
-    on = np.array([tuple(row) in known for row in np.sort(surface.nodes, axis=1)])
-    return surface, _joints(surface, on)
+    return Skin.of(surface, pressed, scene.bodies[body].name, scene.bodies[body].softest)
+
+
+def within(facets: Array, point: Array, reach: float) -> NDArray[np.bool_]:
+    """Mask of the facets (n, nodes, 3) with a part within some distance of a point."""
+    away = np.linalg.norm(facets - point, axis=2).min(axis=1, initial=np.inf)
+    return np.asarray(away <= reach + np.linalg.norm(np.ptp(facets, axis=1), axis=1))
 
 
 def _joints(surface: Surface, pressed: NDArray[np.bool_]) -> _Joints:
@@ -228,12 +245,10 @@ def _facet_edge(surface: Surface, point: Array) -> float:
     return float(np.linalg.norm(edges[touching], axis=2).max())
 
 
-def sentences(model: Model, peaks: Sequence[SharpPeak]) -> list[str]:
-    """Warnings, one for each contact."""
-    return [
-        f"{model.scene.touching[peak.number].source}: the largest pressure, {peak.pressure:.3g} at "
-        f"({', '.join(f'{v:.4g}' for v in peak.point)}), is {peak.edge}: it grows without limit as "
-        "the mesh is refined, unless the edge is drawn with its radius; forces and pressures away "
-        "from the edge converge"
-        for peak in peaks
-    ]
+def sentence(pressure: float, point: Array, edge: str) -> str:
+    """Warning on a largest pressure at a sharp edge, without the name of its contact."""
+    return (
+        f"the largest pressure, {pressure:.3g} at ({', '.join(f'{v:.4g}' for v in point)}), is "
+        f"{edge}: it grows without limit as the mesh is refined, unless the edge is drawn with its "
+        "radius; forces and pressures away from the edge converge"
+    )

@@ -13,6 +13,7 @@ rotate about it, and then the coarse problem is singular.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import product
 
 import numpy as np
 from mpi4py import MPI
@@ -61,6 +62,8 @@ class Bodies:
         Number of subdomains of each body.
     centres, lengths : (bodies, 3), (bodies,)
         Centre and length in the definition of rigid motions.
+    halves : (bodies, 3)
+        Half the sides of the box about each body.
     """
 
     of_subdomain: NDArray[np.int64]
@@ -69,6 +72,7 @@ class Bodies:
     sizes: NDArray[np.int64]
     centres: Array
     lengths: Array
+    halves: Array
 
     @property
     def count(self) -> int:
@@ -78,6 +82,21 @@ class Bodies:
     def motions(self, body: int, points: Array, d: int) -> Array:
         """Rigid motions of a body at points (n, 3), (n, d, motions)."""
         return rigid_motions(points, d, self.centres[body], float(self.lengths[body]))
+
+    def size_of(self, body: int, motion: Array) -> float:
+        """Largest displacement at the corners of the box about a body."""
+        d = 2 if len(motion) == MOTIONS[2] else 3
+        signs = np.array(list(product(*[(-1.0, 1.0)] * d, *[(0.0,)] * (3 - d))))
+        moved = self.motions(body, self.centres[body] + signs * self.halves[body], d) @ motion
+        return float(np.linalg.norm(moved, axis=1).max())
+
+    def name(self, body: int) -> str:
+        """A phrase for messages."""
+        if self.count == 1:
+            return "the body"
+        middle = np.where(np.abs(self.centres[body]) < 1e-9 * self.lengths[body], 0.0,
+                          self.centres[body])  # fmt: skip
+        return f"the body about ({', '.join(f'{v:.3g}' for v in middle)})"
 
 
 def bodies_of(subdomains: Subdomains, exchange: NodeExchange) -> Bodies:
@@ -104,7 +123,7 @@ def bodies_of(subdomains: Subdomains, exchange: NodeExchange) -> Bodies:
     lower, upper = np.min(comm.allgather(lower), axis=0), np.max(comm.allgather(upper), axis=0)
     return Bodies(
         of_subdomain, of_node, np.unique(label, return_index=True)[1], np.bincount(label),
-        0.5 * (lower + upper), (upper - lower).max(axis=1),
+        0.5 * (lower + upper), (upper - lower).max(axis=1), 0.5 * (upper - lower),
     )  # fmt: skip
 
 
@@ -246,11 +265,11 @@ def holding(
     work, scale = comm.allreduce(work), comm.allreduce(scale)
     springs = resisted(subdomains, bodies, stiffness)
     body_of_held = bodies.of_node[held.nodes - exchange.first]
-    seen = _contact_motions(bodies, exchange, contact, d)
+    seen = contact_motions(bodies, exchange, contact, d)
     moved = _moved_by_contact(bodies, exchange, contact, d)
     rough: ContactPoints | None = None
     if rows.friction is not None:
-        slips = _contact_motions(bodies, exchange, rows.friction.rows, d)
+        slips = contact_motions(bodies, exchange, rows.friction.rows, d)
         rough = ContactPoints(rows.friction, rows.friction.places(contact), slips)
     free: list[Array] = [np.zeros((m, 0))] * bodies.count
     loose, allowed = list(free), list(free)
@@ -274,7 +293,7 @@ def holding(
             escape = found.escape
             if cones is not None:
                 escape = slide(comm, holding_rows, of_group, escape, cones)
-            raise NoEquilibriumError(_leaving(bodies, group, escape, d, cones is not None))
+            raise NoEquilibriumError(_leaving(bodies, group, escape, cones is not None))
         steady &= found.held
         for b, motion in zip(group, by_body(found.free_motions, m), strict=True):
             free[b] = motion
@@ -308,7 +327,7 @@ def _moved_by_contact(
     return moved.reshape(-1, bodies.count * m)
 
 
-def _contact_motions(
+def contact_motions(
     bodies: Bodies, exchange: NodeExchange, contact: ContactRows, d: int
 ) -> sparse.csr_matrix:
     """Contact rows applied to the rigid motions of each body, (rows, bodies · motions)."""
@@ -328,16 +347,15 @@ def _contact_motions(
     )
 
 
-def _leaving(bodies: Bodies, group: NDArray[np.int64], escape: Array, d: int, rough: bool) -> str:
+def _leaving(bodies: Bodies, group: NDArray[np.int64], escape: Array, rough: bool) -> str:
     """Phrase with the bodies that leave, and their directions, for an error."""
     motions = escape.reshape(len(group), -1)
     size = np.abs(motions).max(axis=1)
     messages = []
     for b, motion, s in zip(group, motions, size, strict=True):
         if s > 1e-6 * size.max():
-            middle = ", ".join(f"{v:.3g}" for v in bodies.centres[b][:d])
-            which = "the body" if bodies.count == 1 else f"the body about ({middle})"
-            messages.append(f"{which} from leaving along {directions_in_words(motion[:, None])}")
+            words = directions_in_words(motion[:, None])
+            messages.append(f"{bodies.name(int(b))} from leaving along {words}")
     friction = ", not even friction at its limit" if rough else ""
     return (
         f"the problem has no equilibrium: nothing stops {' and '.join(messages)} under its loads"

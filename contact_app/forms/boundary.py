@@ -13,6 +13,7 @@ from contact_app.forms.parts import Parts
 from contact_app.model.facets import moments
 from meshes import dolfinx_compat
 from meshes.contact_surface import Surface
+from meshes.quadratic import FACETS
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,17 +44,29 @@ class Facets:
             np.add.at(result, self.copies, share)
         return result
 
+    def vertices(self, dimension: int) -> NDArray[np.int64]:
+        """Copies of the vertices, (facets, vertices)."""
+        return self.copies[:, : FACETS[dimension, self.copies.shape[1]].vertices]
+
+    def chosen(self, mask: NDArray[np.bool_]) -> Facets:
+        """Some of them."""
+        return Facets(self.copies[mask], self.numbers[mask], self.points[mask], self.inside[mask])
+
 
 def surface_facets(parts: Parts, tags: Any, values: tuple[int, ...]) -> Facets:
     """The facets with one of some values that lie on the surface (collective)."""
+    return exterior_facets(parts, dolfinx_compat.tagged(tags)[np.isin(tags.values, values)])
+
+
+def exterior_facets(parts: Parts, among: NDArray[np.int32] | None = None) -> Facets:
+    """The facets of the surface, or those of some facets that lie on it (collective)."""
     mesh = parts.space.mesh
     d = mesh.topology.dim
-    chosen = np.isin(np.asarray(tags.values), values)
-    entities = dolfinx_compat.tagged(tags)[chosen]
     mesh.topology.create_connectivity(d - 1, d)
     mesh.topology.create_connectivity(d, d - 1)
-    outside = np.asarray(dolfinx.mesh.exterior_facet_indices(mesh.topology))
-    entities = np.intersect1d(entities, outside)
+    entities = np.asarray(dolfinx.mesh.exterior_facet_indices(mesh.topology))
+    if among is not None:
+        entities = np.intersect1d(among, entities)
     links, offsets = dolfinx_compat.adjacency(mesh.topology.connectivity(d - 1, d))
     cell = links[offsets[entities]]
     mine = cell < len(parts.of_cell)

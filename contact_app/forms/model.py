@@ -318,8 +318,8 @@ def _supports(subdomains: Subdomains, bodies: Bodies, found: Holding, first: int
 def _notes(bodies: Bodies, found: Holding) -> tuple[str, ...]:
     loose = [b for b, motions in enumerate(found.free_motions) if motions.shape[1]]
     return tuple(
-        f"the body about ({', '.join(f'{v:.3g}' for v in bodies.centres[b])}) can move freely and "
-        "no load does work in that motion: it is held in its place"
+        f"{bodies.name(b)} can move freely and no load does work in that motion: it is held in its "
+        "place"
         for b in loose
     )
 

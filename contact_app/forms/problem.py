@@ -36,6 +36,7 @@ from contact_app.forms.results import (
     reaction_records,
     summary_of,
 )
+from contact_app.forms.warnings import FormAnswer, form_warnings
 from contact_app.machine.environment import slow_blas_warning
 from contact_app.machine.timings import Timings
 from contact_app.results.friction import friction_at_rows
@@ -171,7 +172,7 @@ class ContactProblem:
         if solution is None and method in ("auto", "primal"):
             try:
                 model, solution = self._by("primal", timings, monitor)
-                why = "" if _is_final(solution) else reason_text(solution)
+                why = "" if _is_final(solution) else reason_text(solution).partition(";")[0]
             except CouldNotRunError as error:
                 why = str(error)
             if why:
@@ -180,11 +181,8 @@ class ContactProblem:
             model, solution, why = self._by_total_feti(timings, monitor)
             messages += [why] * bool(why)
         assert model is not None
-        messages += [*model.notes, *filter(None, [slow_blas_warning()])]
-        solution = replace(
-            solution, certificate=replace(solution.certificate, warnings=tuple(messages))
-        )
-        self._answer = self._evaluated(model, solution, timings)
+        messages += filter(None, [slow_blas_warning()])
+        self._answer = self._evaluated(model, solution, timings, messages)
         if not solution.converged and model.parts.comm.rank == 0:
             warnings.warn(f"not certified: {reason_text(solution)}", RuntimeWarning, stacklevel=2)
         return self.u
@@ -270,8 +268,10 @@ class ContactProblem:
         except FAILURES as error:
             raise _no_answer(error) from error
 
-    def _evaluated(self, model: FormModel, solution: Solution, timings: Timings) -> _Answer:
-        """Fields and summary (collective)."""
+    def _evaluated(
+        self, model: FormModel, solution: Solution, timings: Timings, messages: list[str]
+    ) -> _Answer:
+        """Fields, warnings after some messages, and summary (collective)."""
         parts, d = model.parts, model.parts.dimension
         with timings.measure("output"):
             copies = model.at_copies(solution.displacements)
@@ -283,6 +283,10 @@ class ContactProblem:
                 contact_at_nodes(model, solution, owners, rough, i)
                 for i in range(len(model.contacts))
             ]
+            answer = FormAnswer(model, solution, owners, displacement, found, self.bcs)
+            messages = [*messages, *model.notes, *form_warnings(answer)]
+            certificate = replace(solution.certificate, warnings=tuple(messages))
+            solution = replace(solution, certificate=certificate)
             none = np.zeros(owners.count)
             pressure = np.max([none, *(c.pressure for c in found)], axis=0)
             smoothed = np.max([none, *(c.smoothed for c in found)], axis=0)

@@ -68,6 +68,12 @@ class Owners:
         total = self.sums(np.where(among.reshape(shape), copies, 0.0))
         return np.divide(total, count, out=np.zeros(total.shape), where=count > 0.0)
 
+    def on(self, some: NDArray[np.int64], count: int) -> NDArray[np.bool_]:
+        """Mask (owned,) of the nodes that have some of the copies, of all that there are."""
+        marks = np.zeros(count)
+        marks[some.ravel()] = 1.0
+        return self.sums(marks) > 0.0
+
     def at(self, copies: Array) -> Array:
         """Values (copies, …) that are equal at all copies of a node, (owned, …)."""
         result = np.zeros((self.count, *copies.shape[1:]), copies.dtype)
@@ -109,6 +115,8 @@ class ContactAtNodes:
         Friction force per area on the side of `tag`, and its slip along what it touches.
     status : (owned,)
         0 where a node is open, 1 where it sticks, 2 where it slides.
+    rubs : (owned,)
+        Mask of nodes with a friction force of a given limit, also where they are open.
     """
 
     pressure: Array
@@ -123,6 +131,7 @@ class ContactAtNodes:
     traction: Array
     slips: Array
     status: NDArray[np.int64]
+    rubs: NDArray[np.bool_]
 
 
 def contact_at_nodes(
@@ -170,14 +179,14 @@ def contact_at_nodes(
     vectors = rough.forces[mine]
     vectors[:, :d] += force[:, None] * rows.normals[mine]
     moments = force[:, None] * rows.moments[mine] + rough.moments[mine]
-    carriers = shares > 0.0 if at_nodes else at_owned(np.ones(len(force))) > 0.0
+    carriers = shares > 0.0 if at_nodes else owners.on(facets.vertices(d), count)
     status = np.where(closed | rough.rubs[mine], np.where(rough.sticks[mine], 1, 2), 0)
     smoothed = _smoothed(model, owners, number, (pressure, shares), at_nodes)
     return ContactAtNodes(
         pressure, smoothed, gap, shares, carriers,
         at_owned(closed.astype(float)) > 0.0, at_owned(np.where(closed, area, 0.0)),
         at_owned(vectors), at_owned(moments), traction, at_owned(rough.slips[mine]),
-        at_owned(status).astype(np.int64),
+        at_owned(status).astype(np.int64), at_owned(rough.rubs[mine].astype(float)) > 0.0,
     )  # fmt: skip
 
 
@@ -192,9 +201,7 @@ def _smoothed(
         The pressure, and the integrals of shape functions.
     """
     parts, sides = model.parts, model.sides[number]
-    marks = np.zeros(len(parts.points))
-    marks[sides.facets.copies.ravel()] = 1.0
-    on = np.flatnonzero(owners.sums(marks) > 0.0)
+    on = np.flatnonzero(owners.on(sides.facets.copies, len(parts.points)))
     at_on = model.exchange.first + on, known[0][on], known[1][on]
     result = np.zeros(owners.count)
     result[on] = smoothed_on(parts.comm, sides.surfaces, at_on, parts.nodes, at_nodes)

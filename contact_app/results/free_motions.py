@@ -8,14 +8,18 @@ displacement in the mean square (`solver.tfeti.free_motions`).
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from contact_app.model.equilibrium import directions_in_words, motion_size, upward
 from contact_app.model.model import Model
 from solver.contact.solution import Solution
+from solver.tfeti.dual import DualProblem
 
 LARGE = 0.5
 """Shares of the largest displacement: there is a warning if the motion alone is larger, and the
@@ -51,16 +55,35 @@ class FreeMotion:
             "without_it": self.without,
         }  # fmt: skip
 
+    def sentence(self, name: str, remedy: str) -> str:
+        """The warning on the body of a name."""
+        return (
+            f"{name} slides by {self.largest:.3g} along {self.along}, which its contacts "
+            "hardly resist: only the flat facets of round surfaces determine how far it slides. "
+            f"Without this motion its largest displacement is {self.without:.3g}; {remedy}"
+        )
+
 
 def free_motions(model: Model, solution: Solution) -> list[FreeMotion]:
     """Motions that make up most of the displacement of their body (collective)."""
-    free, measures = model.problem.system.free, solution.measures
-    if free is None:
-        return []
-    found = []
-    for b, motion in enumerate(free.of(solution.displacements)[: len(model.scene.bodies)]):
+    found = sliding_bodies(model.problem, solution, partial(motion_size, model.scene))
+    return [slide for slide in found if slide.body < len(model.scene.bodies)]
+
+
+def sliding_bodies(
+    problem: DualProblem, solution: Solution, size_of: Callable[[int, NDArray[np.float64]], float]
+) -> list[FreeMotion]:
+    """The same for any bodies (collective).
+
+    Parameters
+    ----------
+    size_of
+        Largest displacement of a body, by its number, in a rigid motion (motions,).
+    """
+    free, measures, found = problem.system.free, solution.measures, []
+    for b, motion in enumerate(free.of(solution.displacements) if free is not None else []):
         largest, without = float(measures.displacements[b]), float(measures.deformations[b])
-        moved = motion_size(model.scene, b, motion)
+        moved = size_of(b, motion)
         if moved > LARGE * largest and without < LARGE * largest:
             share = np.abs(motion) > 0.05 * np.abs(motion).max()
             along = directions_in_words(upward(np.where(share, motion, 0.0)[:, None]))

@@ -11,7 +11,8 @@ MOST = 12
 """Largest number of lines of one kind in the table; ``summary.json`` has all."""
 
 ROUND_OFF = 1e-9
-"""Component of a vector over its largest that is shown as 0."""
+"""Component of a vector over its largest, or of a reaction over the largest force, that is shown as
+0."""
 
 Row = tuple[str, str]
 
@@ -31,7 +32,10 @@ def named_rows(summary: Mapping[str, Any]) -> Iterator[Row]:
         yield "largest contact pressure", number(solution["max_contact_pressure"])
         yield from _contacts(contacts)
     reactions = summary.get("reactions", [])
-    yield from _several("reactions", [(found["on"], vector(found["force"])) for found in reactions])
+    forces = [force for found in (*contacts, *reactions) for force in found["force"]]
+    most = max(map(abs, forces), default=0.0)
+    supports = [(found["on"], vector(found["force"], most)) for found in reactions]
+    yield from _several("reactions", supports)
     sections = summary.get("sections", {}).items()
     yield from _several(
         "sections: force, moment",
@@ -69,9 +73,15 @@ def _several(head: str, rows: Sequence[Row]) -> Iterator[Row]:
         yield f"  and {more} more", "in summary.json"
 
 
-def vector(values: Sequence[float] | float) -> str:
-    """Components in brackets, round-off beside the largest as 0; a single number as it is."""
+def vector(values: Sequence[float] | float, size: float = 0.0) -> str:
+    """Components in brackets, round-off beside the largest as 0; a single number as it is.
+
+    Parameters
+    ----------
+    size
+        A larger number, of which rounding errors may be.
+    """
     if not isinstance(values, Sequence):
         return number(values)
-    none = ROUND_OFF * max(map(abs, values), default=0.0)
+    none = ROUND_OFF * max([size, *map(abs, values)])
     return f"({', '.join(number(v if abs(v) > none else 0.0) for v in values)})"

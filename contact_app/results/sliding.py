@@ -4,44 +4,59 @@ from __future__ import annotations
 
 import numpy as np
 from mpi4py import MPI
+from numpy.typing import NDArray
 
-from contact_app.model.model import Model
-from contact_app.results.fields import NodeFields
 from solver.contact.solution import Solution
+from solver.tfeti.constraints.exchange import NodeExchange
+from solver.tfeti.dual import DualProblem
+
+Array = NDArray[np.float64]
 
 
-def largest_sliding(model: Model, solution: Solution, nodes: NodeFields, source: int) -> float:
-    """Largest tangential displacement of touching nodes of one contact."""
-    contact = model.problem.contact
-    touching = (solution.multiplier[model.problem.inequality] > 0.0) & (contact.sources == source)
-    u = nodes.displacement[contact.nodes[touching] - nodes.first]
-    normal = contact.normals[touching]
-    along = u - np.einsum("ij,ij->i", u, normal)[:, None] * normal
+def largest_sliding(
+    problem: DualProblem, exchange: NodeExchange, u: Array, solution: Solution, source: int
+) -> float:
+    """Largest tangential displacement of touching nodes of one contact (collective).
+
+    Parameters
+    ----------
+    u : (owned, d)
+        Displacement of the nodes this rank owns.
+    """
+    contact = problem.contact
+    touching = (solution.multiplier[problem.inequality] > 0.0) & (contact.sources == source)
+    moved, normal = u[contact.nodes[touching] - exchange.first], contact.normals[touching]
+    along = moved - np.einsum("ij,ij->i", moved, normal)[:, None] * normal
     largest = float(np.linalg.norm(along, axis=1).max(initial=0.0))
-    return float(model.comm.allreduce(largest, op=MPI.MAX))
+    return float(problem.comm.allreduce(largest, op=MPI.MAX))
 
 
 def sliding_on_each_other(
-    model: Model, solution: Solution, nodes: NodeFields, source: int
+    problem: DualProblem, exchange: NodeExchange, u: Array, solution: Solution, source: int
 ) -> tuple[float, float]:
     """Largest tangential motion of a touching row of a pair of bodies, and its facets' size.
 
-    A row weighs nodes by Σ_c value_c n_c, its entries being weights times the mean normal.
+    A row weighs nodes by Σ_c value_c n_c, its entries being weights times the mean normal
+    (collective).
+
+    Parameters
+    ----------
+    u : (owned, d)
+        Displacement of the nodes this rank owns.
     """
-    comm, d = model.comm, model.scene.dimension
-    contact = model.problem.contact
-    pushed = solution.multiplier[model.problem.inequality] > 0.0
+    d, contact = problem.dimension, problem.contact
+    pushed = solution.multiplier[problem.inequality] > 0.0
     rows = contact.of(pushed & (contact.sources == source))
     entries, normals = rows.entries, rows.normals
-    query = model.node_exchange.among(entries.node)
-    u = query.from_owners(nodes.displacement[query.nodes - nodes.first])
+    query = exchange.among(entries.node)
+    there = query.from_owners(u[query.nodes - exchange.first])
     weight = entries.value * -normals[entries.row, entries.component]
     motion = np.zeros((len(rows.nodes), d))
-    np.add.at(motion, entries.row, weight[:, None] * u)
+    np.add.at(motion, entries.row, weight[:, None] * there)
     motion -= np.einsum("ij,ij->i", motion, normals)[:, None] * normals
     size = np.linalg.norm(motion, axis=1)
     worst = int(np.argmax(size)) if len(size) else -1
     mine = (
         (float(size[worst]), float(rows.areas[worst] ** (1 / (d - 1)))) if len(size) else (0.0, 0.0)
     )
-    return max(comm.allgather(mine))
+    return max(problem.comm.allgather(mine))

@@ -13,11 +13,14 @@ with g_i the distance left at row i. Motions that no row resists are told by `fr
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 from mpi4py import MPI
 from numpy.typing import NDArray
+from scipy import sparse
 
 from contact_app.model.equilibrium import (
     contact_motions,
@@ -30,6 +33,7 @@ from contact_app.model.model import Model
 from contact_app.model.rigid import RigidUnknowns
 from solver.contact.equilibrium import undetermined_motions
 from solver.contact.solution import Solution
+from solver.tfeti.dual import DualProblem
 from solver.tfeti.subdomain.kernels import MOTIONS
 from solver.vectors import largest_magnitude
 
@@ -73,8 +77,14 @@ class Undetermined:
         return f"{self.name} {play} along {self.along}"
 
 
-def play_warnings(found: list[Undetermined]) -> list[str]:
-    """One sentence that names every body once, with its largest play; none without plays."""
+def play_warnings(found: list[Undetermined], remedy: str) -> list[str]:
+    """One sentence that names every body once, with its largest play; none without plays.
+
+    Parameters
+    ----------
+    remedy
+        What determines the position.
+    """
     if not found:
         return []
     largest: dict[str, Undetermined] = {}
@@ -86,26 +96,60 @@ def play_warnings(found: list[Undetermined]) -> list[str]:
     return [
         f"{'; '.join(one.play for one in largest.values())}: the contact forces do not resist "
         f"{motion} and no load drives {it}. {whose} displacements are those of one of many "
-        "positions with the same stresses and contact forces; a displacement condition, `hold` "
-        "or friction determines the position"
+        f"positions with the same stresses and contact forces; {remedy} determines the position"
     ]
 
 
 def undetermined(model: Model, solution: Solution) -> list[Undetermined]:
     """The motions that an answer without friction leaves open (collective)."""
-    scene, problem, comm = model.scene, model.problem, model.comm
-    free = problem.system.free
+    scene, problem = model.scene, model.problem
+    if problem.friction is not None or problem.system.free is None:
+        return []
+    rigid = RigidUnknowns.of(scene, model.partition)
+    seen = contact_motions(scene, model.partition, problem.contact, rigid)
+    bodies = Movable(groups_in_contact(scene), scene.body_names, partial(motion_size, scene))
+    return undetermined_of(problem, solution, seen, bodies)
+
+
+@dataclass(frozen=True, eq=False)
+class Movable:
+    """Bodies that may move.
+
+    Attributes
+    ----------
+    groups
+        Numbers of the bodies of each group that may touch.
+    names
+        Of each body.
+    size_of
+        Largest displacement of a body, by its number, in a rigid motion (motions,).
+    """
+
+    groups: Sequence[NDArray[np.int64]]
+    names: Sequence[str]
+    size_of: Callable[[int, Array], float]
+
+
+def undetermined_of(
+    problem: DualProblem, solution: Solution, seen: sparse.csr_matrix, bodies: Movable
+) -> list[Undetermined]:
+    """The same for any bodies (collective).
+
+    Parameters
+    ----------
+    seen : (rows, bodies · motions)
+        Contact rows applied to the rigid motions of each body.
+    """
+    free, contact, comm = problem.system.free, problem.contact, problem.comm
     if problem.friction is not None or free is None:
         return []
-    m, contact = MOTIONS[scene.dimension], problem.contact
-    rigid = RigidUnknowns.of(scene, model.partition)
-    seen = contact_motions(scene, model.partition, contact, rigid)
+    m = MOTIONS[problem.dimension]
     left = -problem.residual(problem.on_interface(solution.displacements))[problem.inequality]
     left = np.maximum(left / contact.spread, 0.0)
     force = solution.multiplier[problem.inequality] * contact.spread
     largest = comm.allreduce(float(force.max(initial=0.0)), op=MPI.MAX)
     found = []
-    for group in groups_in_contact(scene):
+    for group in bodies.groups:
         rows = seen[:, (group[:, None] * m + np.arange(m)).ravel()]
         mine = np.diff(rows.indptr) > 0
         dense, presses = rows[mine].toarray(), force[mine] > PRESSING * largest
@@ -114,15 +158,13 @@ def undetermined(model: Model, solution: Solution) -> list[Undetermined]:
             for some in (free.loose.allowed, free.loose.along)
         )
         for motion in undetermined_motions(comm, allowed, dense, presses, loose).T:
-            speeds = [
-                motion_size(scene, int(b), part)
-                for b, part in zip(group, motion.reshape(len(group), m), strict=True)
-            ]
+            parts = motion.reshape(len(group), m)
+            speeds = [bodies.size_of(int(b), part) for b, part in zip(group, parts, strict=True)]
             most = int(np.argmax(speeds))
             reach = speeds[most] * _reach(comm, dense @ motion, left[mine])
             if reach > SMALL_PLAY * solution.measures.displacements[group[most]]:
-                along = directions_in_words(upward(motion.reshape(len(group), m)[most][:, None]))
-                found.append(Undetermined(scene.body_names[group[most]], along, reach))
+                along = directions_in_words(upward(parts[most][:, None]))
+                found.append(Undetermined(bodies.names[group[most]], along, reach))
     return found
 
 

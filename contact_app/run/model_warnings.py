@@ -23,16 +23,14 @@ from mpi4py import MPI
 from numpy.typing import NDArray
 
 from contact_app.accuracy.contact_limits import (
-    ENOUGH_FACETS,
-    FEWEST_FACETS,
+    coarse_pressure,
     entered_beside,
-    expected_error,
     pressed_facets,
     slipped_through,
 )
 from contact_app.accuracy.entered_pairs import entered_pairs
-from contact_app.accuracy.faceted_curves import compared, median_gaps, pair_sagittas, sagittas
-from contact_app.accuracy.sharp_edges import sentences, sharp_peaks
+from contact_app.accuracy.faceted_curves import median_gaps, pair_sagittas, sagittas
+from contact_app.accuracy.sharp_edges import sharp_peaks
 from contact_app.accuracy.solved_scene import SolvedScene
 from contact_app.accuracy.trust import few_cells
 from contact_app.model.loaded_area import loaded_facets, straddled_area
@@ -42,22 +40,25 @@ from contact_app.results.percent import percent
 from contact_app.results.repeated_sentences import without_repetitions
 from contact_app.results.sliding import largest_sliding, sliding_on_each_other
 from contact_app.results.undetermined import play_warnings, undetermined
+from contact_app.run.warning_texts import (
+    beside_boundary,
+    closing_at_once,
+    curving_away,
+    flat_facets,
+    rubbing_where_open,
+    sliding_far,
+    straight_edges,
+)
 from contact_app.scene.bodies import MOTION_NAMES
 from contact_app.scene.conditions import Pressure, Traction
 from solver.contact.certificate import EQUILIBRIUM_FLOOR
 from solver.contact.sizes import STRAINLESS
 from solver.driver import reason_text
-
-SMOOTHED = "and max_smoothed_pressure may be a third off, too"
-"""Sentence on the smoothed pressure in warnings of fewer than three facets across a contact. With
-2.2 to 2.7 across Hertz's ellipse (ball_in_grooves.yaml, its ball turned by random angles) it is 2 %
-to 22 % too low, with 2.8 across Hertz's circle up to 31 %."""
+from solver.tfeti.constraints.exchange import NodeExchange
+from solver.tfeti.dual import DualProblem
 
 SMALL_STRAIN, SMALL_ROTATION = 0.05, 0.1
 """Strain, and rotation in radians, above which a warning follows: they are not small."""
-
-SMALL_SAGITTA = 0.01
-"""Error of a gap by sliding along a curved obstacle, over the displacement, that is warned of."""
 
 SIMPLICES = ("triangle", "tetrahedron")
 
@@ -80,13 +81,6 @@ In bending the share is 1/n² for n cells of equal sides across the thickness.
 """
 
 
-CLOSING = 0.5
-"""Share of the points with friction that may close or open under a load applied at once. Of 20
-random scenes with more, friction changed by more than 5 % of its limits in 12, by up to 40 %, when
-the load was applied in twelve increments; of 34 with fewer in 6
-(`python -m tests.stability.increments`)."""
-
-
 LARGE_FRICTION = 1.0
 """Coefficient of friction from which on a warning follows: there may be other answers. For
 isotropic bodies in the plane an answer is known to exist below √(3 - 4ν)/(2 - 2ν), 0.87 to 1 (C.
@@ -98,22 +92,35 @@ Math. 57, 2004). Random scenes: `python -m tests.stability.several_answers`."""
 
 def model_warnings(answer: SolvedScene) -> list[str]:
     """Warnings for the certificate, one sentence each (collective)."""
-    warnings = [sentence for check in CHECKS for sentence in check(answer)]
+    warnings = [sentence for check in CHECKS for sentence in check(answer) if sentence]
     return without_repetitions(warnings, [body.name for body in answer.model.scene.bodies])
 
 
-def _large_deformations(answer: SolvedScene) -> Iterator[str]:
-    """Strains and rotations that are not small."""
-    comm, cells = answer.model.comm, answer.cells
-    strain = comm.allreduce(cells.largest_strain, op=MPI.MAX)
-    rotation = comm.allreduce(cells.largest_rotation, op=MPI.MAX)
+def _moved(answer: SolvedScene) -> tuple[DualProblem, NodeExchange, NDArray[np.float64]]:
+    """The problem, its nodes, and their displacement."""
+    return answer.model.problem, answer.model.node_exchange, answer.nodes.displacement
+
+
+def large_deformations(strain: float, rotation: float) -> list[str]:
+    """Strains and rotations, in radians, that are not small."""
+    found = []
     if strain > SMALL_STRAIN:
-        yield f"strains reach {strain:.2g}; the model assumes small ones (below {SMALL_STRAIN})"
+        found.append(
+            f"strains reach {strain:.2g}; the model assumes small ones (below {SMALL_STRAIN})"
+        )
     if rotation > SMALL_ROTATION:
-        yield (
+        found.append(
             f"rotations reach {rotation:.2g} rad; the model assumes small ones, and gaps and "
             "normals are those of the undeformed shape"
         )
+    return found
+
+
+def _large_deformations(answer: SolvedScene) -> list[str]:
+    """Strains and rotations that are not small."""
+    comm, cells = answer.model.comm, answer.cells
+    largest = cells.largest_strain, cells.largest_rotation
+    return large_deformations(*(comm.allreduce(value, op=MPI.MAX) for value in largest))
 
 
 def _straight_edges(answer: SolvedScene) -> Iterator[str]:
@@ -123,15 +130,8 @@ def _straight_edges(answer: SolvedScene) -> Iterator[str]:
     gaps = median_gaps(answer.model) if any(found) else []
     for contact, sagitta, gap in zip(scene.contacts, found, gaps, strict=False):
         body = scene.bodies[contact.body]
-        share = compared(sagitta, moved[contact.body], gap)
-        if share:
-            second = "a mesh file of second order (in Gmsh: Mesh.ElementOrder = 2)"
-            remedy = f"use {second}" if body.degree == 2 else f"use degree: 2 and {second}"
-            yield (
-                f"{contact.source}: the boundary of {body.name} is round and the edges of its mesh "
-                f"are straight: the middle of an edge lies up to {sagitta:.2g} beside the curve, "
-                f"{share}, and the answer is that of the polygon; {remedy}"
-            )
+        if text := straight_edges(body.name, sagitta, moved[contact.body], gap, body.degree):
+            yield f"{contact.source}: {text}"
 
 
 def _straight_facets(answer: SolvedScene) -> Iterator[str]:
@@ -140,24 +140,10 @@ def _straight_facets(answer: SolvedScene) -> Iterator[str]:
     found = pair_sagittas(answer.model, answer.nodes)
     gaps = median_gaps(answer.model)[len(scene.contacts) :] if any(found) else []
     for pair, sagitta, gap in zip(scene.pairs, found, gaps, strict=False):
-        share = compared(sagitta, max(moved[pair.body], moved[pair.other]), gap)
-        if not share:
-            continue
         names = f"{scene.bodies[pair.body].name} and {scene.bodies[pair.other].name}"
-        second = "degree: 2 and a mesh file of second order (in Gmsh: Mesh.ElementOrder = 2)"
-        message = (
-            "the facets decide the gaps and the largest pressure; use `round: true` of the contact "
-            f"and max_smoothed_pressure, or {second}"
-        )
-        if pair.round:
-            message = (
-                "the facets decide the largest pressure; use max_smoothed_pressure instead, or "
-                f"{second}"
-            )
-        yield (
-            f"{pair.source}: {names} are round there and meet by flat facets, which lie up to "
-            f"{sagitta:.2g} beside the curve (h²/8R), {share}: {message}"
-        )
+        largest = max(moved[pair.body], moved[pair.other])
+        if text := flat_facets(names, sagitta, largest, gap, pair.round):
+            yield f"{pair.source}: {text}"
 
 
 def _beside_obstacles(answer: SolvedScene) -> Iterator[str]:
@@ -165,23 +151,15 @@ def _beside_obstacles(answer: SolvedScene) -> Iterator[str]:
     model, solution = answer.model, answer.solution
     scene = model.scene
     for i, contact in enumerate(scene.contacts):
-        radius = getattr(contact.obstacle, "curvature_radius", None)
+        radius, moved = contact.obstacle.curvature_radius, solution.measures.deformations
         if radius:
-            sliding = largest_sliding(model, solution, answer.nodes, i)
-            sagitta = sliding**2 / (2.0 * radius)
-            if sagitta > SMALL_SAGITTA * solution.measures.deformations[contact.body] > 0.0:
-                yield (
-                    f"{contact.source}: nodes in contact slide by up to {sliding:.3g} along an "
-                    f"obstacle of radius {radius:.3g}: over this length its surface curves away by "
-                    f"{sagitta:.2g}, which the linearised gap leaves out"
-                )
+            sliding = largest_sliding(*_moved(answer), solution, i)
+            if text := curving_away(sliding, radius, moved[contact.body]):
+                yield f"{contact.source}: {text}"
         entered, depth = entered_beside(model, solution, i)
-        if entered:
-            yield (
-                f"{contact.source}: {entered:,} surface nodes of {scene.bodies[contact.body].name} "
-                f"outside {contact.boundary} penetrate the obstacle, by up to {depth:.3g}: the "
-                "contact is wider than this boundary; name a larger boundary"
-            )
+        name = scene.bodies[contact.body].name
+        if text := beside_boundary(name, contact.boundary, entered, depth):
+            yield f"{contact.source}: {text}"
 
 
 def _between_nodes(answer: SolvedScene) -> list[str]:
@@ -197,45 +175,22 @@ def _coarse_pressures(answer: SolvedScene) -> Iterator[str]:
     scene, comm = answer.model.scene, answer.model.comm
     every = pressed_facets(answer.model, answer.nodes)
     for item, facets in zip(scene.touching, every, strict=True):
-        across = facets.across(comm, scene.dimension)
-        narrow = facets.across_narrow_side(comm, scene.dimension)
-        if across < FEWEST_FACETS:
-            yield (
-                f"{item.source}: the pressure varies within single facets: only about "
-                f"{max(across, 1.0):.0f} across carry the contact; the largest pressure depends on "
-                f"the mesh, {SMOOTHED}; use smaller cells there"
-            )
-        elif narrow < FEWEST_FACETS:
-            yield (
-                f"{item.source}: the pressure varies within single facets: about {narrow:.1f} "
-                "facets lie across the narrow side of the contact and "
-                f"{max(facets.along_axes(comm)):.0f} along it; the largest pressure depends on the "
-                f"mesh, {SMOOTHED}; use smaller cells there"
-            )
-        elif narrow < ENOUGH_FACETS:
-            yield (
-                f"{item.source}: the pressure varies as that of Hertz's contact with only about "
-                f"{narrow:.1f} facets across: max_smoothed_pressure may be "
-                f"{100.0 * expected_error(narrow):.0f} % off, more where the pressure is singular, "
-                "and the pressure of single nodes more; use smaller cells there"
-            )
+        if text := coarse_pressure(facets, comm, scene.dimension):
+            yield f"{item.source}: {text}"
 
 
 def _sharp_edges(answer: SolvedScene) -> list[str]:
     """Largest pressures at sharp edges (collective)."""
-    return sentences(answer.model, sharp_peaks(answer.model, answer.nodes))
+    return sharp_peaks(answer.model, answer.nodes)
 
 
 def _sliding_bodies(answer: SolvedScene) -> Iterator[str]:
     """Bodies that slide along each other by more than a facet."""
     scene = answer.model.scene
     for i, pair in enumerate(scene.pairs, start=len(scene.contacts)):
-        sliding, facet = sliding_on_each_other(answer.model, answer.solution, answer.nodes, i)
-        if sliding > facet:
-            yield (
-                f"{pair.source}: the bodies slide along each other by up to {sliding:.3g}, more "
-                f"than a facet ({facet:.2g}); the undeformed shape decides which parts may touch"
-            )
+        found = sliding_on_each_other(*_moved(answer), answer.solution, i)
+        if text := sliding_far(*found):
+            yield f"{pair.source}: {text}"
 
 
 def _locking_in_volume(answer: SolvedScene) -> Iterator[str]:
@@ -348,11 +303,18 @@ def _rubs_where_open(answer: SolvedScene) -> Iterator[str]:
     scene, comm = answer.model.scene, answer.model.comm
     for contact, found in zip(scene.touching, answer.nodes.contacts, strict=True):
         count = comm.allreduce(int((found.rubs & ~found.closed).sum()))
-        if count:
-            yield (
-                f"{contact.source}: Tresca friction acts on {count} nodes that carry no contact "
-                "force; with friction: {coulomb: …} friction acts on pressed nodes alone"
-            )
+        if text := rubbing_where_open(count):
+            yield f"{contact.source}: {text}"
+
+
+def several_answers(coefficient: float, pressed: bool) -> str:
+    """Coulomb friction so large that the answer need not be unique."""
+    if not pressed or coefficient < LARGE_FRICTION:
+        return ""
+    return (
+        f"with a coefficient of friction of {coefficient:g} the answer "
+        "need not be unique: the certificate holds for this one, and there may be others"
+    )
 
 
 def _several_answers(answer: SolvedScene) -> Iterator[str]:
@@ -360,11 +322,8 @@ def _several_answers(answer: SolvedScene) -> Iterator[str]:
     for contact, found in zip(answer.model.scene.touching, answer.nodes.contacts, strict=True):
         law = contact.friction
         pressed = answer.model.comm.allreduce(int(found.closed.any()), op=MPI.MAX)
-        if law is not None and (law.coulomb or 0.0) >= LARGE_FRICTION and pressed:
-            yield (
-                f"{contact.source}: with a coefficient of friction of {law.coulomb:g} the answer "
-                "need not be unique: the certificate holds for this one, and there may be others"
-            )
+        if text := several_answers((law and law.coulomb) or 0.0, bool(pressed)):
+            yield f"{contact.source}: {text}"
 
 
 def _closes_at_once(answer: SolvedScene) -> Iterator[str]:
@@ -373,14 +332,8 @@ def _closes_at_once(answer: SolvedScene) -> Iterator[str]:
     if not model.scene.has_friction or model.scene.in_step:
         return
     approach = approach_of_held(model, None)
-    changed, touching = closing_points(model.problem, answer.solution, None, approach)
-    if changed > CLOSING * touching:
-        yield (
-            f"{changed:,} of {touching:,} contact points with friction close or open under the "
-            "load, which is applied at once: their slip is measured from the unloaded state, not "
-            "from the state in which they touched; `steps` with several increments show how much "
-            "this matters"
-        )
+    changed = closing_points(model.problem, answer.solution, None, approach)
+    yield closing_at_once(*changed, "`steps` with several increments show how much this matters")
 
 
 def _slides(answer: SolvedScene) -> Iterator[str]:
@@ -390,19 +343,15 @@ def _slides(answer: SolvedScene) -> Iterator[str]:
     for found in free_motions(answer.model, answer.solution):
         if found.body not in touching:
             continue
-        body = scene.bodies[found.body]
         names = ", ".join(MOTION_NAMES[scene.dimension][k] for k in found.names)
-        yield (
-            f"{body.name} slides by {found.largest:.3g} along {found.along}, which its contacts "
-            "hardly resist: only the flat facets of round surfaces determine how far it slides. "
-            f"Without this motion its largest displacement is {found.without:.3g}; "
-            f"`hold: [{names}]` on the body prevents the motion"
-        )
+        remedy = f"`hold: [{names}]` on the body prevents the motion"
+        yield found.sentence(scene.bodies[found.body].name, remedy)
 
 
 def _plays(answer: SolvedScene) -> list[str]:
     """Bodies that can be moved without any change of energy and forces (collective)."""
-    return play_warnings(undetermined(answer.model, answer.solution))
+    remedy = "a displacement condition, `hold` or friction"
+    return play_warnings(undetermined(answer.model, answer.solution), remedy)
 
 
 def _tied_over_gaps(answer: SolvedScene) -> list[str]:

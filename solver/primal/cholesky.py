@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from petsc4py import PETSc
 from scipy import sparse
 
-from solver.openmp import one_openmp_thread
+from solver.factors import compute_factor
 from solver.tfeti.constraints.matrix import local_rows
 from solver.vectors import on_arrays
 
@@ -24,15 +24,10 @@ def factored(matrix: PETSc.Mat) -> PETSc.PC:
         The matrix has no Cholesky factor.
     """
     pc = PETSc.PC().create(matrix.comm)
-    pc.setOperators(matrix)
     matrix.setOption(PETSc.Mat.Option.SPD, True)
     pc.setType("cholesky")
     pc.setFactorSolverType("cholmod" if matrix.comm.size == 1 else "mumps")
-    try:
-        with one_openmp_thread():
-            pc.setUp()
-    except PETSc.Error as error:
-        raise ArithmeticError("a sparse matrix has no Cholesky factor") from error
+    compute_factor(pc, matrix)
     return pc
 
 

@@ -35,7 +35,7 @@ from numpy.typing import NDArray
 from petsc4py import PETSc
 from scipy import sparse
 
-from solver.openmp import one_openmp_thread
+from solver.factors import compute_factor
 from solver.qp.result import Counts, Monitor, Reason, Step
 from solver.tfeti.constraints.matrix import lent, petsc_rows, scale_rows
 from solver.tfeti.dual import DualProblem
@@ -314,13 +314,11 @@ class _System:
             matrix.setDiagonal(matrix.getDiagonal() + extra)
         matrix.setOption(PETSc.Mat.Option.SPD, True)
         pc = PETSc.PC().create(comm)
-        pc.setOperators(matrix)
         pc.setType("cholesky" if comm.size == 1 else "lu")
         pc.setFactorSolverType("cholmod" if comm.size == 1 else "mumps")
         try:
-            with one_openmp_thread():
-                pc.setUp()
-        except PETSc.Error as error:
+            compute_factor(pc, matrix)
+        except ArithmeticError as error:
             raise ArithmeticError("no factor: nothing holds some body, or no digits") from error
         weighted.destroy()
         self._pc, self._active = pc, active.copy()

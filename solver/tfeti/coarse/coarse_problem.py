@@ -31,7 +31,7 @@ from numpy.typing import NDArray
 from petsc4py import PETSc
 from scipy import sparse
 
-from solver.openmp import one_openmp_thread
+from solver.factors import compute_factor
 from solver.tfeti.coarse.gram import Blocks, KernelRows
 from solver.tfeti.constraints.exchange import NodeExchange
 from solver.tfeti.constraints.matrix import ConstraintMatrix, RowWeights, petsc_rows
@@ -346,13 +346,11 @@ class CoarseFactor:
         if not self._matrix:
             self._matrix = petsc_rows(self._layout.of_factor, self._local, self._layout.rows)
             self._matrix.setOption(PETSc.Mat.Option.SPD, True)
-            self._pc.setOperators(self._matrix)
         else:  # the PETSc matrix uses the memory of these arrays
             self._matrix.assemble()
         try:
-            with one_openmp_thread():
-                self._pc.setUp()
-        except PETSc.Error as error:
+            compute_factor(self._pc, self._matrix)
+        except ArithmeticError as error:
             raise ArithmeticError(
                 "the coarse problem G Gᵀ is singular: no constraint resists some rigid motion"
             ) from error

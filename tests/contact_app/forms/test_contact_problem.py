@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+import re
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -14,7 +16,7 @@ from dolfinx import fem
 from mpi4py import MPI
 
 import contact_app
-from contact_app import Contact, ContactProblem, Plane
+from contact_app import Contact, ContactProblem, Plane, Sphere
 from meshes import dolfinx_compat
 from tests import form_problems as problems
 from tests.ranks import execute
@@ -28,6 +30,12 @@ def nodes_of(u: fem.Function) -> tuple[np.ndarray, np.ndarray]:
 
 def in_order(points: np.ndarray) -> np.ndarray:
     return np.lexsort(np.round(points, 9).T)
+
+
+def of_contacts(warnings: Sequence[str]) -> list[str]:
+    """Warnings on contacts without the names of bodies, in which forms and scenes differ."""
+    own = [w for w in warnings if w.startswith("contacts[")]
+    return sorted(re.sub(r"the body( about \([^)]*\))?|\bhigh\b|\blow\b", "body", w) for w in own)
 
 
 @pytest.mark.parametrize(
@@ -192,6 +200,7 @@ def test_tagged_facets_press_on_each_other_as_two_bodies_of_a_scene(cell: str, d
         "contacts": [{"on": f"high.{up}-", "against": f"low.{up}+"}],
         "solver": {"tolerance": 1e-10},
     })  # fmt: skip
+    assert of_contacts(problem.certificate.warnings) == of_contacts(scene.certificate.warnings)
     assert problem.certificate.passed
     assert scene.converged
     one, other = (s["contacts"][0] for s in (problem.summary, scene.summary))
@@ -202,6 +211,52 @@ def test_tagged_facets_press_on_each_other_as_two_bodies_of_a_scene(cell: str, d
         assert one[key] == pytest.approx(other[key], rel=1e-7), key
     energies = [s["solution"]["energy"] for s in (problem.summary, scene.summary)]
     assert energies[0] == pytest.approx(energies[1], rel=1e-8)
+
+
+@pytest.mark.parametrize("cell", ["hexahedron", "tetrahedron"])
+def test_a_coarse_ball_gives_the_warnings_of_a_scene(cell: str) -> None:
+    """Contact narrower than a facet, and wider than its boundary."""
+    mesh = problems.box(cell, (6, 6, 3), (3.0, 3.0, 1.5), MPI.COMM_WORLD)
+    V = problems.vector_space(mesh, 1)
+    tags = problems.facet_tags(mesh, {
+        1: lambda x: np.isclose(x[2], 1.5) & (x[0] < 1.6) & (x[1] < 1.6)
+    })  # fmt: skip
+    u, v = ufl.TrialFunction(V), ufl.TestFunction(V)
+    a = ufl.inner(problems.isotropic(u, 1.0, 0.3), problems.strain(v)) * ufl.dx
+    L = ufl.inner(fem.Constant(mesh, np.zeros(3)), v) * ufl.dx
+    feet = [problems.held(V, lambda x: np.isclose(x[2], 0.0), i, 0.05 * i) for i in range(3)]
+    ball = Sphere(center=(1.5, 1.0, 5.5), radius=4.0)
+    problem = ContactProblem(a, L, feet, [Contact(tags, 1, ball, name="top")])
+    problem.solve()
+    scene = contact_app.solve({
+        "dimension": 3,
+        "bodies": [{"name": "body", "material": {"young": 1.0, "poisson": 0.3},
+                    "mesh": {"box": {"lower": [0, 0, 0], "upper": [3, 3, 1.5],
+                                     "cells": [6, 6, 3], "cell": cell}},
+                    "boundaries": {"top": {"where": "z > 1.49 and x < 1.6 and y < 1.6"}}}],
+        "conditions": [{"on": "body.z-", "displacement": [0, 0.05, 0.1]}],
+        "contacts": [{"on": "body.top", "obstacle": {
+            "sphere": {"center": [1.5, 1.0, 5.5], "radius": 4.0}}}],
+    })  # fmt: skip
+    found = of_contacts(problem.certificate.warnings)
+    assert found == of_contacts(scene.certificate.warnings)
+    assert any("outside top penetrate the obstacle" in text for text in found)
+    assert any("the pressure varies within single facets" in text for text in found)
+
+
+def test_a_warning_names_a_play() -> None:
+    """A block between two walls that do not touch it stands anywhere between them."""
+    forms = problems.block("quadrilateral", 1)
+    tags = problems.facet_tags(forms.space.mesh, {3: problems.bottom, 4: problems.left,
+                                                  5: problems.right})  # fmt: skip
+    v = forms.L.arguments()[0]
+    down = ufl.inner(fem.Constant(forms.space.mesh, np.array([0.0, -0.1])), v) * ufl.dx
+    contacts = [Contact(tags, 3, Plane((0, 0), (0, 1))), Contact(tags, 4, Plane((-0.1, 0), (1, 0))),
+                Contact(tags, 5, Plane((1.2, 0), (-1, 0)))]  # fmt: skip
+    problem = ContactProblem(forms.a, down, [], contacts)
+    problem.solve()
+    told = problem.certificate.warnings
+    assert any("the body has a play of 0.299 along +x" in text for text in told), told
 
 
 @pytest.mark.parametrize("method", ["primal", "active-set"])
@@ -257,6 +312,7 @@ def test_answers_are_the_same_on_1_2_and_3_ranks() -> None:
         for other in (answers[name] for answers in found[1:]):
             assert other["passed"], name
             assert other["nodes"] == first["nodes"], name
+            assert other["contact warnings"] == first["contact warnings"], name
             for key in ("sums", "energy", "force", "area", "reactions"):
                 assert other[key] == pytest.approx(first[key], rel=2e-7, abs=1e-9), (name, key)
             if "grid" in name:  # the same congruent sub-boxes, whichever ranks have their cells

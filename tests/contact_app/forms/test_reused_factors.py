@@ -133,6 +133,8 @@ def test_other_tags_make_other_sides() -> None:
     own = pressed("auto", 6, (200.0, -5.0, 0.0))
     own.problem.solve()
     tags = own.problem.contacts[0].facet_tags
+    if not tags.values.flags.writeable:
+        pytest.skip("this dolfinx does not let tags change")
     right = np.flatnonzero(tags.values == 1)
     assert own.problem.summary["contacts"][0]["nodes"]["open"] > 0
     count = sum(own.problem.summary["contacts"][0]["nodes"].values())

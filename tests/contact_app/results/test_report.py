@@ -107,6 +107,12 @@ def test_each_of_several_contacts_has_a_line() -> None:
     assert not any("face12" in line for line in many)
 
 
+def test_a_reaction_of_rounding_errors_is_zero() -> None:
+    summary = {**SUMMARY, "contacts": [contact(3)],
+               "reactions": [{"on": "cube.x-", "force": [0.0, -4.2e-12, 0.0]}]}  # fmt: skip
+    assert line_with(printed(summary), "  cube.x-").endswith("(0, 0, 0)")
+
+
 def test_the_sum_over_obstacles_is_not_shown_where_bodies_touch_each_other_alone() -> None:
     pair = {**contact(1), "with": "other.top"}
     assert line_with(printed({**SUMMARY, "contacts": [pair]}), "contact force").endswith("-2.5)")

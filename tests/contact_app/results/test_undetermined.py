@@ -109,10 +109,11 @@ def test_one_sentence_names_each_body_once_with_its_largest_play() -> None:
         Undetermined("pin", "along +y", 0.3),
         Undetermined("ring", "along +x", 0.2),
     ]
-    (sentence,) = play_warnings(found)
+    (sentence,) = play_warnings(found, "friction")
     assert sentence.count("pin has a play of 0.3") == sentence.count("pin") == 1
     assert "ring has a play of 0.2" in sentence
-    assert play_warnings([]) == []
+    assert sentence.endswith("friction determines the position")
+    assert play_warnings([], "friction") == []
 
 
 def test_a_body_with_one_wall_can_move_away_without_limit() -> None:

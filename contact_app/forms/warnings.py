@@ -1,0 +1,254 @@
+"""Warnings where the answer of forms violates assumptions of the model, as those of scenes.
+
+What needs the material's moduli or an estimate of the error is left to scenes: locking, the error
+of the mesh, the yield stress.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from mpi4py import MPI
+from numpy.typing import NDArray
+
+from contact_app.accuracy.contact_limits import (
+    BETWEEN,
+    ENTERED,
+    PressedFacets,
+    between_nodes,
+    coarse_pressure,
+    depth_between,
+    entered_points,
+)
+from contact_app.accuracy.faceted_curves import largest_sagitta
+from contact_app.accuracy.sharp_edges import REACH, Skin, peak, sentence, sharp_edge, within
+from contact_app.forms.bodies import contact_motions
+from contact_app.forms.boundary import exterior_facets, gathered_surface
+from contact_app.forms.contacts import Contact
+from contact_app.forms.model import FormModel, largest
+from contact_app.forms.results import ContactAtNodes, Owners
+from contact_app.forms.rows import held_components, in_the_mean
+from contact_app.model.facets import moments
+from contact_app.results.free_motions import sliding_bodies
+from contact_app.results.friction import closing_points
+from contact_app.results.repeated_sentences import without_repetitions
+from contact_app.results.sliding import largest_sliding, sliding_on_each_other
+from contact_app.results.undetermined import Movable, play_warnings, undetermined_of
+from contact_app.run.model_warnings import large_deformations, several_answers
+from contact_app.run.warning_texts import (
+    beside_boundary,
+    closing_at_once,
+    curving_away,
+    flat_facets,
+    rubbing_where_open,
+    sliding_far,
+    straight_edges,
+)
+from contact_app.scene.obstacles import Plane
+from meshes import dolfinx_compat
+from meshes.contact_surface import Surface, is_curved
+from solver.contact.solution import Solution
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class FormAnswer:
+    """An answer that is tested for the assumptions of its model.
+
+    Attributes
+    ----------
+    owners
+        Of the copies in parts.
+    displacement : (owned, dimension)
+    contacts
+        Each contact at nodes.
+    bcs
+        Dirichlet conditions.
+    """
+
+    model: FormModel
+    solution: Solution
+    owners: Owners
+    displacement: Array
+    contacts: Sequence[ContactAtNodes]
+    bcs: Sequence[object]
+
+
+def form_warnings(answer: FormAnswer) -> list[str]:
+    """Warnings for the certificate, one sentence each (collective)."""
+    found = [*_large_deformations(answer), *_of_bodies(answer)]
+    for number, contact in enumerate(answer.model.contacts):
+        texts = [*_of_contact(answer, number, contact), _sharp_edge(answer, number, contact)]
+        found += [f"contacts[{number}]: {text}" for text in texts if text]
+    changed = closing_points(answer.model.problem, answer.solution, None)
+    found.append(closing_at_once(*changed, "a scene with `steps` shows how much this matters"))
+    names = [answer.model.bodies.name(b) for b in range(answer.model.bodies.count)]
+    return without_repetitions(list(filter(None, found)), names)
+
+
+def _large_deformations(answer: FormAnswer) -> list[str]:
+    """Strains and rotations of cells, from the displacements of their vertices."""
+    parts = answer.model.parts
+    vertices = len(dolfinx_compat.lagrange_nodes(parts.space.mesh.topology.cell_name(), 1)[0])
+    corners = parts.cells[:, :vertices]
+    d, u = parts.dimension, answer.owners.copies(answer.displacement)[corners]
+    x = parts.points[corners][..., :d]
+    x = x - x.mean(axis=1, keepdims=True)
+    gradient = np.linalg.solve(np.swapaxes(x, 1, 2) @ x, np.swapaxes(x, 1, 2) @ u)
+    transposed = np.swapaxes(gradient, 1, 2)
+    both = 0.5 * np.abs(np.stack([gradient + transposed, gradient - transposed]))
+    return large_deformations(*(largest(parts.comm, part) for part in both))
+
+
+def _of_bodies(answer: FormAnswer) -> Iterator[str]:
+    """Bodies that slide along facets, or that can be moved without any change of energy."""
+    model, solution = answer.model, answer.solution
+    bodies, problem = model.bodies, model.problem
+    fixes = "a Dirichlet condition, a spring or friction"
+    for found in sliding_bodies(problem, solution, bodies.size_of):
+        yield found.sentence(bodies.name(found.body), f"{fixes} prevents the motion")
+    label = problem.bodies.groups
+    groups = [np.flatnonzero(label == k) for k in np.unique(label)]
+    names = [bodies.name(b) for b in range(bodies.count)]
+    seen = contact_motions(bodies, model.exchange, problem.contact, problem.dimension)
+    movable = Movable(groups, names, bodies.size_of)
+    yield from play_warnings(undetermined_of(problem, solution, seen, movable), fixes)
+
+
+def _of_contact(answer: FormAnswer, number: int, contact: Contact) -> Iterator[str]:
+    """Warnings on one contact (collective)."""
+    model, solution, nodes = answer.model, answer.solution, answer.contacts[number]
+    comm, d, sides = model.parts.comm, model.parts.dimension, model.sides[number]
+    touching = [_bodies_at(model, side) for side in sides.surfaces]
+    every = sorted(set().union(*touching))
+    moved = float(solution.measures.deformations[every].max())
+    names = " and ".join(dict.fromkeys(model.bodies.name(b) for b in every))
+    rows = model.problem, model.exchange, answer.displacement, solution, number
+    yield from _round_shapes(answer, number, contact, (names, moved))
+    if contact.against is None:
+        radius = getattr(contact.obstacle, "curvature_radius", None)
+        yield curving_away(largest_sliding(*rows), radius, moved)
+        if not _flat(contact) or in_the_mean(model.parts):
+            yield from _entering(answer, number, contact, (names, moved))
+    else:
+        yield sliding_far(*sliding_on_each_other(*rows))
+    facets = sides.facets
+    corners = facets.points[:, : facets.vertices(d).shape[1]]
+    areas = moments(facets.points, d).sum(axis=(1, 2)) if len(facets.copies) else np.zeros(0)
+    pressure = answer.owners.copies(nodes.pressure)[facets.copies]
+    yield coarse_pressure(PressedFacets(corners, areas, pressure), comm, d)
+    yield rubbing_where_open(comm.allreduce(int((nodes.rubs & ~nodes.closed).sum())))
+    pressed = comm.allreduce(int(nodes.closed.any()), op=MPI.MAX)
+    yield several_answers((contact.law and contact.law.coulomb) or 0.0, bool(pressed))
+
+
+def _flat(contact: Contact) -> bool:
+    """Whether the obstacle of a contact is a plane, which may end with the tagged facets."""
+    return isinstance(contact.obstacle, Plane)
+
+
+def _bodies_at(model: FormModel, surface: Surface) -> set[int]:
+    """Bodies that have the nodes of a surface (collective)."""
+    first, last = model.exchange.first, model.exchange.last
+    mine = np.unique(surface.nodes)
+    mine = model.bodies.of_node[mine[(first <= mine) & (mine < last)] - first]
+    return set().union(*model.parts.comm.allgather(set(map(int, np.unique(mine)))))
+
+
+def _round_shapes(
+    answer: FormAnswer, number: int, contact: Contact, body: tuple[str, float]
+) -> Iterator[str]:
+    """Round surfaces with flat facets or straight edges that are coarse beside the gap."""
+    model, nodes = answer.model, answer.contacts[number]
+    comm, surfaces = model.parts.comm, model.sides[number].surfaces
+    degree = dolfinx_compat.lagrange_degree(model.parts.space) or 1
+    points = answer.owners.at(model.parts.points)
+    known = np.isfinite(nodes.gap)
+    pieces = comm.allgather((points[known], nodes.gap[known]))
+    watched, gaps = (np.concatenate(piece) for piece in zip(*pieces, strict=True))
+    sagitta = 0.0
+    for side in surfaces if contact.against is not None or degree == 2 else ():
+        v = side.vertices.shape[1]
+        if not is_curved(side.points, v):
+            sagitta = max(sagitta, largest_sagitta(side.nodes[:, :v], side.vertices, watched, gaps))
+    if sagitta == 0.0:
+        return
+    rows = [(own.sources, np.abs(own.gaps)) for own in (model.problem.contact, model.merged)]
+    pieces = sum(comm.allgather(rows), [])
+    sources, gaps = (np.concatenate(piece) for piece in zip(*pieces, strict=True))
+    gap = float(np.median(gaps[sources == number])) if (sources == number).any() else np.inf
+    name, moved = body
+    if contact.against is None:
+        yield straight_edges(name, sagitta, moved, gap, degree)
+    else:
+        text = flat_facets(name, sagitta, moved, gap, contact.round)
+        yield text.replace("round: true", "round=True")
+
+
+def _entering(
+    answer: FormAnswer, number: int, contact: Contact, body: tuple[str, float]
+) -> Iterator[str]:
+    """An obstacle that enters the body between the nodes, a round one also beside the contact."""
+    model, (name, moved), depth = answer.model, body, 0.0
+    parts, tagged = model.parts, model.sides[number].facets
+
+    def gap_and_normal(points: Array) -> tuple[Array, Array]:
+        return contact.gap_and_normal(points, parts.dimension, float(model.bodies.lengths.max()))
+
+    u = answer.owners.copies(answer.displacement)
+    if len(tagged.copies):
+        depth = depth_between(tagged.points, u[tagged.copies], gap_and_normal)
+    depth = largest(parts.comm, np.array([depth]))
+    yield between_nodes(depth, moved, name, in_the_mean(parts)) if depth > BETWEEN * moved else ""
+    if _flat(contact):
+        return
+    outside = exterior_facets(parts)
+    own = sorted(_bodies_at(model, model.sides[number].surfaces[0]))
+    mine = np.isin(answer.owners.copies(model.bodies.of_node.astype(float)), own)
+    free = np.zeros(len(u), bool)
+    free[outside.copies] = True
+    on = answer.owners.copies(answer.owners.on(tagged.copies, len(u)).astype(float)) > 0.0
+    beside = np.flatnonzero(free & mine & ~on)
+    entered, deep = entered_points(parts.points[beside], u[beside], gap_and_normal, ENTERED * moved)
+    count, deep = parts.comm.allreduce(entered), largest(parts.comm, np.array([deep]))
+    yield beside_boundary(name, contact.on, count, deep)
+
+
+def _sharp_edge(answer: FormAnswer, number: int, contact: Contact) -> str:
+    """A largest pressure at a sharp edge (collective)."""
+    model, nodes = answer.model, answer.contacts[number]
+    parts, sides = model.parts, model.sides[number].surfaces
+    d, points = parts.dimension, answer.owners.at(parts.points)
+    pressure, point, size = peak(parts.comm, nodes.pressure, points, nodes.shares, d)
+    if pressure <= 0.0:
+        return ""
+    outside, bodies = exterior_facets(parts), model.bodies
+    held = held_components(parts, answer.bcs)[outside.copies].all(axis=1).sum(axis=1) == 1
+    near = within(outside.points, point, REACH * size) & ~held  # held: on planes of symmetry
+    body = answer.owners.copies(bodies.of_node.astype(float))[outside.copies[:, 0]]
+    stiffness, skins = _stiffness(model), list[Skin | None]()
+    for side in sides:
+        own = sorted(_bodies_at(model, side))
+        skin = gathered_surface(parts, outside.chosen(near & np.isin(body, own)))
+        skins.append(Skin.of(skin, side, bodies.name(own[0]), float(stiffness[own].min())))
+    edge = sharp_edge(point, skins, contact.on if _flat(contact) else "")
+    return sentence(pressure, point[:d], edge) if edge else ""
+
+
+def _stiffness(model: FormModel) -> Array:
+    """Mean modulus of each body, up to a common factor, (bodies,) (collective).
+
+    The diagonal of K is of the order of E h^(d - 2) for cells of size h.
+    """
+    d, bodies, subdomains = model.parts.dimension, model.bodies, model.subdomains
+    sums = np.zeros((2, bodies.count))
+    for (cls, _), body, copies in zip(
+        model.place, bodies.of_subdomain, np.diff(subdomains.starts), strict=True
+    ):
+        sums[:, body] += model.problem.classes[cls].stiffness.diagonal().sum() / d, copies
+    total, nodes = model.parts.comm.allreduce(sums)
+    size = (np.prod(2.0 * bodies.halves[:, :d], axis=1) / nodes) ** (1.0 / d)
+    return np.asarray(total / nodes / size ** (d - 2))

@@ -1,0 +1,124 @@
+"""Warnings that the answers of scenes and of forms share: their limits and their sentences.
+
+Each function returns a sentence, or an empty text where there is nothing to say. The name of the
+contact is left out.
+"""
+
+from __future__ import annotations
+
+from contact_app.accuracy.faceted_curves import compared
+
+SMALL_SAGITTA = 0.01
+"""Error of a gap by sliding along a curved obstacle, over the displacement, that is warned of."""
+
+CLOSING = 0.5
+"""Share of the points with friction that may close or open under a load applied at once. Of 20
+random scenes with more, friction changed by more than 5 % of its limits in 12, by up to 40 %, when
+the load was applied in twelve increments; of 34 with fewer in 6
+(`python -m tests.stability.increments`)."""
+
+
+def straight_edges(name: str, sagitta: float, moved: float, gap: float, degree: int) -> str:
+    """Straight edges of a round body on an obstacle that are coarse beside displacements or gaps.
+
+    Parameters
+    ----------
+    sagitta
+        Largest distance of the middle of an edge from the curve.
+    moved, gap
+        Largest displacement of the body, and median gap of the contact.
+    """
+    share = compared(sagitta, moved, gap)
+    if not share:
+        return ""
+    second = "a mesh file of second order (in Gmsh: Mesh.ElementOrder = 2)"
+    remedy = f"use {second}" if degree == 2 else f"use degree: 2 and {second}"
+    return (
+        f"the boundary of {name} is round and the edges of its mesh are straight: the middle of an "
+        f"edge lies up to {sagitta:.2g} beside the curve, {share}, and the answer is that of the "
+        f"polygon; {remedy}"
+    )
+
+
+def flat_facets(names: str, sagitta: float, moved: float, gap: float, is_round: bool) -> str:
+    """Flat facets of round bodies that are coarse beside displacements or gaps.
+
+    Parameters
+    ----------
+    sagitta
+        Largest distance of a facet from the curve.
+    moved, gap
+        Largest displacement of the bodies, and median gap of the contact.
+    is_round
+        Whether the gap is already that of round surfaces.
+    """
+    share = compared(sagitta, moved, gap)
+    if not share:
+        return ""
+    second = "degree: 2 and a mesh file of second order (in Gmsh: Mesh.ElementOrder = 2)"
+    advice = (
+        "the facets decide the gaps and the largest pressure; use `round: true` of the contact "
+        f"and max_smoothed_pressure, or {second}"
+    )
+    if is_round:
+        advice = (
+            "the facets decide the largest pressure; use max_smoothed_pressure instead, or "
+            f"{second}"
+        )
+    return (
+        f"{names} are round there and meet by flat facets, which lie up to "
+        f"{sagitta:.2g} beside the curve (h²/8R), {share}: {advice}"
+    )
+
+
+def curving_away(sliding: float, radius: float | None, moved: float) -> str:
+    """Sliding along a round obstacle, beside the displacement of the body."""
+    sagitta = sliding**2 / (2.0 * radius) if radius else 0.0
+    if not sagitta > SMALL_SAGITTA * moved > 0.0:
+        return ""
+    return (
+        f"nodes in contact slide by up to {sliding:.3g} along an "
+        f"obstacle of radius {radius:.3g}: over this length its surface curves away by "
+        f"{sagitta:.2g}, which the linearised gap leaves out"
+    )
+
+
+def beside_boundary(name: str, boundary: str, entered: int, depth: float) -> str:
+    """Surface nodes outside of a contact boundary that enter the obstacle."""
+    if not entered:
+        return ""
+    return (
+        f"{entered:,} surface nodes of {name} outside {boundary} penetrate the obstacle, by up to "
+        f"{depth:.3g}: the contact is wider than this boundary; name a larger boundary"
+    )
+
+
+def sliding_far(sliding: float, facet: float) -> str:
+    """Bodies that slide along each other by more than a facet."""
+    if sliding <= facet:
+        return ""
+    return (
+        f"the bodies slide along each other by up to {sliding:.3g}, more "
+        f"than a facet ({facet:.2g}); the undeformed shape decides which parts may touch"
+    )
+
+
+def rubbing_where_open(count: int) -> str:
+    """Friction of a given limit at nodes without a contact force."""
+    if not count:
+        return ""
+    return (
+        f"Tresca friction acts on {count} nodes that carry no contact "
+        "force; with friction: {coulomb: …} friction acts on pressed nodes alone"
+    )
+
+
+def closing_at_once(changed: int, touching: int, remedy: str) -> str:
+    """Frictional contact that grows under a load that is applied at once."""
+    if changed <= CLOSING * touching:
+        return ""
+    return (
+        f"{changed:,} of {touching:,} contact points with friction close or open under the "
+        "load, which is applied at once: their slip is measured from the unloaded state, not "
+        f"from the state in which they touched; {remedy}"
+    )
