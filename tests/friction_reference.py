@@ -155,7 +155,7 @@ class Condensed:
 def condense(scene: Any) -> Condensed:
     """Assemble a scene and eliminate all but its contact points."""
     system = assemble(scene)
-    normals, tangents, coefficient, given = _rows(scene, system)
+    frames, tangents, coefficient, given = _rows(scene, system)
     C = sp.vstack([system.contact, *tangents], format="csr")
     free = np.flatnonzero(~system.held)
     prescribed = np.where(system.held, system.prescribed, 0.0)
@@ -165,10 +165,9 @@ def condense(scene: Any) -> Condensed:
     soft = factor.solve(C[:, free].T.toarray())
     W = C[:, free] @ soft
     q = C @ own
-    count, d = len(normals), system.dimension
+    count, d = len(frames), system.dimension
     q[:count] -= system.gap
     rows = np.arange(d)[None] * count + np.arange(count)[:, None]  # normal first
-    frames = np.stack([_blocks(t, normals) for t in tangents], axis=1)
     return Condensed(system, own, soft, free, W, q, rows, coefficient, given, C, frames)
 
 
@@ -229,7 +228,7 @@ def sweep(
 def _rows(
     scene: Any, system: System
 ) -> tuple[np.ndarray, list[sp.csr_matrix], np.ndarray, np.ndarray]:
-    """Normals (points, d), rows of the slips along each tangent, μ and given limits (points,)."""
+    """Tangents (points, d - 1, d), rows of the slips along each, μ and given limits (points,)."""
     d, count = system.dimension, system.contact.shape[0]
     contact = system.contact
     normals = np.zeros((count, d))
@@ -237,7 +236,9 @@ def _rows(
     for p in range(count):
         entries = contact[p].toarray().reshape(-1, d)
         largest = entries[np.argmax(np.linalg.norm(entries, axis=1))]
-        normals[p] = largest / np.linalg.norm(largest)
+        # a row between two bodies has entries of both signs: out of the body of its point
+        out = np.sign(largest @ entries[system.body == system.body[system.contact_node[p]]].sum(0))
+        normals[p] = out * largest / np.linalg.norm(largest)
         weights[p] = entries @ normals[p]
         flat = np.abs(entries - np.outer(entries @ normals[p], normals[p])).max()
         if flat > 1e-9:
@@ -266,7 +267,8 @@ def _rows(
         limit = 0.0 if friction is None else friction.tresca or 0.0
         coefficient.append(np.full(len(rows), mu))
         given.append(limit * _areas(scene, touching)[rows] if limit else np.zeros(len(rows)))
-    return normals, tangents, np.concatenate(coefficient), np.concatenate(given)
+    limits = np.concatenate(coefficient), np.concatenate(given)
+    return np.stack(frames, axis=1), tangents, *limits
 
 
 def _areas(scene: Any, touching: Any) -> np.ndarray:
@@ -291,14 +293,4 @@ def _areas(scene: Any, touching: Any) -> np.ndarray:
         there = np.flatnonzero(vertices.body == body_number)
         _, at = cKDTree(nodes.points[here]).query(vertices.points[there])
         result[here[at]] = vertices.load[::d][there]
-    return result
-
-
-def _blocks(rows: sp.csr_matrix, normals: np.ndarray) -> np.ndarray:
-    """The unit vector that a row has at its nodes, (points, d)."""
-    result = np.zeros_like(normals)
-    for p in range(len(normals)):
-        entries = rows[p].toarray().reshape(-1, normals.shape[1])
-        largest = entries[np.argmax(np.linalg.norm(entries, axis=1))]
-        result[p] = largest / np.linalg.norm(largest)
     return result

@@ -120,7 +120,7 @@ def judged(condensed: Condensed, solved: Any) -> tuple[str, str, np.ndarray]:
     The reference of rank 0 decides, and has the displacements, (n, dim), in its order.
     """
     comm = solved.model.comm
-    ours, found = _forces(condensed, solved), solved.displacement_at_nodes()
+    ours, found = forces_of(condensed, solved), solved.displacement_at_nodes()
     told = None
     if comm.rank == 0:
         ordered = in_order(condensed.system, *found)
@@ -164,7 +164,7 @@ def _compared(
     return ("second" if second else "certified wrongly"), told
 
 
-def _forces(condensed: Condensed, solved: Any) -> np.ndarray:
+def forces_of(condensed: Condensed, solved: Any) -> np.ndarray:
     """The contact forces of an answer in the rows of the reference (collective)."""
     problem, multiplier = solved.model.problem, solved.solution.multiplier
     contact, points = problem.contact, problem.friction

@@ -8,10 +8,12 @@ from typing import Any
 import pytest
 
 from contact_app.run.solve import solve_scene
+from tests import scenes
+from tests.friction_reference import condense
 from tests.ranks import execute
 from tests.stability import fuzz_histories
 from tests.stability.friction_scenes import friction_scene, history_scene
-from tests.stability.fuzz_friction import judge
+from tests.stability.fuzz_friction import OPTIMAL, forces_of, judge
 
 FAST, SLOW = 8, 200
 
@@ -31,6 +33,9 @@ STALLED = (33075,)
 LIKE = 3
 """A scene that has the same answer in other units and decompositions."""
 
+TRIANGLES = 55
+"""A pair of triangles, where a row may have its largest entry on the other body."""
+
 SECOND = (75, 89)
 """Three frictional contacts that share edges: the forces at an edge may be divided in several ways
 among its contacts, and with them Coulomb's limits. There are several answers."""
@@ -47,6 +52,14 @@ def test_several_answers(seed: int) -> None:
     """An answer that is not the reference's meets all conditions, and the reference stays there."""
     verdict = judge(seed)
     assert verdict.kind in ("agrees", "second"), verdict
+
+
+def test_forces_of_a_pair_meet_the_conditions() -> None:
+    """Contact forces of an answer have the signs that rows of the reference have."""
+    made, subdomains = friction_scene(TRIANGLES)
+    scene = scenes.build(made, subdomains)
+    condensed = condense(scene)
+    assert condensed.residual(forces_of(condensed, solve_scene(scene))) < OPTIMAL
 
 
 def test_other_units_and_decompositions() -> None:
