@@ -6,8 +6,8 @@ nodes stay in their planes. Between two bodies with friction the side `against` 
 that normals are those of the side `on`, as in this application. The floor is one fixed hexahedron.
 
 Tuned are the penalty K and the stick slope λ, by default `PENALTY` and `STICK` times Young's
-modulus over the length of a facet (`contact_app.studies.friction_tuning` varies both). A body that
-only contact holds gets weak springs, and a first step moves it into contact.
+modulus over the length of a facet (`contact_app.studies.friction_beside --tuning` varies both). A
+body that only contact holds gets weak springs, and a first step moves it into contact.
 """
 
 from __future__ import annotations

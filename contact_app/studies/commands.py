@@ -157,9 +157,8 @@ def reproduce_rules(
 
 def reproduce_figure1(output: OutputOption = None) -> None:
     """Draw the paper's Figure 1: the projected CG step that raises the cost, and the safeguard."""
-    from contact_app.studies.safeguard import draw_figure_1, search
+    from contact_app.studies.safeguard import draw_figure_1
 
-    typer.echo(str(search()))
     typer.echo(f"wrote {draw_figure_1(output or Path('results/reproduce-figure1'))}")
 
 

@@ -1,4 +1,6 @@
-"""Friction beside CalculiX and GetFEM: ``python -m contact_app.studies.friction_beside [-o DIR]``.
+"""Friction beside CalculiX and GetFEM.
+
+    python -m contact_app.studies.friction_beside [NAME …] [--tuning] [-o DIR]
 
 Two scenes (`rough_scenes`) are solved on series of meshes that all programs share. Each run is a
 process on one thread and is measured as a whole. Errors are relative to this application's solution
@@ -11,9 +13,12 @@ on the finest mesh with degree 2:
   displacement of the roller's nodes relative to the block along the tangents of the roller.
   Tractions that CalculiX prints do not add up to its resultant and are left out.
 
+``--tuning`` solves one mesh of each scene (`TUNED`) with other parameters instead: CalculiX with
+penalties K and stick slopes λ over three decades, GetFEM with augmentations r over two.
+
 A program that is not installed is left out with the reason. A run that does not converge, or takes
 more than `LIMIT` seconds, has a row that says so. The study writes ``friction.csv`` and
-``friction.png`` and prints the tables.
+``friction.png``, or ``tuning.csv``, and prints the tables.
 """
 
 from __future__ import annotations
@@ -24,7 +29,7 @@ import json
 import shutil
 import subprocess
 import sys
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -47,10 +52,30 @@ LIMIT = 420
 END, RADIUS = 5.0, 50.0
 """Length over which profiles of the roller's contact are compared, and the roller's radius."""
 
-COLUMNS = (
-    "scene", "program", "degree", "level", "unknowns", "cpu", "clock", "displacement", "force",
-    "along", "slip", "traction", "note",
-)  # fmt: skip
+TUNED = {"roller": (2.0, 1), "block": (8, 1)}
+"""The level and degree on which parameters are changed."""
+
+PENALTIES = (0.5, 5.0, 50.0, 500.0)
+"""K over E / h, with a tenth of it as λ; CalculiX's manual recommends 5 to 50."""
+
+STICKS = (0.05, 0.5, 50.0)
+"""λ over E / h, with the penalty 50."""
+
+AUGMENTATIONS = (0.03, 0.1, 0.3, 1.0, 3.0)
+"""r over E / h."""
+
+MESHES = {"program": "program", "degree": "degree", "level": "mesh", "unknowns": "unknowns",
+          "cpu": "processor s", "clock": "clock s"}  # fmt: skip
+PARAMETERS = {"program": "program", "penalty": "K", "stick": "λ", "augmentation": "r",
+              "cpu": "processor s"}  # fmt: skip
+ERRORS = {"displacement": "displacements", "force": "contact force", "along": "along x",
+          "slip": "slip", "traction": "friction traction"}  # fmt: skip
+"""Columns of the tables by the keys of a row."""
+
+COLUMNS = ("scene", *dict.fromkeys([*MESHES, *PARAMETERS, *ERRORS]), "note")
+
+Mesh = tuple[float, int]
+"""Level and degree."""
 
 
 def missing(program: str) -> str:
@@ -63,7 +88,7 @@ def missing(program: str) -> str:
 
 
 def run(
-    program: str, name: str, mesh: tuple[float, int], directory: Path, tuning: Sequence[float] = ()
+    program: str, name: str, mesh: Mesh, directory: Path, tuning: Sequence[float] = ()
 ) -> tuple[Outcome, dict[str, Any]]:
     """Result of a program for a scene on a mesh of a level and degree, with its seconds.
 
@@ -171,59 +196,81 @@ def relative(known: Array, found: Array) -> float:
     return float(np.linalg.norm(found - known) / np.linalg.norm(known))
 
 
-def rows(names: Sequence[str], directory: Path) -> Iterator[dict[str, Any]]:
-    """All runs, one row each; the reference first."""
+def series(name: str) -> Iterator[tuple[str, Mesh, dict[str, float]]]:
+    """Programs and meshes of a scene, coarse to fine."""
+    levels = ROUGH[name].levels
+    for program in (OURS, CALCULIX, GETFEM):
+        for degree in (1, 2):
+            for level in levels if degree == 1 else levels[:-1]:
+                yield program, (level, degree), {}
+
+
+def tunings(name: str) -> Iterator[tuple[str, Mesh, dict[str, float]]]:
+    """Programs and parameters on one mesh of a scene."""
+    yield OURS, TUNED[name], {}
+    for penalty, stick in [*((k, 0.1 * k) for k in PENALTIES), *((50.0, x) for x in STICKS)]:
+        yield CALCULIX, TUNED[name], {"penalty": penalty, "stick": stick}
+    for augmentation in AUGMENTATIONS:
+        yield GETFEM, TUNED[name], {"augmentation": augmentation}
+
+
+def rows(names: Sequence[str], directory: Path, tuned: bool = False) -> Iterator[dict[str, Any]]:
+    """All runs, one row each; the reference first. After a failure finer meshes are left out."""
     for name in names:
-        scene = ROUGH[name]
-        known, row = run(OURS, name, scene.finest, directory / f"{name}_reference")
+        finest, ended = ROUGH[name].finest, set()
+        known, row = run(OURS, name, finest, directory / f"{name}_reference")
         judge = Judge(name, known)
-        yield _row(name, "reference", scene.finest, known, row, {})
-        for program in (OURS, CALCULIX, GETFEM):
+        if not tuned:
+            yield {**_named(name, "reference", finest), "unknowns": _unknowns(known), **row}
+        for number, (program, mesh, tuning) in enumerate((tunings if tuned else series)(name)):
             reason = missing(program)
-            for degree in (1, 2) if not reason else ():
-                for level in scene.levels if degree == 1 else scene.levels[:-1]:
-                    where = directory / f"{name}_{program}_{degree}_{level:g}"
-                    try:
-                        found, row = run(program, name, (level, degree), where)
-                    except (RuntimeError, subprocess.SubprocessError) as error:
-                        note = f"no answer: {str(error).splitlines()[-1].split(';')[0]}"
-                        yield {**_bare(name, program, (level, degree)), "note": note}
-                        break
-                    yield _row(name, program, (level, degree), found, row, judge.errors(found))
+            one = (program,) if reason else (program, mesh[1], *tuning.values())
+            if one in ended:
+                continue
+            named = {**_named(name, program, mesh), **tuning}
             if reason:
-                yield {**_bare(name, program, (0.0, 0)), "note": f"left out: {reason}"}
+                ended.add(one)
+                yield {**named, "note": f"left out: {reason}"}
+                continue
+            where = directory / f"{name}_{program}_{number}"
+            try:
+                found, row = run(program, name, mesh, where, list(tuning.values()))
+            except (RuntimeError, subprocess.SubprocessError) as error:
+                ended.add(one)
+                note = f"no answer: {str(error).splitlines()[-1].split(';')[0]}"
+                yield {**named, "note": note}
+                continue
+            yield {**named, "unknowns": _unknowns(found), **row, **judge.errors(found)}
 
 
-def _bare(name: str, program: str, mesh: tuple[float, int]) -> dict[str, Any]:
-    empty: dict[str, Any] = dict.fromkeys(COLUMNS, "")
-    return {**empty, "scene": name, "program": program, "level": mesh[0], "degree": mesh[1]}
+def _named(name: str, program: str, mesh: Mesh) -> dict[str, Any]:
+    return {"scene": name, "program": program, "level": mesh[0], "degree": mesh[1]}
 
 
-def _row(
-    name: str, program: str, mesh: tuple[float, int], found: Outcome, row: dict[str, Any],
-    errors: dict[str, float],
-) -> dict[str, Any]:  # fmt: skip
-    unknowns = sum(points.size for points in found.points)
-    measured = {key: row[key] for key in ("cpu", "clock", "note")}
-    return {**_bare(name, program, mesh), "unknowns": unknowns, **measured, **errors}
+def _unknowns(found: Outcome) -> int:
+    return sum(points.size for points in found.points)
 
 
-def table(found: Sequence[dict[str, Any]], name: str) -> Iterator[str]:
+def table(found: Sequence[dict[str, Any]], name: str, tuned: bool = False) -> Iterator[str]:
     """The rows of one scene for the page in docs/benchmarks."""
-    last = ["slip", "friction traction"] if name == "roller" else []
-    heads = ["program", "degree", "mesh", "unknowns", "processor s", "clock s", "displacements",
-             "contact force", "along x", *last, ""]  # fmt: skip
-    yield "| " + " | ".join(heads) + " |"
-    yield "|---|---|---|" + "---:|" * (len(heads) - 4) + "---|"
-    keys = ["displacement", "force", "along", *(["slip", "traction"] if name == "roller" else [])]
+    errors = [key for key in ERRORS if any(key in r for r in found if r["scene"] == name)]
+    if tuned and "traction" in errors:
+        errors.remove("traction")
+    heads = {**(PARAMETERS if tuned else MESHES), **{key: ERRORS[key] for key in errors}}
+    yield "| " + " | ".join([*heads.values(), ""]) + " |"
+    yield "|---|" + "---:|" * (len(heads) - 1) + "---|"
     for row in found:
-        if row["scene"] != name:
-            continue
-        numbers = [f"{100 * row[key]:.2f} %" if row[key] != "" else "" for key in keys]
-        seconds = [f"{row[key]:.1f}" if row[key] != "" else "" for key in ("cpu", "clock")]
-        unknowns = f"{row['unknowns']:,}" if row["unknowns"] else ""
-        words = [row["program"], str(row["degree"]), f"{row['level']:g}", unknowns]
-        yield "| " + " | ".join([*words, *seconds, *numbers, row["note"]]) + " |"
+        if row["scene"] == name:
+            words = [_word(key, row[key]) if key in row else "" for key in heads]
+            yield "| " + " | ".join([*words, row.get("note", "")]) + " |"
+
+
+def _word(key: str, value: Any) -> str:
+    if key in ERRORS:
+        return f"{100 * value:.2f} %"
+    if key in ("cpu", "clock"):
+        return f"{value:.1f}"
+    return value if isinstance(value, str) else f"{value:,}" if key == "unknowns" else f"{value:g}"
 
 
 def draw(found: Sequence[dict[str, Any]], name: str, path: Path) -> None:
@@ -237,7 +284,7 @@ def draw(found: Sequence[dict[str, Any]], name: str, path: Path) -> None:
     for k, program in enumerate((OURS, CALCULIX, GETFEM)):
         for degree in (1, 2):
             mine = [r for r in found if (r["scene"], r["program"], r["degree"])
-                    == (name, program, degree) and r["displacement"] != ""]  # fmt: skip
+                    == (name, program, degree) and "displacement" in r]  # fmt: skip
             if mine:
                 axes.loglog(
                     [r["cpu"] for r in mine], [100.0 * r["displacement"] for r in mine],
@@ -254,38 +301,27 @@ def draw(found: Sequence[dict[str, Any]], name: str, path: Path) -> None:
     plt.close(figure)
 
 
-def names_and_output(
-    arguments: Sequence[str] | None, description: str | None, known: Sequence[str], output: str
-) -> tuple[list[str], Path]:
-    """The scenes that the arguments of a command name, all known ones unless given, and its -o."""
-    parser = argparse.ArgumentParser(description=description)
-    parser.add_argument("names", nargs="*", help=f"of {', '.join(known)}; all unless given")
-    parser.add_argument("-o", "--output", type=Path, default=Path(output))
-    given = parser.parse_args(arguments)
-    unknown = sorted(set(given.names) - set(known))
-    if unknown:
-        parser.error(f"unknown scene {unknown[0]}; known: {', '.join(known)}")
-    return given.names or list(known), given.output.resolve()
-
-
-def shown(found: Iterable[dict[str, Any]]) -> list[dict[str, Any]]:
-    """The rows, each printed as soon as it is measured."""
-    result = []
-    for row in found:
-        result.append(row)
-        print({k: v for k, v in row.items() if v != ""}, file=sys.stderr, flush=True)
-    return result
-
-
 def main(arguments: Sequence[str] | None = None) -> None:
     """The command."""
-    names, output = names_and_output(arguments, __doc__, list(ROUGH), "results/friction_beside")
-    found = shown(rows(names, output))
-    write(found, COLUMNS, output / "friction.csv")
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("names", nargs="*", help=f"of {', '.join(ROUGH)}; all unless given")
+    parser.add_argument("--tuning", action="store_true", help="other parameters on one mesh")
+    parser.add_argument("-o", "--output", type=Path, default=Path("results/friction_beside"))
+    given = parser.parse_args(arguments)
+    unknown = sorted(set(given.names) - set(ROUGH))
+    if unknown:
+        parser.error(f"unknown scene {unknown[0]}; known: {', '.join(ROUGH)}")
+    names, output = given.names or list(ROUGH), given.output.resolve()
+    found = []
+    for row in rows(names, output, given.tuning):
+        found.append(row)
+        print(row, file=sys.stderr, flush=True)
+    write(found, COLUMNS, output / ("tuning.csv" if given.tuning else "friction.csv"))
     for name in names:
         print(f"\n{name}\n")
-        print("\n".join(table(found, name)))
-        draw(found, name, output / f"friction_{name}.png")
+        print("\n".join(table(found, name, given.tuning)))
+        if not given.tuning:
+            draw(found, name, output / f"friction_{name}.png")
 
 
 if __name__ == "__main__":

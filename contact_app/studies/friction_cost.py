@@ -1,6 +1,6 @@
 """Cost of friction: operator applications compared with those of the scene without friction.
 
-    python -m contact_app.studies.friction_cost [NAME …] [--methods active-set,primal] [--sets]
+    python -m contact_app.studies.friction_cost [NAME …] [--methods active-set,primal]
 
 Each scene is solved without and with friction to its own tolerance. The limit is three times the
 applications of the frictionless solve with Tresca's law and six times with Coulomb's law, but at
@@ -8,15 +8,13 @@ least 60. A scene without equilibrium in the absence of friction has the limit 6
 a load history may take twelve times the applications of a single increment to the same loads.
 
 The rows of a scene begin with the method that `solver.method: auto` takes.
-
-``--sets`` prints the iterations and the number of active rows of each active set.
 """
 
 from __future__ import annotations
 
 import argparse
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -193,7 +191,7 @@ HISTORIES = {
 """Solved in N = 10 increments and in one."""
 
 
-@dataclass
+@dataclass(frozen=True)
 class Work:
     """Work of a solve.
 
@@ -204,12 +202,12 @@ class Work:
     passed
         Whether all solutions are certified.
     sets
-        Iterations and active rows of each active set.
+        Number of active sets.
     """
 
     applications: int | None = None
     passed: bool = True
-    sets: dict[tuple[int, int], tuple[int, int]] = field(default_factory=dict)
+    sets: int = 0
 
 
 def scene_of(rubbed: FrictionScene, method: str, rough: bool = True, increments: int = 1) -> Scene:
@@ -240,26 +238,23 @@ def scene_of(rubbed: FrictionScene, method: str, rough: bool = True, increments:
 
 def counted(scene: Scene) -> Work:
     """Solve a scene, or all its increments."""
-    found, part = Work(), 0
+    sets: set[tuple[int, int | None]] = set()
 
-    def tell(step: Step) -> None:
-        of_set = (part, step.outer or step.active_set)
-        before = found.sets.get(of_set, (0, 0))[0]
-        found.sets[of_set] = before + 1, step.active_rows or 0
+    def solved_in(increment: int) -> Callable[[Step], None]:
+        return lambda step: sets.add((increment, step.outer or step.active_set))
 
     try:
-        if not scene.steps:
-            summaries = [solve_scene(scene, MPI.COMM_SELF, tell).summary]
+        if scene.steps:
+            found = solved_increments(scene, MPI.COMM_SELF, lambda place: solved_in(place.number))
+            summaries = [made.solved.summary for made in found]
         else:
-            summaries = []
-            for made in solved_increments(scene, MPI.COMM_SELF, lambda place: tell):
-                summaries.append(made.solved.summary)
-                part += 1
+            summaries = [solve_scene(scene, MPI.COMM_SELF, solved_in(0)).summary]
     except ContactError:
-        return found
-    found.applications = sum(s["solver"]["hessian_multiplications"] for s in summaries)
-    found.passed = all(s["certificate"]["passed"] for s in summaries)
-    return found
+        return Work(sets=len(sets))
+    return Work(
+        sum(s["solver"]["hessian_multiplications"] for s in summaries),
+        all(s["certificate"]["passed"] for s in summaries), len(sets),
+    )  # fmt: skip
 
 
 def row(name: str, method: str) -> str:
@@ -291,8 +286,7 @@ def _cells(name: str, method: str, before: Work, after: Work, most: float) -> st
     shown = "no answer" if applications is None else f"{applications}{passed}"
     over = "" if applications is None or applications <= most else " (above)"
     ratio = f"{applications / without:.1f}" if applications is not None and without else ""
-    sets = len(after.sets)
-    return "| " + " | ".join([*cells, shown, f"{most:.0f}{over}", ratio, f"{sets}"]) + " |"
+    return "| " + " | ".join([*cells, shown, f"{most:.0f}{over}", ratio, f"{after.sets}"]) + " |"
 
 
 def table(names: Sequence[str], methods: Sequence[str]) -> Iterator[str]:
@@ -310,30 +304,17 @@ def method_of_auto(name: str) -> str:
     return "active-set" if method == "auto" else method
 
 
-def active_set_lines(names: Sequence[str], methods: Sequence[str]) -> Iterator[str]:
-    """Work of each active set."""
-    for name in names:
-        for method in methods:
-            known = SCENES | HISTORIES
-            found = counted(scene_of(known[name], method, increments=10))
-            yield f"{name} {method}: {found.applications}"
-            for (part, number), (count, rows) in found.sets.items():
-                yield f"  increment {part + 1}, set {number}: {count} steps, {rows} active rows"
-
-
 def main() -> None:
     """The command."""
     known = [*SCENES, *HISTORIES]
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("names", nargs="*", help=f"of {', '.join(known)}; all unless given")
     parser.add_argument("--methods", default=",".join(METHODS))
-    parser.add_argument("--sets", action="store_true", help="print each active set")
     given = parser.parse_args()
     unknown = sorted(set(given.names) - set(known))
     if unknown:
         parser.error(f"unknown scene {unknown[0]}; known: {', '.join(known)}")
-    tell = active_set_lines if given.sets else table
-    for line in tell(given.names or known, given.methods.split(",")):
+    for line in table(given.names or known, given.methods.split(",")):
         print(line, flush=True)
 
 
