@@ -35,7 +35,6 @@ from contact_app.run.progress import together
 from contact_app.scene.scene import Scene
 from solver.driver import solve
 from solver.qp.result import Monitor, Step
-from solver.tfeti.dual import DualProblem
 
 TURNED = math.pi / 6.0
 """Angle between the lines along which a node slips in two increments, from which on it counts as
@@ -201,16 +200,14 @@ def halved(
         return None
     options = replace(model_now.scene.solver, tolerance=max(TOLERANCE, now.solution.tolerance))
     limited = together(monitor, _Patience(max(LEAST, int(TIMES * now.solution.counts.hessian))))
-    first = solve(_without_recycling(model.problem), options, limited, start=models.on(model))
+    first = solve(model.problem, options, limited, start=models.on(model))
     if not first.converged:
         return None
     if rigid:
         moved = models.after(halfway, first.displacements)
-        problem = _without_recycling(
-            moved.model(model_now.scene, Timings(), model_now.needed, None).problem
-        )
+        problem = moved.model(model_now.scene, Timings(), model_now.needed, None).problem
     else:
-        problem = _without_recycling(model_now.problem).with_slip_from(first.displacements)
+        problem = model_now.problem.with_slip_from(first.displacements)
     if not comm.allreduce(int(problem.size == model_now.problem.size), op=MPI.MIN):
         return None
     second = solve(problem, options, limited, start=now.solution.multiplier)
@@ -225,11 +222,6 @@ def halved(
             100 * found.forces, 100 * found.displacements,
         )  # fmt: skip
     return found
-
-
-def _without_recycling(problem: DualProblem) -> DualProblem:
-    """The problem with separate search directions, so that those of increments do not change."""
-    return problem.recycling(None) if problem.factored and problem.coarse is not None else problem
 
 
 class _Patience:

@@ -2,9 +2,7 @@
 
 Apart from the slip, an increment is a load case of the model that all increments share
 (`run.case_models`). An increment begins with the nearest combination of earlier multipliers, or
-with those of the last increment. All later increments use the search directions of an increment,
-unless its active sets did not settle: such directions cost a roller that is pressed in eight
-increments 1000 operator applications in an increment that takes 20 without them.
+with those of the last increment.
 """
 
 from __future__ import annotations
@@ -38,7 +36,7 @@ class IncrementModels:
     """Makes the models of increments, and stores the last answer; methods are collective."""
 
     def __init__(self, scene: Scene, comm: MPI.Intracomm) -> None:
-        self._models = CaseModels(scene, comm, increments=True)
+        self._models = CaseModels(scene, comm)
         self._rough = scene.has_friction
         self._displacements: Displacements | None = None
         self._earlier: Callable[[list[tuple[int, int]]], Displacements] | None = None
