@@ -238,6 +238,7 @@ def group_numbers(scene: Scene) -> NDArray[np.int64]:
     pairs += [(tie.body, tie.other) for tie in scene.ties]
     place = {number: elastic + nth for nth, number in enumerate(scene.moving)}
     pairs += [(c.body, place[c.rigid]) for c in scene.contacts if c.rigid in place]
+    pairs += [(tie.body, place[tie.rigid]) for tie in scene.rigid_ties if tie.rigid in place]
     ends = np.array(pairs).reshape(-1, 2)
     return connected(ends.T, count)
 

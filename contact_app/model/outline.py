@@ -44,7 +44,7 @@ from contact_app.model.rigid import (
 )
 from contact_app.model.sections import SectionPiece, locate_sections
 from contact_app.model.surface_copies import SurfaceCopies
-from contact_app.model.ties import TiedRows, tied_rows
+from contact_app.model.ties import TiedRows, tied_rows, undetermined
 from contact_app.model.total_loads import LinearTraction, linear_tractions
 from contact_app.scene.scene import Scene
 from meshes import Partition, decompose
@@ -58,7 +58,6 @@ from solver.tfeti.constraints.conditions import (
 from solver.tfeti.constraints.exchange import NodeExchange
 from solver.tfeti.constraints.friction import FrictionRows
 from solver.tfeti.constraints.merge import merge_contact, merge_held
-from solver.tfeti.constraints.ties import undecided
 
 
 def partition_scene(scene: Scene, comm: MPI.Intracomm) -> Partition:
@@ -207,7 +206,7 @@ def outline(
     )
     held, contact, merged = _merged_rows(scene, partition, exchange, conditions, uncut)
     tied = tied_rows(scene, partition, exchange, held, scene_length(scene))
-    some = undecided(comm, contact, tied.rows) | contact.on_rigid
+    some = undetermined(scene, comm, contact, tied.rows)
     contact, merged = contact.of(some), ContactRows.join([merged, contact.of(~some)])
     elements: dict[int, Element] = {}
     for subdomain in partition.subdomains:
@@ -256,7 +255,7 @@ def outline_of_case(known: Outline, scene: Scene, timings: Timings | None = None
         )
         tied = tied_rows(scene, partition, known.exchange, held, length)
         means = mean_motion_rows(scene, partition, known.exchange, known.elements, held, length)
-        some = undecided(partition.comm, contact, tied.rows)
+        some = undetermined(scene, partition.comm, contact, tied.rows)
         contact, merged = contact.of(some), ContactRows.join([merged, contact.of(~some)])
         if not partition.comm.allreduce(int(_same_rows(contact, rows)), op=MPI.MIN):
             return None

@@ -95,7 +95,10 @@ class RigidUnknowns:
 
     def center(self, nth: int) -> Array:
         """Reference point of the nth moving body where it is placed, (3,)."""
-        number = self.scene.moving[nth]
+        return self.placed_center(self.scene.moving[nth])
+
+    def placed_center(self, number: int) -> Array:
+        """The same of a body by its number among all rigid ones."""
         placed = self.scene.placements[number].displacement
         return np.array(self.scene.rigid_bodies[number].center) + np.array(placed)
 
@@ -201,21 +204,8 @@ def _tightest_on_held(
     Nothing moves there: a second closed row would have a gap that no force can change.
     Collective. Raises `NoEquilibriumError` if these rows leave a rigid body no room.
     """
-    count, d = len(rows.nodes), unknowns.scene.dimension
-    without_nodes = np.bincount(rows.entries.row, minlength=count) == 0
-    without_nodes &= rows.on_rigid
-    own = rows.rigid
-    body = np.zeros(count, np.int64)
-    body[own.row] = unknowns.body_of(own.node)
-    place = unknowns.motion_of(own.node, own.component)
-    vectors = np.zeros((count, NODES * d))
-    vectors[own.row, place] = own.value
-    held = HeldNodes(
-        body[without_nodes],
-        rows.sources[without_nodes],
-        vectors[without_nodes],
-        rows.gaps[without_nodes],
-    )
+    count, without_nodes = len(rows.nodes), rows_without_nodes(rows)
+    held = motions_of_rows(rows, unknowns, without_nodes)
     parts = comm.allgather(held)
     every = HeldNodes.joined(parts)
     if not len(every.gaps):
@@ -236,6 +226,23 @@ def _tightest_on_held(
     return result
 
 
+def rows_without_nodes(rows: ContactRows) -> NDArray[np.bool_]:
+    """Mask (rows,) of the rows with entries at rigid bodies alone."""
+    return (np.bincount(rows.entries.row, minlength=len(rows.nodes)) == 0) & rows.on_rigid
+
+
+def motions_of_rows(
+    rows: ContactRows, unknowns: RigidUnknowns, alone: NDArray[np.bool_]
+) -> HeldNodes:
+    """Chosen rows (mask) as rows on the motions of the rigid bodies."""
+    count, own = len(rows.nodes), rows.rigid
+    body = np.zeros(count, np.int64)
+    body[own.row] = unknowns.body_of(own.node)
+    vectors = np.zeros((count, unknowns.size))
+    vectors[own.row, unknowns.motion_of(own.node, own.component)] = own.value
+    return HeldNodes(body[alone], rows.sources[alone], vectors[alone], rows.gaps[alone])
+
+
 def with_motions(rows: ContactRows, unknowns: RigidUnknowns) -> ContactRows:
     """Rows with the entries of the free components of the rigid bodies they are about."""
     scene, d = unknowns.scene, unknowns.scene.dimension
@@ -244,7 +251,7 @@ def with_motions(rows: ContactRows, unknowns: RigidUnknowns) -> ContactRows:
     for nth, number in enumerate(scene.moving):
         about = [i for i, c in enumerate(scene.contacts) if c.rigid == number]
         chosen = np.isin(rows.sources, about)
-        own = _along(rows.of(chosen), unknowns, number)
+        own = _along(rows.of(chosen), unknowns, unknowns.placed_center(number))
         arm = rows.points[chosen] - unknowns.center(nth)
         longest = np.maximum(1.0, np.linalg.norm(arm, axis=1) / unknowns.length)
         own[np.abs(own) < FAINT * longest[:, None]] = 0.0
@@ -270,7 +277,17 @@ def with_slips(rows: ContactRows, unknowns: RigidUnknowns, number: int) -> Conta
     The free components are entries, the held ones gaps: slips are relative to the body, and count
     from where it is drawn.
     """
-    scene, own = unknowns.scene, _along(rows, unknowns, number)
+    return with_body(rows, unknowns, number, unknowns.placed_center(number))
+
+
+def with_body(
+    rows: ContactRows, unknowns: RigidUnknowns, number: int, center: Array
+) -> ContactRows:
+    """Rows on nodes of elastic bodies, with entries for the motion of a rigid body about a point.
+
+    The rows are those of displacements relative to the body; held components are gaps.
+    """
+    scene, own = unknowns.scene, _along(rows, unknowns, center)
     held, values = scene.held_components(number)
     gaps = rows.gaps - own[:, held] @ (np.asarray(values) * unknowns.units)[held]
     if number not in scene.moving:
@@ -300,16 +317,14 @@ def slips_of_held(rows: ContactRows, unknowns: RigidUnknowns, before: Scene | No
         held, values = scene.held_components(contact.rigid)
         earlier = 0.0 if before is None else np.asarray(before.held_components(contact.rigid)[1])
         moved = (np.asarray(values) - earlier) * unknowns.units
-        along = _along(rows.of(of_source), unknowns, contact.rigid)
+        along = _along(rows.of(of_source), unknowns, unknowns.placed_center(contact.rigid))
         added[of_source] = -along[:, held] @ moved[held]
     return added
 
 
-def _along(rows: ContactRows, unknowns: RigidUnknowns, number: int) -> Array:
-    """Coefficients of tangential rows for each component of a rigid body, (rows, components)."""
-    scene, d = unknowns.scene, unknowns.scene.dimension
-    center = np.array(scene.rigid_bodies[number].center)
-    center = center + np.array(scene.placements[number].displacement)
+def _along(rows: ContactRows, unknowns: RigidUnknowns, center: Array) -> Array:
+    """Coefficients of rows for each component of a motion about a point, (rows, components)."""
+    d = unknowns.scene.dimension
     force = np.zeros((len(rows.nodes), 3))
     force[:, :d] = rows.normals
     turn = np.cross(rows.points - center, force) + rows.moments

@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from mpi4py import MPI
+from numpy.typing import NDArray
 
 from contact_app.errors import ConfigurationError, NoEquilibriumError
 from contact_app.model.pairs import owned_rows, sides_of
+from contact_app.model.rigid import scene_length
+from contact_app.model.rigid_ties import refuse_pushed, rigidly_tied_rows, without_repeated
 from contact_app.scene.scene import Scene
 from meshes import Partition
 from meshes.facing import SurfacesApartError
@@ -21,6 +24,7 @@ from solver.tfeti.constraints.conditions import (
 )
 from solver.tfeti.constraints.exchange import NodeExchange
 from solver.tfeti.constraints.merge import cut_held
+from solver.tfeti.constraints.ties import undecided
 
 FAR = 0.1
 """Distance of tied surfaces, relative to the size of a facet, from which on a warning is given."""
@@ -59,11 +63,11 @@ def tied_rows(
     NoEquilibriumError
         Displacement conditions hold the two sides apart.
     """
-    d = scene.dimension
-    if not scene.ties:
-        return TiedRows(ContactRows.empty(d), ())
-    decided = decided_by(exchange, held)
-    parts, notes = [ContactRows.empty(d)], []
+    if not scene.ties and not scene.rigid_ties:
+        return TiedRows(ContactRows.empty(scene.dimension), ())
+    of_rigid, moving = rigidly_tied_rows(scene, partition, exchange)
+    decided = replace(decided_by(exchange, held), tied_before=moving)
+    parts, notes = [ContactRows.empty(scene.dimension), *of_rigid], []
     for number, tie in enumerate(scene.ties):
         sides = sides_of(scene, partition, tie)
         try:
@@ -83,12 +87,33 @@ def tied_rows(
         for sign in (-1.0, 1.0):
             cut = cut_held(exchange, _signed(rows, sign), held, length)
     except ContradictionError as error:
-        tie = scene.ties[error.first]
         raise NoEquilibriumError(
-            f"{scene.source}: the displacement conditions hold the two sides of {tie.source}, "
-            f"which is tied, {error.amount:.6g} apart: no displacement satisfies both"
+            f"{scene.source}: the displacement conditions hold the two sides of "
+            f"{scene.tie_names[error.first].source}, which is tied, {error.amount:.6g} "
+            "apart: no displacement satisfies both"
         ) from error
+    if scene.rigid_ties:
+        cut = without_repeated(scene, partition, exchange, cut)
     return TiedRows(cut, tuple(notes))
+
+
+def undetermined(
+    scene: Scene, comm: MPI.Intracomm, contact: ContactRows, tied: ContactRows
+) -> NDArray[np.bool_]:
+    """Mask (contact rows,) of rows that tied rows do not determine (collective).
+
+    Contact with a moving rigid body is determined at nodes that are tied to it.
+    """
+    some = undecided(comm, contact, tied) | contact.on_rigid
+    if not scene.rigid_ties:
+        return some
+    refuse_pushed(scene, comm, contact.of(~some), tied, scene_length(scene))
+    of_contacts = np.array([getattr(item, "rigid", None) for item in scene.touching])
+    for number, tie in enumerate(scene.rigid_ties, start=len(scene.ties)):
+        both = np.flatnonzero(of_contacts == tie.rigid)
+        of_tie = tied.nodes[tied.sources == number]
+        some &= ~(np.isin(contact.sources, both) & np.isin(contact.nodes, of_tie))
+    return some
 
 
 def decided_by(exchange: NodeExchange, held: HeldRows) -> Decided:
@@ -107,5 +132,4 @@ def _signed(rows: ContactRows, sign: float) -> ContactRows:
     turned = ContactEntries(
         entries.row, entries.node, entries.points, entries.component, -entries.value
     )
-    fields: Sequence[str] = [name for name in rows.__dict__ if name != "entries"]
-    return ContactRows(**{name: getattr(rows, name) for name in fields}, entries=turned)
+    return replace(rows, entries=turned, gaps=-rows.gaps)

@@ -42,7 +42,7 @@ from contact_app.results.alternation import Lines, alternation
 from contact_app.results.division import ContactLoads, contact_loads
 from contact_app.results.smoothed_pressure import smoothed_pressure
 from contact_app.results.surface_nodes import SurfaceNodes, facet_shares
-from contact_app.scene.conditions import BodyContact, Contact
+from contact_app.scene.conditions import BodyContact, Contact, RigidTie
 from solver.contact.solution import Solution
 
 Array = NDArray[np.float64]
@@ -229,7 +229,9 @@ def node_gaps(model: Model, solution: Solution, surface: SurfaceNodes, far: Arra
     return gap
 
 
-def boundary_shares(model: Model, surface: SurfaceNodes, touching: Contact | BodyContact) -> Array:
+def boundary_shares(
+    model: Model, surface: SurfaceNodes, touching: Contact | BodyContact | RigidTie
+) -> Array:
     """∫ φ_k over the boundary of a contact at the owned surface nodes, (owned,) (collective)."""
     chosen = facets_of(model.scene.bodies, model.partition, touching.body, touching.boundary)
     return surface.shares(model, chosen)

@@ -38,7 +38,11 @@ def placements_of(model: Model, solution: Solution) -> list[Placement]:
 
 
 def rigid_records(
-    model: Model, solution: Solution, nodes: NodeFields, reactions: list[dict[str, Any]]
+    model: Model,
+    solution: Solution,
+    nodes: NodeFields,
+    reactions: list[dict[str, Any]],
+    ties: list[dict[str, Any]],
 ) -> dict[str, Any]:
     """`rigid_bodies` of ``summary.json``, and `reactions` with those of rigid bodies (collective).
 
@@ -46,6 +50,8 @@ def rigid_records(
     ----------
     reactions
         Reactions of elastic bodies, in the order of the file.
+    ties
+        Records of the tied boundaries, as `tie_records` makes them.
     """
     scene, d = model.scene, model.scene.dimension
     places = placements_of(model, solution)
@@ -60,6 +66,8 @@ def rigid_records(
         for body, place in zip(scene.rigid_bodies, places, strict=True)
     ]
     forces = [_on_rigid(model, nodes, k, point) for k, point in enumerate(points)]
+    for tie, record in zip(scene.rigid_ties, ties[len(scene.ties) :], strict=True):
+        forces[tie.rigid] -= _about(record, points[tie.rigid])
     own = {
         motion.source: _reaction(scene, motion, forces[motion.body], points[motion.body])
         for motion in scene.rigid_motions
@@ -72,6 +80,13 @@ def rigid_records(
 def _turn(vector: list[float], d: int) -> list[float] | float:
     """A rotation or moment; in the plane its one component."""
     return vector[2] if d == 2 else vector
+
+
+def _about(record: dict[str, Any], point: Array) -> Array:
+    """Force of a record of `contacts`, and its moment about a point, (6,)."""
+    force, moment = np.array(record["force"]), np.array(record["moment"])
+    moment = moment if moment.ndim else np.array([0.0, 0.0, moment])
+    return np.concatenate([force, moment + np.cross(np.array(record["point"]) - point, force)])
 
 
 def _on_rigid(model: Model, nodes: NodeFields, number: int, point: Array) -> Array:

@@ -38,7 +38,7 @@ from contact_app.model.averaged_rows import has_averaged_rows
 from contact_app.model.boundaries import facets_of
 from contact_app.model.model import Model
 from contact_app.model.pairs import gather_surface
-from contact_app.scene.conditions import BodyContact, Contact, Tie
+from contact_app.scene.conditions import BodyContact, Contact, RigidTie, Tie
 from meshes.contact_surface import Surface
 
 Array = NDArray[np.float64]
@@ -118,7 +118,9 @@ def smoothed_on(
     return result * (before / after) if after > 0.0 else pressure
 
 
-def smoothed_tractions(model: Model, tie: Tie, nodes: NDArray[np.int64], tractions: Array) -> Array:
+def smoothed_tractions(
+    model: Model, tie: Tie | RigidTie, nodes: NDArray[np.int64], tractions: Array
+) -> Array:
     """The same means of the tractions of a tied boundary, (n, 3) (collective).
 
     A scene with tied boundaries is not cut at planes of symmetry, so there are no images.
@@ -133,9 +135,8 @@ def smoothed_tractions(model: Model, tie: Tie, nodes: NDArray[np.int64], tractio
     at, values = (np.concatenate(part) for part in zip(*parts, strict=True))
     if side is None or len(at) == 0:
         return tractions
-    numbers, points, areas, radii = _at_nodes(
-        side, [_side(model, tie.other, tie.other_boundary)], at_nodes=True
-    )
+    others = [_side(model, tie.other, tie.other_boundary)] if isinstance(tie, Tie) else []
+    numbers, points, areas, radii = _at_nodes(side, others, at_nodes=True)
     place = _places(at, numbers)
     some = place >= 0
     found = np.zeros((len(numbers), 3))

@@ -8,10 +8,17 @@ import numpy as np
 from mpi4py import MPI
 
 from contact_app.model.model import Model
+from contact_app.results.pressure import boundary_shares
 from contact_app.results.resultants import Resultant, joined
 from contact_app.results.smoothed_pressure import smoothed_tractions
+from contact_app.results.surface_nodes import SurfaceNodes
+from contact_app.scene.conditions import RigidTie
 from contact_app.scene.scene import Scene
 from solver.contact.solution import Solution
+
+WITHOUT = 1e-9
+"""Share of the largest area of a node below which a node has none: vertices of triangles of degree
+2, whose forces are not tractions."""
 
 
 def tie_records(model: Model, solution: Solution) -> list[dict[str, Any]]:
@@ -28,19 +35,23 @@ def tie_records(model: Model, solution: Solution) -> list[dict[str, Any]]:
     force[:, : scene.dimension] = multiplier[:, None] * rows.normals
     turn = multiplier[:, None] * rows.moments
     records = []
-    for number, (tie, name) in enumerate(zip(scene.ties, scene.tie_names, strict=True)):
+    surface = SurfaceNodes.of(model)
+    for number, (tie, name) in enumerate(zip(scene.all_ties, scene.tie_names, strict=True)):
         mine = np.flatnonzero(rows.sources == number)
         x, f, area = rows.points[mine], force[mine], rows.areas[mine]
+        if isinstance(tie, RigidTie):
+            shares = boundary_shares(model, surface, tie)
+            area = np.maximum(shares[np.searchsorted(surface.owned, rows.nodes[mine])], 0.0)
         # each node has a row for each component, of one area unless its function was given away
         nodes, at = np.unique(rows.nodes[mine], return_inverse=True)
         size = np.zeros(len(nodes))
         np.maximum.at(size, at.reshape(-1), area)
-        displacements = np.zeros((len(nodes), 3))
-        np.add.at(displacements, at.reshape(-1), f / area[:, None])
-        smoothed = smoothed_tractions(model, tie, nodes, displacements)
-        peaks = [
-            float(np.linalg.norm(t, axis=1).max(initial=0.0)) for t in (displacements, smoothed)
-        ]
+        tractions = np.zeros((len(nodes), 3))
+        np.add.at(tractions, at.reshape(-1), f / np.maximum(area, 1e-300)[:, None])
+        some = size > WITHOUT * size.max(initial=0.0)
+        tractions = tractions[some]
+        smoothed = smoothed_tractions(model, tie, nodes[some], tractions)
+        peaks = [float(np.linalg.norm(t, axis=1).max(initial=0.0)) for t in (tractions, smoothed)]
         sums = np.concatenate([
             [area.sum(), size.sum(), len(nodes)], area @ x, f.sum(axis=0),
             (np.cross(x, f) + turn[mine]).sum(axis=0),

@@ -29,7 +29,9 @@ from contact_app.scene.conditions import (
     Contact,
     DisplacementCondition,
     Pressure,
+    RigidTie,
     Temperature,
+    Tie,
     TotalLoad,
     Traction,
 )
@@ -132,8 +134,10 @@ def _modelled(scene: Scene, known: Outline) -> list[str]:
         )
     for tie in scene.ties:
         other = f"{scene.bodies[tie.other].name}.{tie.other_boundary}"
-        on = f"{scene.bodies[tie.body].name}.{tie.boundary}"
-        lines.append(f"{tie.source}: {on} is tied to {other}, by a mortar method")
+        lines.append(f"{tie.source}: {_on(scene, tie)} is tied to {other}, by a mortar method")
+    for glued in scene.rigid_ties:
+        name = scene.rigid_bodies[glued.rigid].name
+        lines.append(f"{glued.source}: {_on(scene, glued)} moves with {name}, which is rigid")
     lines += [f"warning: {note}" for note in known.tied.notes]
     return lines
 
@@ -315,6 +319,8 @@ def _unloaded(scene: Scene, known: Outline) -> list[str]:
         acted[condition.body] |= any(condition.values)
     for rigid in scene.contacts:
         acted[rigid.body] |= rigid.rigid is not None
+    for tie in scene.rigid_ties:
+        acted[tie.body] = True
     gaps, sources = known.candidates
     touched = np.array([c.body for c in scene.touching], int)
     acted[touched[sources[gaps < 0.0]]] = True
@@ -374,7 +380,9 @@ def _moment(scene: Scene, load: TotalLoad) -> str:
     return f" and a moment {_vector(moment)} at {where}"
 
 
-Named = DisplacementCondition | Traction | TotalLoad | Pressure | Contact | BodyContact
+Named = (
+    DisplacementCondition | Traction | TotalLoad | Pressure | Contact | BodyContact | Tie | RigidTie
+)
 """Conditions and contacts on a boundary of a body."""
 
 

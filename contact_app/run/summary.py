@@ -39,13 +39,14 @@ def summary_of(solved: SolvedScene) -> dict[str, Any]:
     summary["solution"]["pair_forces"] = {
         pair.source: [float(f) for f in force] for pair, force in zip(pairs, forces, strict=True)
     }
+    ties = tie_records(solved.model, solved.solution)
     summary["contacts"] = in_order_of_file(
-        solved.model.scene, contact_records(solved.model, nodes),
-        tie_records(solved.model, solved.solution),
-    )  # fmt: skip
+        solved.model.scene, contact_records(solved.model, nodes), ties
+    )
     summary["reactions"] = reaction_records(solved.model, solved.solution, nodes)
     if solved.model.scene.rigid_bodies:
-        summary |= rigid_records(solved.model, solved.solution, nodes, summary["reactions"])
+        reactions = summary["reactions"]
+        summary |= rigid_records(solved.model, solved.solution, nodes, reactions, ties)
     summary["reactions"] += hold_records(solved.model, solved.solution)
     slides = free_motions(solved.model, solved.solution)
     if slides:

@@ -215,6 +215,16 @@ class Tie:
 
 
 @dataclass(frozen=True)
+class RigidTie:
+    """A boundary whose nodes move with a rigid body."""
+
+    body: int
+    boundary: str
+    rigid: int
+    source: str
+
+
+@dataclass(frozen=True)
 class ContactName:
     """Names of a contact of the scene file.
 

@@ -10,6 +10,7 @@ from contact_app.scene.conditions import (
     DisplacementCondition,
     Friction,
     Pressure,
+    RigidTie,
     Temperature,
     Tie,
     TotalLoad,
@@ -175,7 +176,7 @@ class ConditionReader:
         moment = read_moment(keys, condition.total_moment, (*path, "total_moment"))
         return TotalLoad(body, boundary, vector, moment, at, source)
 
-    def contacts(self, i: int, contact: c.Contact) -> list[Contact | BodyContact | Tie]:
+    def contacts(self, i: int, contact: c.Contact) -> list[Contact | BodyContact | Tie | RigidTie]:
         """A contact with an obstacle or with another body, or a tied pair.
 
         A contact with a rigid body gives one contact for each of its obstacles.
@@ -189,13 +190,12 @@ class ConditionReader:
                 f"is {contact.on!r}, which is rigid as {contact.against} is, and two rigid bodies "
                 "do not touch each other: give one of them a mesh and a stiff material",
             )
+        number = self.rigid.names.index(contact.against or "")
         if contact.tied:
-            self.keys.fail(
-                (*path, "tied"),
-                f"is for two elastic bodies; {contact.against} is rigid: where it is held, hold "
-                "the boundary with a displacement condition instead; where forces move it, give it "
-                "a mesh and a stiff material, and tie that",
-            )
+            self._refuse_beside_tied(contact, path)
+            body, boundary = self.boundary(contact.on, (*path, "on"))
+            self._refuse_repeated(i, contact)
+            return [RigidTie(body, boundary, number, f"contacts[{i}]")]
         friction = self._friction(contact.friction, (*path, "friction"))
         if contact.round:
             self.keys.fail(
@@ -205,7 +205,6 @@ class ConditionReader:
             )
         body, boundary = self.boundary(contact.on, (*path, "on"))
         self._refuse_repeated(i, contact)
-        number = self.rigid.names.index(contact.against or "")
         source, overlap = f"contacts[{i}]", contact.interference
         return [
             Contact(body, boundary, shape, source, overlap, friction, rigid=number, part=part)

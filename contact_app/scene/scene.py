@@ -22,6 +22,7 @@ from contact_app.scene.conditions import (
     ContactName,
     DisplacementCondition,
     Pressure,
+    RigidTie,
     Temperature,
     Tie,
     TotalLoad,
@@ -205,8 +206,9 @@ class Scene:
         The load history; empty if all conditions act in full at once.
     in_step
         Whether this is the scene of a place in a load history.
-    ties
-        Tied pairs of boundaries; they are not among the contacts.
+    ties, rigid_ties
+        Tied pairs of boundaries, and boundaries tied to rigid bodies; they are not among the
+        contacts.
     rigid_bodies, rigid_motions, rigid_loads
         Rigid bodies (without mesh), their prescribed motions, and their loads.
     placements
@@ -238,6 +240,7 @@ class Scene:
     steps: tuple[LoadStep, ...] = ()
     in_step: bool = False
     ties: tuple[Tie, ...] = ()
+    rigid_ties: tuple[RigidTie, ...] = ()
     rigid_bodies: tuple[RigidBody, ...] = ()
     rigid_motions: tuple[RigidMotion, ...] = ()
     rigid_loads: tuple[RigidLoad, ...] = ()
@@ -360,15 +363,19 @@ class Scene:
         return tuple((c.source, self._where(c.body, c.boundary)) for c in self.displacements)
 
     @property
+    def all_ties(self) -> tuple[Tie | RigidTie, ...]:
+        """The tied pairs, then the boundaries tied to rigid bodies, as tied rows count them."""
+        return (*self.ties, *self.rigid_ties)
+
+    @property
     def tie_names(self) -> tuple[ContactName, ...]:
-        """The tied pairs in the order of the file."""
+        """The tied pairs in the order of the file, then the boundaries tied to rigid bodies."""
+        others = [self._where(tie.other, tie.other_boundary) for tie in self.ties]
+        others += [self.rigid_bodies[tie.rigid].name for tie in self.rigid_ties]
         return tuple(
-            ContactName(
-                tie.source, self._where(tie.body, tie.boundary),
-                self._where(tie.other, tie.other_boundary),
-            )
-            for tie in self.ties
-        )  # fmt: skip
+            ContactName(tie.source, self._where(tie.body, tie.boundary), other)
+            for tie, other in zip(self.all_ties, others, strict=True)
+        )
 
     def _where(self, body: int, boundary: str) -> str:
         return f"{self.bodies[body].name}.{boundary}"

@@ -60,11 +60,13 @@ def contact_stiffness(problem: DualProblem) -> tuple[NDArray[np.float64], float]
 
     Returns
     -------
-    Diagonal of B diag(K) Bᵀ, (contact rows,), and the largest entry of diag(K) on interfaces.
+    Diagonal of B diag(K) Bᵀ, (contact rows,), and the largest entry of diag(K) on interfaces; one
+    if only rigid bodies have an interface, as beside held nodes.
     """
     parts = [c.stiffness.diagonal()[c.interface] for c in problem.classes if c.members]
     top = max((float(part.max(initial=0.0)) for part in parts), default=0.0)
-    return problem.row_stiffness(problem.inequality), problem.comm.allreduce(top, op=MPI.MAX)
+    top = problem.comm.allreduce(top, op=MPI.MAX)
+    return problem.row_stiffness(problem.inequality), top or 1.0
 
 
 def winkler_contact(problem: DualProblem) -> NDArray[np.bool_]:

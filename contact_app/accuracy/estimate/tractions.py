@@ -38,8 +38,8 @@ SHEARS = ((0, 1), (1, 2), (0, 2))
 
 
 def tied_sides(scene: Scene) -> list[tuple[int, str]]:
-    """Body and boundary of each side of the tied pairs, where tractions are unknown."""
-    sides = [(tie.body, tie.boundary) for tie in scene.ties]
+    """Body and boundary of each tied side, where tractions are unknown."""
+    sides = [(tie.body, tie.boundary) for tie in scene.all_ties]
     return sides + [(tie.other, tie.other_boundary) for tie in scene.ties]
 
 

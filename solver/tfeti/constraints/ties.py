@@ -2,7 +2,7 @@
 
 A contact row that is a combination of the tied rows of one node is decided by them, as at the edge
 where a tied and a contact boundary of the same bodies meet. If the contact row stayed, F would be
-singular on active sets that contain it.
+singular on active sets that contain it. A tied row with a rigid body that may move decides nothing.
 """
 
 from __future__ import annotations
@@ -23,6 +23,7 @@ def undecided(comm: MPI.Intracomm, contact: ContactRows, tied: ContactRows) -> N
 
     Surfaces are small beside bodies: every rank compares its contact rows with all tied rows.
     """
+    tied = tied.of(~tied.on_rigid)
     gathered = comm.allgather((_columns(tied), tied.entries.row, tied.entries.value, tied.nodes))
     counts = np.cumsum([0, *(len(part[3]) for part in gathered)])
     columns, values = (np.concatenate([part[k] for part in gathered]) for k in (0, 2))

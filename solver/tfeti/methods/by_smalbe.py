@@ -82,6 +82,7 @@ def solve_by_smalbe(task: Task, before: Outcome[State] | None, restart: Restart 
     problem = task.problem
     assert problem.coarse is not None
     norm, multiplications = estimate_norm(problem.projected, NORM_ACCURACY)
+    norm = norm or 1.0  # F is zero if only held nodes touch a rigid body
     set_work = before.counts if before is not None else Counts()
     counts = set_work + Counts(norm_estimation=multiplications)
     preconditioner = DualPreconditioner(problem, norm)

@@ -26,6 +26,7 @@ from contact_app.run.fallback import NoAnswerError
 from contact_app.run.solve import solve_scene
 from contact_app.run.ways import first_certified, ways_to
 from contact_app.scene.build import build_scene
+from contact_app.scene.conditions import Tie
 from contact_app.scene.configuration import load
 from contact_app.scene.scene import Scene
 from solver import Counts, Reason
@@ -148,6 +149,8 @@ def test_one_body_of_a_mesh_file_takes_multigrid_in_both_degrees(degree: int) ->
     assert chosen(scene).solver.method == "primal"
     pair = chosen(replace(scene, bodies=scene.bodies * 2))
     assert pair.solver.method == ("primal" if degree == 1 else "auto")
+    tied = replace(scene, bodies=scene.bodies * 2, ties=(Tie(0, "a", 1, "b", "contacts[0]"),))
+    assert chosen(tied).solver.method == "primal"
 
 
 def test_with_friction_one_thick_body_takes_multigrid() -> None:

@@ -1,0 +1,173 @@
+"""Boundaries tied to rigid bodies: every node of theirs moves with the body.
+
+With q = (t, θ) the motion of the body about its reference point c, both as the file has them,
+
+    u(x) - t - θ × (x - c) = 0    in each component at each node x of the boundary.
+
+Components of the motion that are held go to the right-hand side. If the body is held in all
+components, the rows prescribe the displacements of the nodes.
+
+If a displacement condition holds a component of some of these nodes, their rows have entries at the
+rigid body alone: they hold motions of the body, of which each needs one row only.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from mpi4py import MPI
+from numpy.typing import NDArray
+from scipy.linalg import qr
+
+from contact_app.errors import ConfigurationError, NoEquilibriumError
+from contact_app.model.boundaries import facets_of
+from contact_app.model.pairs import gather_surface
+from contact_app.model.rigid import RigidUnknowns, motions_of_rows, rows_without_nodes, with_body
+from contact_app.scene.conditions import RigidTie, Tie
+from contact_app.scene.scene import Scene
+from meshes import Partition
+from solver.tfeti.constraints.conditions import ContactEntries, ContactRows
+from solver.tfeti.constraints.exchange import NodeExchange
+
+Array = NDArray[np.float64]
+
+SAME = 1e-9
+"""Rounding errors of rows on rigid motions, and of displacements over the length of the scene."""
+
+
+def rigidly_tied_rows(
+    scene: Scene, partition: Partition, exchange: NodeExchange
+) -> tuple[list[ContactRows], NDArray[np.int64]]:
+    """Rows of the boundaries tied to rigid bodies, and all their nodes (collective).
+
+    `sources` counts on from those of `Scene.ties`. Nodes of two boundaries that are tied to the
+    same body belong to the first.
+
+    Raises
+    ------
+    ConfigurationError
+        A boundary has no facet, or shares nodes with one that is tied to another rigid body.
+    """
+    unknowns, parts = RigidUnknowns.of(scene, partition), []
+    body_of: dict[int, int] = {}
+    for number, tie in enumerate(scene.rigid_ties, start=len(scene.ties)):
+        nodes, points = _nodes(scene, partition, tie)
+        shared = {body_of[node] for node in nodes.tolist() if node in body_of} - {tie.rigid}
+        if shared:
+            other = scene.rigid_bodies[shared.pop()].name
+            raise ConfigurationError(
+                f"{scene.at(tie.source)}.on: has nodes that are tied to {other}, too: a node moves "
+                "with one rigid body; leave these nodes out of one of the boundaries"
+            )
+        fresh = np.array([node not in body_of for node in nodes.tolist()], bool)
+        body_of |= dict.fromkeys(nodes.tolist(), tie.rigid)
+        owned = fresh & (nodes >= exchange.first) & (nodes < exchange.last)
+        rows = _at_nodes(nodes[owned], points[owned], scene.dimension, number)
+        center = np.array(scene.rigid_bodies[tie.rigid].center)
+        parts.append(with_body(rows, unknowns, tie.rigid, center))
+    return parts, np.array(sorted(body_of), np.int64)
+
+
+def _nodes(scene: Scene, partition: Partition, tie: RigidTie) -> tuple[NDArray[np.int64], Array]:
+    """Nodes of the facets of a boundary, ascending, and their coordinates (collective)."""
+    side = gather_surface(
+        scene, partition, facets_of(scene.bodies, partition, tie.body, tie.boundary)
+    )
+    if side is None:
+        raise ConfigurationError(
+            f"{scene.at(tie.source)}.on: no whole facet of the surface of "
+            f"{scene.bodies[tie.body].name} lies on {tie.boundary}; tied boundaries need facets "
+            "all of whose nodes are on them"
+        )
+    nodes, first = np.unique(side.nodes, return_index=True)
+    return nodes, side.points.reshape(-1, 3)[first]
+
+
+def _at_nodes(nodes: NDArray[np.int64], points: Array, d: int, number: int) -> ContactRows:
+    """A row for each component of each node; areas are the shares of the nodes."""
+    count = len(nodes)
+    component = np.tile(np.arange(d), count)
+    nodes, points = np.repeat(nodes, d), np.repeat(points, d, axis=0)
+    place = np.arange(d * count)
+    return ContactRows(
+        nodes=nodes, points=points, sources=np.full(d * count, number), gaps=np.zeros(d * count),
+        normals=-np.eye(d)[component], moments=np.zeros((d * count, 3)),
+        areas=np.full(d * count, np.nan), spread=np.ones(d * count),
+        entries=ContactEntries(place, nodes, points, component, np.ones(d * count)),
+    )  # fmt: skip
+
+
+def without_repeated(
+    scene: Scene, partition: Partition, exchange: NodeExchange, rows: ContactRows
+) -> ContactRows:
+    """Tied rows without those on rigid motions alone that others repeat (collective).
+
+    Raises
+    ------
+    NoEquilibriumError
+        Held nodes would move a rigid body in two ways at once.
+    """
+    unknowns, comm = RigidUnknowns.of(scene, partition), exchange.comm
+    without_nodes = rows_without_nodes(rows)
+    held = motions_of_rows(rows, unknowns, without_nodes)
+    parts = comm.allgather(held)
+    body, sources, vectors, gaps = (
+        np.concatenate([getattr(part, name) for part in parts])
+        for name in ("body", "sources", "vectors", "gaps")
+    )
+    best = np.zeros(len(gaps), bool)
+    for nth in np.unique(body):
+        some = np.flatnonzero(body == nth)
+        triangle, order = qr(vectors[some].T, mode="r", pivoting=True)
+        size = np.abs(np.diagonal(triangle))
+        chosen = some[order[: int((size > SAME * size[0]).sum())]]
+        best[chosen] = True
+        motion = np.linalg.lstsq(vectors[chosen], gaps[chosen], rcond=None)[0]
+        wrong = np.abs(vectors[some] @ motion - gaps[some])
+        if wrong.max() > SAME * unknowns.length:
+            source = scene.tie_names[sources[some[int(np.argmax(wrong))]]].source
+            raise NoEquilibriumError(
+                f"{scene.source}: nodes of {source} that displacement conditions hold would move "
+                f"{scene.rigid_bodies[scene.moving[int(nth)]].name}, which is rigid, in two ways, "
+                f"{wrong.max():.6g} apart: no displacement satisfies both"
+            )
+    start = sum(len(part.gaps) for part in parts[: comm.rank])
+    keep = ~without_nodes
+    keep[without_nodes] = best[start : start + len(held.gaps)]
+    return rows.of(keep)
+
+
+def refuse_pushed(
+    scene: Scene, comm: MPI.Intracomm, contact: ContactRows, tied: ContactRows, length: float
+) -> None:
+    """Refuse contacts of nodes that a rigid body, held in all components, pushes too far.
+
+    Collective.
+
+    Parameters
+    ----------
+    contact, tied
+        Rows of contacts that the tied rows determine, and tied rows of this rank, which owns the
+        nodes of both.
+    """
+    held = [k for k, tie in enumerate(scene.all_ties) if _holds(scene, tie)]
+    fixed = tied.of(np.isin(tied.sources, held))
+    component = np.abs(fixed.normals).argmax(axis=1)
+    known = dict(zip(zip(fixed.nodes, component, strict=True), fixed.gaps, strict=True))
+    entries = contact.entries
+    places = zip(entries.node, entries.component, strict=True)
+    moved = np.array([known.get(place, np.nan) for place in places])
+    inside = -contact.gaps
+    np.add.at(inside, entries.row, entries.value * moved)
+    found = [(float(v), int(k)) for v, k in zip(inside, contact.sources, strict=True) if v > 0.0]
+    worst, source = max(comm.allgather(max(found, default=(0.0, -1))))
+    if worst > SAME * length:
+        raise NoEquilibriumError(
+            f"{scene.source}: a rigid body that is held in all components pushes nodes that are "
+            f"tied to it by {worst:.6g} into what {scene.touching[source].source} names: no "
+            "displacement satisfies both"
+        )
+
+
+def _holds(scene: Scene, tie: Tie | RigidTie) -> bool:
+    """Whether a tie prescribes the displacements of its nodes."""
+    return isinstance(tie, RigidTie) and tie.rigid not in scene.moving
