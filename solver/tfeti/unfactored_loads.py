@@ -3,7 +3,7 @@
 The inner products of a vector compare load cases. With factors it is d = B K⁺ f - c. B f - c alone
 would not do: loads away from contact rows would have no effect. Each load is divided by the root of
 the stiffness at its unknown, f_i / √K_ii, and prescribed values are multiplied by the root of the
-mean K_ii, so that all have one unit.
+mean K_ii of elastic bodies, so that all have one unit.
 """
 
 from __future__ import annotations
@@ -39,7 +39,8 @@ def loads_in_energy(
         (load[cls.free] / np.sqrt(own)[:, None]).ravel()
         for cls, load, own in zip(classes, loads, stiffness, strict=True)
     ]
-    sums = np.array([sum(own.sum() for own in stiffness), sum(map(len, stiffness))])
+    elastic = [own for cls, own in zip(classes, stiffness, strict=True) if not cls.rigid]
+    sums = np.array([sum(own.sum() for own in elastic), sum(map(len, elastic))])
     total, count = comm.allreduce(sums)
     return np.concatenate([*parts, prescribed * np.sqrt(total / max(count, 1.0))])
 
