@@ -56,6 +56,23 @@ class Turn:
 
 
 @dataclass(frozen=True, eq=False)
+class Relaxation:
+    """The last step of a fixed point over slip limits, this rank's points.
+
+    Attributes
+    ----------
+    residual : (points,)
+        Limits of the last state minus the limits that were prescribed; zero where a point does not
+        slide.
+    factor
+        Share of this change that was taken.
+    """
+
+    residual: Array
+    factor: float
+
+
+@dataclass(frozen=True, eq=False)
 class Statuses:
     """The status of each row while a backend solves; local parts.
 
@@ -72,12 +89,15 @@ class Statuses:
     compliance : (rows,)
         C of the active rows in B u - c = C (λ - traction), zero for most; None on all ranks where C
         is zero for all rows.
+    relaxation
+        How the law came from the last state to these statuses; backends do not need it.
     """
 
     active: Mask
     tractions: Array | None = None
     turn: Turn | None = None
     compliance: Array | None = None
+    relaxation: Relaxation | None = None
 
     @property
     def holding(self) -> Mask:

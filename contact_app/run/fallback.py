@@ -81,7 +81,7 @@ def is_final(model: Model, solution: Solution, max_iterations: int) -> bool:
     named by the user is tried first and has the same fallbacks as the automatic one; the warnings
     and `summary.solver.method` name the method of the answer.
     """
-    if solution.converged or solution.reason is Reason.STOPPED:
+    if solution.converged or solution.reason in (Reason.STOPPED, Reason.SLIDES):
         return True
     rows = model.comm.allreduce(model.problem.size)
     return solution.reason is Reason.MAX_ITERATIONS and max_iterations < STEPS * rows

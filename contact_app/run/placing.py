@@ -111,7 +111,8 @@ def placed_anew(solved: SolvedScene) -> list[Placement] | None:
 def _misplaced(solved: SolvedScene, places: list[Placement]) -> float:
     """Largest error of a gap over the displacement of its body, where contact is near (collective).
 
-    An error of the normal counts by its effect on the displacement along it.
+    An error of the normal counts by its effect on the displacement along it, and rounding errors of
+    the gap do not count.
     """
     model, moved = solved.model, solved.solution.measures.deformations
     scene, contact = model.scene, model.problem.contact
@@ -127,7 +128,9 @@ def _misplaced(solved: SolvedScene, places: list[Placement]) -> float:
         distance, normal = _distance_and_normal(scene, places, item, points)
         gap, turned = after.contacts[number].gap_and_normal(points)
         near = pressed[of_contact] | (gap <= size)
-        error = np.abs(gap - distance) / size + np.linalg.norm(turned - normal, axis=1)
+        rounded = 4.0 * float(np.finfo(np.float64).eps) * float(np.abs(points).max())
+        off = np.maximum(np.abs(gap - distance) - rounded, 0.0)
+        error = off / size + np.linalg.norm(turned - normal, axis=1)
         worst = max(worst, float(error[near].max(initial=0.0)))
     return float(model.comm.allreduce(worst, op=MPI.MAX))
 

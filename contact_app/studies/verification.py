@@ -25,7 +25,8 @@ solution compared with those of the theory. The numbers (`verification_measures`
 * Plate on a rough plane: displacements of five points; the numbers beside them are published means
   of several programs instead of a theory.
 * Load histories: `contact_app.studies.history_cases`; the block on an incline:
-  `contact_app.studies.incline`; Mindlin's contact in space: `contact_app.studies.mindlin`.
+  `contact_app.studies.incline`; Mindlin's contact in space: `contact_app.studies.mindlin`; a belt
+  and a turned ring that slide everywhere: `contact_app.studies.round_friction`.
 
 Meshes of round bodies are coarse meshes drawn in Gmsh (``meshes/samples/coarse``). Every edge is
 halved until cells have the given size, and new nodes are moved onto the circle or ball
@@ -58,6 +59,14 @@ from contact_app.studies.history_cases import cattaneo, graded_block, rod_cycle
 from contact_app.studies.incline import incline
 from contact_app.studies.mindlin import graded_half_block, mindlin
 from contact_app.studies.refine_on_sphere import refined_round
+from contact_app.studies.round_friction import (
+    BELT,
+    TURNED_RING,
+    belt,
+    turned_ring,
+    write_belt,
+    write_ring,
+)
 from contact_app.studies.verification_measures import (
     cantilever,
     column,
@@ -303,6 +312,16 @@ CASES = (
     Case(
         "rod_cycle", "The rod pulled, released, pushed and pulled again",
         None, _boxes((50, 1), (100, 1), (200, 2)), history=rod_cycle,
+    ),
+    Case(
+        "belt", "Euler and Eytelwein: a belt slides around a drum",
+        belt, tuple(Level(f"{n} cells along it", BELT, n) for n in (20, 40, 80, 160)),
+        scene="thick_ring", graded=write_belt,
+    ),
+    Case(
+        "turned_ring", "A ring pressed on a plate and turned",
+        turned_ring, tuple(Level(f"{n} cells across its wall", TURNED_RING, n) for n in (2, 4)),
+        scene="rigid_plate", graded=write_ring,
     ),
     Case(
         "cattaneo", "Cattaneo and Mindlin: pressed, pushed and let go",

@@ -236,9 +236,18 @@ class _Run(Generic[S]):
         early = EarlyReleases.none(start.active)
         turnovers, strained, counts = list[Turnover](), list[float](), self.work_before
         found: Outcome[S] = Outcome(None, None, statuses, counts)
+        slides = 0
         for number in range(options.most_sets):
             rules, statuses = rules.for_set(number, statuses, turnovers)
             solved = self._solve(number, statuses, multiplier, rules, counts)
+            slides = slides + 1 if solved is None else 0
+            state = found.state
+            if slides and state is not None and not law.settles:
+                if slides == options.sliding:
+                    found = replace(found, reason=Reason.SLIDES)
+                    break
+                statuses = law.yielding(statuses, state.jumps)
+                solved = self._solve(number, statuses, multiplier, rules, counts)
             if solved is None:
                 break
             found, counts = solved, counts + solved.counts
@@ -253,13 +262,15 @@ class _Run(Generic[S]):
                 fewer = statuses.active & (start.alternative() | ~backend.contact_rows)
                 statuses = law.consistent(replace(statuses, active=fewer))
             strained.append(found.state.strained)
-            if law.fades and options.fades(strained):
+            if not law.settles and options.fades(strained):
+                if not law.fades:  # SMALBE-M finds the answer without forces from no forces on
+                    return replace(found, state=None, counts=counts), _Failure.OTHER
                 open_all = replace(statuses, active=statuses.active & ~backend.contact_rows)
                 multiplier, statuses = None, law.consistent(open_all)
                 strained.clear()
             if not law.settles and start.multiplier is None and options.is_unsettled(turnovers):
                 return replace(found, counts=counts), _Failure.UNSETTLED
-        failed_ahead = found.reason is None and (
+        failed_ahead = found.reason in (None, Reason.SLIDES) and (
             early.any(backend.comm) or (ahead and _begins_ahead(backend.comm, start, law))
         )
         return replace(found, counts=counts), _Failure.AHEAD if failed_ahead else _Failure.OTHER

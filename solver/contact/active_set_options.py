@@ -96,6 +96,10 @@ class ActiveSetOptions:
         of three sets in a row, if no body needs contact. Where bodies touch and no load presses
         them, contact and friction forces of a set cause each other. They fell to a fifth in each
         set, and twenty sets later, at rounding errors, the answer was not certified.
+    sliding
+        Number of sets in a row without a point that sticks, after which friction is said not to
+        hold a body. A belt around a drum has at most seven at 0.99 of its largest load, and
+        slides on at its largest load.
     looks_ahead
         Whether a law may release points before the state of a set shows that they slide
         (`solver.contact.slip_front`), and points with a gap slide in the first set. Where the sets
@@ -124,6 +128,7 @@ class ActiveSetOptions:
     settling: int = 8
     unsettled: float = 0.25
     fading: float = 0.1
+    sliding: int = 20
     looks_ahead: bool = True
     returning: float = 0.5
 

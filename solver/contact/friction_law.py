@@ -33,7 +33,7 @@ import numpy as np
 from mpi4py import MPI
 from numpy.typing import NDArray
 
-from solver.backend import Statuses, Turn
+from solver.backend import Relaxation, Statuses, Turn
 from solver.contact.friction_points import AT_LIMIT, FrictionPoints
 from solver.contact.law import Found, Frictionless
 from solver.contact.slip_front import SlipFront
@@ -60,10 +60,24 @@ class FrictionOptions:
         overshoot where the slips are no larger than those that the tractions themselves cause.
     round_off
         Changes of tractions that count as zero, over the largest multiplier.
+    soft, hardly
+        Where no point sticks: compliance of a sliding point over its slip, which is at least this
+        share of the largest slip, per force.
+    turns_about
+        Share of the last change of the limits that the next change has to undo before changes of
+        limits are relaxed. A cone pressed into a cone, whose limits turned about by 0.7, took 286
+        to 1,096 operator applications without. From the first set on, relaxation costs a cube with
+        μ = 0.3 39 operator applications instead of 34.
+    least_share
+        Smallest share of a change that is taken.
     """
 
     turn: float = 1.5
     round_off: float = 1e-13
+    soft: float = 1.5
+    hardly: float = 0.5
+    turns_about: float = 0.5
+    least_share: float = 0.3
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -128,12 +142,49 @@ class Friction(Frictionless):
         forces = np.where(touching[points.point], self._prescribed(statuses), 0.0)
         return self._statuses(normals, sticks, forces, np.zeros(len(points.first)))
 
+    def yielding(self, statuses: Statuses, jumps: Array) -> Statuses:
+        """Sliding points with springs that resist a change of their slip (collective).
+
+        If no point sticks, friction of given size and direction lets the body go. With springs of
+        the compliance C the friction is s d + (w - w') / C, w' the slip before. Points that then
+        slip against d stick in the next set. So a belt around a drum finds the point from which it
+        slides to both ends.
+        """
+        points = self.points
+        before, given = points.slips(jumps), self._prescribed(statuses)
+        length, limit = points.sizes(before), points.sizes(given)
+        sliding = ~statuses.active[points.rows[points.first]] & (limit > 0.0)
+        longest = self.comm.allreduce(float(length.max(initial=0.0)), op=MPI.MAX)
+        length = self.options.soft * np.maximum(length, self.options.hardly * longest)
+        stiffness = np.divide(limit, length, out=np.zeros(len(limit)), where=length > 0.0)
+        springs = (sliding & (stiffness > 0.0))[points.point]
+        rows, stiffness = points.rows[springs], stiffness[points.point][springs]
+        active, tractions = statuses.active.copy(), np.zeros(len(statuses.active))
+        compliance = np.zeros(len(active))
+        if statuses.compliance is not None:
+            compliance[statuses.active] = statuses.compliance[statuses.active]
+        active[rows] = True
+        tractions[points.rows] = given / points.spread
+        tractions[rows] -= stiffness * before[springs] / points.spread[springs]
+        compliance[rows] = points.spread[springs] ** 2 / stiffness
+        return Statuses(active, tractions, None, compliance)
+
+    def _springs(self, statuses: Statuses) -> Mask:
+        """Points that are springs, (points,)."""
+        first = self.points.rows[self.points.first]
+        if statuses.compliance is None:
+            return np.zeros(len(first), bool)
+        soft = statuses.compliance[first]
+        least = self._least_compliance(statuses.active)[self.points.first]
+        return np.asarray(statuses.active[first] & (soft > 0.0) & (soft != least))
+
     def following(
         self, normals: Mask, found: Found, before: Statuses, ahead: bool
     ) -> tuple[Statuses, Mask]:
         """The points that stick from now on, and the tractions of sliding points (collective)."""
         points, multiplier = self.points, found.multiplier
-        stuck = before.active[points.rows[points.first]]
+        springs = self._springs(before)
+        stuck = before.active[points.rows[points.first]] & ~springs
         forces, slips = points.forces(multiplier), points.slips(found.jumps)
         size, length = points.sizes(forces), points.sizes(slips)
         touching = normals[points.normals[points.first]]
@@ -144,7 +195,8 @@ class Friction(Frictionless):
 
         direction = self._units(forces)
         relative = found.distance[points.rows]
-        back = points.dots(relative, direction)
+        slid = np.where(springs[points.point], self._units(self._prescribed(before)), direction)
+        back = points.dots(relative, slid)
         sticks_again = np.where(
             size > 0.0, back < -found.zero_distance, points.sizes(relative) <= found.zero_distance
         )
@@ -154,6 +206,8 @@ class Friction(Frictionless):
             early, shed = self.front.sliding(forces, limit + slack, stuck & (limit > 0.0))
             direction = np.where(early[points.point], self._units(shed), direction)
             sticks &= ~early
+        slides = (limit > 0.0) & ~stuck & ~sticks & ~springs
+        limit, relaxation = self._relaxed(limit, slides, before)
         wanted = direction * limit[points.point]
         turning = np.where(stuck, 0.0, self._rho(limit, length, stuck))
         wanted = self._at_limits(wanted + turning[points.point] * slips, limit)
@@ -169,7 +223,31 @@ class Friction(Frictionless):
         after = self._statuses(normals, sticks, wanted, slip_compliance)
         guessed = np.zeros(len(normals), bool)
         guessed[points.rows[points.first]] = early
-        return self._with_former_tractions(after, before, unchanged), guessed
+        after = self._with_former_tractions(after, before, unchanged)
+        return replace(after, relaxation=relaxation), guessed
+
+    def _relaxed(self, limit: Array, slides: Mask, before: Statuses) -> tuple[Array, Relaxation]:
+        """Limits (points,) between the prescribed ones and those of the state (collective).
+
+        Where the change of the limits turns about from set to set, the next one is a share of it
+        that Aitken's formula tells from the last two (B. M. Irons, R. C. Tuck, *A version of the
+        Aitken accelerator for computer iteration*, Int. J. Numer. Methods Eng. 1, 1969).
+        """
+        given = self.points.sizes(self._prescribed(before))
+        follows = slides & (given > 0.0) & (self.points.coefficients > 0.0)
+        residual, factor = np.where(follows, limit - given, 0.0), 1.0
+        last = before.relaxation
+        if last is not None:
+            both = (residual != 0.0) & (last.residual != 0.0)
+            new, old = residual[both], last.residual[both]
+            own = np.array([old @ old, new @ old, new @ new])
+            oo, no, nn = (float(x) for x in self.comm.allreduce(own))
+            turns = no < -self.options.turns_about * oo
+            change = oo - 2.0 * no + nn
+            if change > 0.0 and (turns or last.factor < 1.0):
+                least = self.options.least_share
+                factor = min(max(last.factor * (oo - no) / change, least), 1.0)
+        return np.where(follows, given + factor * residual, limit), Relaxation(residual, factor)
 
     def _changes_set(self, points: Mask, touching: Mask, before: Statuses) -> bool:
         """Whether the set changes at points, or in which points are closed (collective)."""

@@ -98,6 +98,15 @@ class ContactLaw(Protocol):
     def consistent(self, statuses: Statuses) -> Statuses:
         """The statuses after normal rows were taken out of the active set (collective)."""
 
+    def yielding(self, statuses: Statuses, jumps: Array) -> Statuses:
+        """Statuses near statuses that leave a body unheld, but which hold it (collective).
+
+        Parameters
+        ----------
+        jumps : (rows,)
+            B u - c of the state before.
+        """
+
     def following(
         self, normals: Mask, found: Found, before: Statuses, ahead: bool
     ) -> tuple[Statuses, Mask]:
@@ -137,6 +146,10 @@ class Frictionless:
         return Statuses(active)
 
     def consistent(self, statuses: Statuses) -> Statuses:
+        """The same."""
+        return statuses
+
+    def yielding(self, statuses: Statuses, jumps: Array) -> Statuses:
         """The same."""
         return statuses
 

@@ -49,6 +49,8 @@ class Iterate:
         For an operator with an ``image``: the image of x, updated by the same recurrence as g.
     curved : bool
         Whether a straight step along the boundary of the feasible set may leave the set.
+    spectral_step : float
+        Inverse of the curvature along the last projected gradient step; zero before the first.
     watch : callable of Iterate or None
         Called with the iterate after each step.
     """
@@ -83,6 +85,7 @@ class Iterate:
         scratch = Scratch(max(rows.stop - rows.start for rows in self._rows))
         self.blocks = [Block(rows, vectors, feasible, scratch) for rows in self._rows]
         self.curved = feasible is not None and feasible.curved
+        self.spectral_step = 0.0
         self.counts = Counts()
         self.iterations = 0
         self.history: list[Step] = []

@@ -32,6 +32,10 @@ class Reason(Enum):
     UNSETTLED = (
         "The active sets did not settle; with solver.method auto the run goes on with SMALBE-M."
     )
+    SLIDES = (
+        "Friction does not hold a body: in one active set after the other no contact point sticks, "
+        "and the body slides on. Smaller loads or more friction may hold it."
+    )
     STOPPED = "The monitor asked to stop; the result holds the last iterate."
 
     @property

@@ -36,7 +36,7 @@ from solver.vectors import largest_magnitude
 
 METHOD = "active-set"
 
-ENDS = (Reason.ACCEPTED, Reason.STOPPED, Reason.MAX_ITERATIONS)
+ENDS = (Reason.ACCEPTED, Reason.STOPPED, Reason.MAX_ITERATIONS, Reason.SLIDES)
 """Reasons for which active sets end a solve; after other reasons SMALBE-M may go on."""
 
 PATIENCE = 12

@@ -47,7 +47,12 @@ NORM_ACCURACY = 1e-2
 """Relative change at which the power method for ‖PFP‖ ends; accurate enough for penalty and M."""
 
 KNOWN = 0.2
-"""The slip limits s are updated once μ λ_n changes by less than this share of |s - μ λ_n|."""
+"""Accuracy of contact forces from which the slip limits s follow.
+
+μ λ_n changes by less than this share of |s - μ λ_n|, and forces out of balance are below this share
+of the contact forces. Without the latter a plate that touches a block without any load and is moved
+along it was not certified.
+"""
 
 PATIENCE = 16
 """Outer iterations after which active sets are tried once more."""
@@ -94,7 +99,8 @@ def solve_by_smalbe(task: Task, before: Outcome[State] | None, restart: Restart 
         max_iterations=task.inner.max_iterations - counts.inner,
     )
     start = before.state if before is not None else None
-    x0, multiplier0 = start.homogenised(problem) if start else (None, None)
+    # with -d bodies that no load moves stay in place: touching bodies without any load end at once
+    x0, multiplier0 = start.homogenised(problem) if start else (None, -problem.d)
     saver = Saver(task.checkpoint, counts)
     sets = _ActiveSetsBetween(replace(task, inner=inner), saver)
     frozen = _Frozen(
@@ -137,7 +143,9 @@ class _Frozen:
         if limits is None or not limits.follow:
             return None
         force = problem.offset + state.x
-        if not limits.settles(force, KNOWN):
+        own = force[problem.inequality]
+        pressing = math.sqrt(problem.comm.allreduce(float(own @ own)))
+        if state.residual_norm > KNOWN * pressing or not limits.settles(force, KNOWN):
             return None
         limits.advance(force)
         return self._program(None, None, iterations.with_another_set())

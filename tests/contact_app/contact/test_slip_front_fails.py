@@ -42,7 +42,7 @@ def test_sets_that_fail_ahead_of_the_states_are_tried_without() -> None:
         return active_set_loop(
             TotalFeti(problem), initial_active_set(problem, None),
             StoppingTest(lack, lambda state: lack(state) <= 1.0), MPRGP(),
-            options=ActiveSetOptions(looks_ahead=ahead), law=law,
+            options=ActiveSetOptions(looks_ahead=ahead, sliding=1), law=law,
         )  # fmt: skip
 
     found, safe = sets(True), sets(False)

@@ -29,6 +29,28 @@ def test_forces_that_fade_from_set_to_set_are_zero(cell: str, method: str) -> No
     assert summary["solution"]["max_contact_pressure"] == 0.0
 
 
+def test_rigid_plate_that_touches_without_load_slides_without_forces() -> None:
+    """It may sink, tilt and turn, and nothing presses it: no set of contact points holds it."""
+    box = {"lower": [0, 0, 0], "upper": [10, 10, 5], "cells": [4, 4, 2], "cell": "hexahedron"}
+    plane = {"point": [5, 5, 5], "normal": [0, 0, -1]}
+    made = {
+        "dimension": 3,
+        "bodies": [
+            {"name": "block", "mesh": {"box": box}, "material": {"young": 1000, "poisson": 0.3}},
+            {"name": "plate", "rigid": {"plane": plane}},
+        ],
+        "conditions": [
+            {"on": "block.z-", "displacement": [0, 0, 0]},
+            {"in": "plate", "displacement": [0.01, 0, None]},
+        ],
+        "contacts": [{"on": "block.z+", "against": "plate", "friction": {"coulomb": 0.3}}],
+    }
+    summary = solve(made, 1).summary
+    assert summary["certificate"]["passed"]
+    assert summary["solution"]["max_contact_pressure"] == 0.0
+    assert summary["solution"]["energy"] < 1e-30
+
+
 def test_excess_of_friction_counts_at_all_points_together() -> None:
     """On fine meshes many small forces beyond their limits are a large force."""
     solved = solve(pair("quadrilateral", {"coulomb": 0.3}), 4)
