@@ -62,8 +62,8 @@ def bulges(corners: NDArray[np.int64], points: Array, normals: Array) -> Array:
 def _normals_at_vertices(corners: NDArray[np.int64], points: Array, normals: Array) -> Array:
     """Normals of the smooth surface at the vertices of each facet, (facets, v, 3)."""
     facets, v = corners.shape
-    numbers, place = np.unique(corners, return_inverse=True)
-    place = place.reshape(corners.shape)
+    numbers, at, place = np.unique(corners, return_index=True, return_inverse=True)
+    vertices, place = points.reshape(-1, 3)[at], place.reshape(corners.shape)
     of_vertex: list[list[int]] = [[] for _ in numbers]
     for facet, own in enumerate(place):
         for vertex in own:
@@ -85,20 +85,24 @@ def _normals_at_vertices(corners: NDArray[np.int64], points: Array, normals: Arr
             key = int(place[facet, k]), ring.tobytes()
             if key not in known:
                 first = _fitted(centres[ring] - points[facet, k], normals[ring], area[ring])
-                around = np.unique((points[ring] - points[facet, k]).reshape(-1, 3), axis=0)
+                others = np.setdiff1d(place[ring], place[facet, k])
+                around = vertices[others] - vertices[place[facet, k]]
                 known[key] = _of_quadric(around, first)
             result[facet, k] = known[key]
     return result
 
 
 def _of_quadric(around: Array, normal: Array) -> Array:
-    """Normal at zero of the quadric through zero near points (n, 3), given about its normal."""
+    """Normal at zero of the quadric through zero near points (n, 3), given about its normal.
+
+    Where the points do not determine the quadric, its coefficients are the smallest, C in the
+    Frobenius norm: so the normal does not depend on the axes of s.
+    """
     size = np.linalg.norm(around, axis=1)
-    some = size > 0.0
-    around, size = around[some], size[some]
     axes = np.linalg.svd(normal[None])[2][1:]
     s, h = around @ axes.T / size.max(), around @ normal / size.max()
-    square = np.column_stack([s[:, 0] ** 2, s[:, 0] * s[:, 1], s[:, 1] ** 2, h**2])
+    twist = np.sqrt(2.0) * s[:, 0] * s[:, 1]
+    square = np.column_stack([s[:, 0] ** 2, twist, s[:, 1] ** 2, h**2])
     columns = np.hstack([s, square]) / size[:, None]
     slopes = np.linalg.lstsq(columns, h / size, rcond=RANK)[0][:2]
     value = normal - slopes @ axes

@@ -87,6 +87,28 @@ def test_heights_on_uneven_triangles_of_a_ball_and_a_cylinder(outward: float) ->
         np.testing.assert_allclose(found, right, atol=0.02 * np.abs(right).max())
 
 
+def test_heights_are_independent_of_numbers_and_of_rounding_errors() -> None:
+    """Facets of several subdomains have coordinates of their own, equal but for rounding errors."""
+    random = np.random.default_rng(7)
+    plane = random.uniform(-1, 1, (60, 2))
+    x, y = 4.0 * plane.T
+    points = np.column_stack([x, y, 0.05 * x**2 - 0.02 * y**2 + 0.004 * x**3])
+    triangles = Delaunay(plane).simplices
+
+    def height(numbers: np.ndarray, facets: np.ndarray, rounding: float) -> np.ndarray:
+        nodes = triangles[facets]
+        corners = points[nodes] * (1.0 + rounding * random.uniform(-1, 1, (len(nodes), 3, 3)))
+        inside = corners.mean(axis=1) - [0.0, 0.0, 1.0]
+        surface = Surface.of(3, numbers[nodes], corners, inside).smooth()
+        found = surface.height(np.arange(len(nodes)), np.full((len(nodes), 3), 1.0 / 3.0))
+        return np.asarray(found)[np.lexsort(np.round(surface.centres, 9).T)]
+
+    first = height(np.arange(60), np.arange(len(triangles)), 0.0)
+    other = height(random.permutation(60), random.permutation(len(triangles)), 4e-16)
+    assert np.abs(first).max() > 0.05
+    np.testing.assert_allclose(other, first, atol=1e-9)
+
+
 def _across(points: np.ndarray, axes: int) -> np.ndarray:
     """Components of points from the axis of a cylinder along y, or from the centre of a ball."""
     return points[:, [0, 2]] if axes == 1 else points
