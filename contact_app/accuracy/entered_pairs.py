@@ -41,13 +41,14 @@ def entered_pairs(model: Model, solution: Solution, nodes: NodeFields) -> list[s
         depth = entered(model, nodes, pair)
         largest = float(max(moved[pair.body], moved[pair.other]))
         if depth > ENTERED * largest:
-            share_ = f"{percent(depth / largest)} of the largest displacement"
+            size = "and do not deform"
+            if largest > 0.0:
+                size = f"{percent(depth / largest)} of the largest displacement"
             sentences.append(
                 f"{pair.source}: {scene.bodies[pair.body].name} and {scene.bodies[pair.other].name}"
                 f" enter each other by up to {depth:.2g} at vertices, "
-                f"{share_ if largest > 0.0 else 'and do not deform'}: contact is narrower than a "
-                "facet, and the gap is tested in the mean over facets; use cells much smaller than "
-                "the contact there"
+                f"{size}: contact is narrower than a facet, and the gap is tested in the mean over "
+                "facets; use cells much smaller than the contact there"
             )
     return sentences
 

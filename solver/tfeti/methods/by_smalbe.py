@@ -99,8 +99,9 @@ def solve_by_smalbe(task: Task, before: Outcome[State] | None, restart: Restart 
         max_iterations=task.inner.max_iterations - counts.inner,
     )
     start = before.state if before is not None else None
-    # with -d bodies that no load moves stay in place: touching bodies without any load end at once
-    x0, multiplier0 = start.homogenised(problem) if start else (None, -problem.d)
+    # with friction and -d, touching bodies that no load moves stay in place and end at once
+    rest = -problem.d if problem.friction is not None else None
+    x0, multiplier0 = start.homogenised(problem) if start else (None, rest)
     saver = Saver(task.checkpoint, counts)
     sets = _ActiveSetsBetween(replace(task, inner=inner), saver)
     frozen = _Frozen(
