@@ -361,6 +361,46 @@ class AssembledBody:
         order[of_dof] = np.arange(len(of_dof))
         return sp.csr_matrix(mean.tocsr()[:, order]), vertex
 
+    def edge_rows(
+        self, boundary: str, vertices: np.ndarray, gap: np.ndarray
+    ) -> dict[int, dict[int, float]]:
+        """Weights of nodes about vertices from which all facets rise steeply from an obstacle.
+
+        A third is at the vertex, the rest amid its edges that hardly rise, by their lengths.
+        """
+        facets_of: dict[int, list[list[int]]] = {int(v): [] for v in vertices}
+        for facet in self.facets_on(boundary, 0):
+            for vertex in facet.nodes:
+                if vertex in facets_of:
+                    facets_of[vertex].append(list(facet.nodes))
+        result = {}
+        for vertex, facets in facets_of.items():
+            rises, amid = [], {}
+            for nodes in facets:
+                corners = [n for n in nodes if n in facets_of]
+                others = [n for n in corners if n != vertex]
+                a, b, c = self.points[[vertex, *others]]
+                area = 0.5 * float(np.linalg.norm(np.cross(b - a, c - a)))
+                amid_edges = [n for n in nodes if n not in corners]
+                to_edge = [self.points[others[k]] + a for k in (0, 1)]
+                near = [
+                    min(amid_edges, key=lambda n, e=e: np.linalg.norm(2.0 * self.points[n] - e))
+                    for e in to_edge
+                ]
+                (opposite,) = set(amid_edges) - set(near)
+                mean = 0.1 * gap[vertex] - 0.05 * gap[others].sum()
+                mean += 0.4 * gap[near].sum() + 0.2 * gap[opposite]
+                rises.append((mean - gap[vertex]) / np.sqrt(area))
+                for n in near:
+                    away = float(np.linalg.norm(self.points[n] - a))
+                    if gap[n] - gap[vertex] <= 0.1 * away:
+                        amid[n] = away
+            if min(rises) > 0.1:
+                share = 2.0 / 3.0 if amid else 0.0
+                result[vertex] = {n: share * x / sum(amid.values()) for n, x in amid.items()}
+                result[vertex][vertex] = 1.0 - share
+        return result
+
     def nodes_on(self, boundary: str) -> np.ndarray:
         """Surface nodes on a named boundary."""
         nodes = self.surface[_on(self.body, boundary, self.points[self.surface])]
@@ -401,6 +441,12 @@ def assemble(scene: Any) -> System:
         if body.body.degree == 2 and body.body.mesh.cell == "tetrahedron":
             mean, local = body.mean_rows(item.boundary)
             gap, normal = item.obstacle.gap_and_normal(body.points)
+            mean = mean.tolil()
+            for vertex, weights in body.edge_rows(item.boundary, local, gap).items():
+                row = int(np.flatnonzero(local == vertex)[0])
+                mean[row] = 0.0
+                mean[row, list(weights)] = list(weights.values())
+            mean = mean.tocsr()
             gap = gap - item.interference
             blocks = sp.csr_matrix(  # -n at each node, as a block of one row
                 (
