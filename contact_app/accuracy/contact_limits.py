@@ -12,7 +12,6 @@ n across the contact.
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -20,7 +19,7 @@ from mpi4py import MPI
 from numpy.typing import NDArray
 
 from contact_app.errors import ConfigurationError
-from contact_app.model.averaged_rows import has_averaged_rows
+from contact_app.model.averaged_rows import GapAndNormal, has_averaged_rows
 from contact_app.model.boundaries import boundary_nodes, facets_of, surface_facets
 from contact_app.model.facets import moments, shapes_on_lattice
 from contact_app.model.model import Model
@@ -46,9 +45,6 @@ UNPRESSED_DEPTH = 1e-2
 
 Without a force, the depth alone decides.
 """
-
-GapAndNormal = Callable[[NDArray[np.float64]], tuple[NDArray[np.float64], NDArray[np.float64]]]
-"""Gap (n,) and normal (n, 3) of an obstacle at points (n, 3)."""
 
 CONCENTRATED = {2: 1, 3: 3}
 """Number of nodes in contact, by dimension, up to which their force counts as concentrated."""

@@ -36,13 +36,14 @@ from contact_app.results.friction import closing_points
 from contact_app.results.repeated_sentences import without_repetitions
 from contact_app.results.sliding import largest_sliding, sliding_on_each_other
 from contact_app.results.undetermined import Movable, play_warnings, undetermined_of
-from contact_app.run.model_warnings import large_deformations, several_answers
 from contact_app.run.warning_texts import (
     beside_boundary,
     closing_at_once,
     curving_away,
     flat_facets,
+    large_deformations,
     rubbing_where_open,
+    several_answers,
     sliding_far,
     straight_edges,
 )

@@ -27,17 +27,15 @@ from contact_app.scene.bodies import Body
 from contact_app.scene.conditions import Contact
 from meshes import Partition
 from meshes.facet_overlaps import smallest
+from meshes.mortar import POINTED
 from solver.tfeti.constraints.conditions import ContactEntries, ContactRows
 from solver.tfeti.constraints.exchange import NodeExchange
-
-POINTED = 0.1
-"""Mean gap of a facet beyond that of its vertex, over the root of its area, from which on the facet
-rises steeply: facets inclined by 20° or more. On an obstacle of radius R it is 0.25 h/R."""
 
 LEVEL = 0.1
 """Slope over an obstacle from which on an edge rises from it."""
 
 GapAndNormal = Callable[[NDArray[np.float64]], tuple[NDArray[np.float64], NDArray[np.float64]]]
+"""Gap (n,) and normal (n, 3) of an obstacle at points (n, 3)."""
 
 
 def has_averaged_rows(body: Body) -> bool:

@@ -7,7 +7,7 @@ repetitions and their names.
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 
 LISTED = 5
 """Largest number of listed names after the first."""
@@ -39,10 +39,8 @@ def without_repetitions(sentences: Sequence[str], names: Iterable[str]) -> list[
     ['b1: is loose (and 1 more alike: b3)', 'b2: is stiff']
     """
     pattern = _names(names)
-    groups: dict[str, list[str]] = {}
-    for sentence in sentences:
-        groups.setdefault(pattern.sub("\0", sentence), []).append(sentence)
-    return [_joined(group, pattern) for group in groups.values()]
+    groups = _grouped(sentences, lambda sentence: pattern.sub("\0", sentence))
+    return [_joined(group, pattern) for group in groups]
 
 
 def shortened(sentences: Sequence[str], names: Iterable[str]) -> list[str]:
@@ -56,11 +54,16 @@ def shortened(sentences: Sequence[str], names: Iterable[str]) -> list[str]:
         Names of bodies.
     """
     pattern = _names(names)
-    kinds: dict[str, list[str]] = {}
+    kinds = _grouped(sentences, lambda sentence: CHANGING.sub("#", pattern.sub("#", sentence)))
+    return [sentence for kind in kinds for sentence in _first_of_many(kind)]
+
+
+def _grouped(sentences: Iterable[str], kind_of: Callable[[str], str]) -> Iterable[list[str]]:
+    """The sentences of each kind, in the order of the first of each."""
+    groups: dict[str, list[str]] = {}
     for sentence in sentences:
-        kind = CHANGING.sub("#", pattern.sub("#", sentence))
-        kinds.setdefault(kind, []).append(sentence)
-    return [sentence for kind in kinds.values() for sentence in _first_of_many(kind)]
+        groups.setdefault(kind_of(sentence), []).append(sentence)
+    return groups.values()
 
 
 def _first_of_many(kind: list[str]) -> list[str]:

@@ -45,7 +45,9 @@ from contact_app.run.warning_texts import (
     closing_at_once,
     curving_away,
     flat_facets,
+    large_deformations,
     rubbing_where_open,
+    several_answers,
     sliding_far,
     straight_edges,
 )
@@ -56,9 +58,6 @@ from solver.contact.sizes import STRAINLESS
 from solver.driver import reason_text
 from solver.tfeti.constraints.exchange import NodeExchange
 from solver.tfeti.dual import DualProblem
-
-SMALL_STRAIN, SMALL_ROTATION = 0.05, 0.1
-"""Strain, and rotation in radians, above which a warning follows: they are not small."""
 
 SIMPLICES = ("triangle", "tetrahedron")
 
@@ -81,15 +80,6 @@ In bending the share is 1/n² for n cells of equal sides across the thickness.
 """
 
 
-LARGE_FRICTION = 1.0
-"""Coefficient of friction from which on a warning follows: there may be other answers. For
-isotropic bodies in the plane an answer is known to exist below √(3 - 4ν)/(2 - 2ν), 0.87 to 1 (C.
-Eck, J. Jarušek, *Existence results for the static contact problem with Coulomb friction*, Math.
-Models Methods Appl. Sci. 8, 1998); examples of several have larger ones (P. Hild, *Non-unique
-slipping in the Coulomb friction model in two-dimensional linear elasticity*, Q. J. Mech. Appl.
-Math. 57, 2004). Random scenes: `python -m tests.stability.several_answers`."""
-
-
 def model_warnings(answer: SolvedScene) -> list[str]:
     """Warnings for the certificate, one sentence each (collective)."""
     warnings = [sentence for check in CHECKS for sentence in check(answer) if sentence]
@@ -99,21 +89,6 @@ def model_warnings(answer: SolvedScene) -> list[str]:
 def _moved(answer: SolvedScene) -> tuple[DualProblem, NodeExchange, NDArray[np.float64]]:
     """The problem, its nodes, and their displacement."""
     return answer.model.problem, answer.model.node_exchange, answer.nodes.displacement
-
-
-def large_deformations(strain: float, rotation: float) -> list[str]:
-    """Strains and rotations, in radians, that are not small."""
-    found = []
-    if strain > SMALL_STRAIN:
-        found.append(
-            f"strains reach {strain:.2g}; the model assumes small ones (below {SMALL_STRAIN})"
-        )
-    if rotation > SMALL_ROTATION:
-        found.append(
-            f"rotations reach {rotation:.2g} rad; the model assumes small ones, and gaps and "
-            "normals are those of the undeformed shape"
-        )
-    return found
 
 
 def _large_deformations(answer: SolvedScene) -> list[str]:
@@ -305,16 +280,6 @@ def _rubs_where_open(answer: SolvedScene) -> Iterator[str]:
         count = comm.allreduce(int((found.rubs & ~found.closed).sum()))
         if text := rubbing_where_open(count):
             yield f"{contact.source}: {text}"
-
-
-def several_answers(coefficient: float, pressed: bool) -> str:
-    """Coulomb friction so large that the answer need not be unique."""
-    if not pressed or coefficient < LARGE_FRICTION:
-        return ""
-    return (
-        f"with a coefficient of friction of {coefficient:g} the answer "
-        "need not be unique: the certificate holds for this one, and there may be others"
-    )
 
 
 def _several_answers(answer: SolvedScene) -> Iterator[str]:

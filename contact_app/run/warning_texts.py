@@ -1,12 +1,15 @@
 """Warnings that the answers of scenes and of forms share: their limits and their sentences.
 
-Each function returns a sentence, or an empty text where there is nothing to say. The name of the
-contact is left out.
+Each function on a contact returns a sentence without the name of the contact, or an empty text
+where there is nothing to say.
 """
 
 from __future__ import annotations
 
 from contact_app.accuracy.faceted_curves import compared
+
+SMALL_STRAIN, SMALL_ROTATION = 0.05, 0.1
+"""Strain, and rotation in radians, above which a warning follows: they are not small."""
 
 SMALL_SAGITTA = 0.01
 """Error of a gap by sliding along a curved obstacle, over the displacement, that is warned of."""
@@ -16,6 +19,29 @@ CLOSING = 0.5
 random scenes with more, friction changed by more than 5 % of its limits in 12, by up to 40 %, when
 the load was applied in twelve increments; of 34 with fewer in 6
 (`python -m tests.stability.increments`)."""
+
+LARGE_FRICTION = 1.0
+"""Coefficient of friction from which on a warning follows: there may be other answers. For
+isotropic bodies in the plane an answer is known to exist below √(3 - 4ν)/(2 - 2ν), 0.87 to 1 (C.
+Eck, J. Jarušek, *Existence results for the static contact problem with Coulomb friction*, Math.
+Models Methods Appl. Sci. 8, 1998); examples of several have larger ones (P. Hild, *Non-unique
+slipping in the Coulomb friction model in two-dimensional linear elasticity*, Q. J. Mech. Appl.
+Math. 57, 2004). Random scenes: `python -m tests.stability.several_answers`."""
+
+
+def large_deformations(strain: float, rotation: float) -> list[str]:
+    """Strains and rotations, in radians, that are not small."""
+    found = []
+    if strain > SMALL_STRAIN:
+        found.append(
+            f"strains reach {strain:.2g}; the model assumes small ones (below {SMALL_STRAIN})"
+        )
+    if rotation > SMALL_ROTATION:
+        found.append(
+            f"rotations reach {rotation:.2g} rad; the model assumes small ones, and gaps and "
+            "normals are those of the undeformed shape"
+        )
+    return found
 
 
 def straight_edges(name: str, sagitta: float, moved: float, gap: float, degree: int) -> str:
@@ -110,6 +136,16 @@ def rubbing_where_open(count: int) -> str:
     return (
         f"Tresca friction acts on {count} nodes that carry no contact "
         "force; with friction: {coulomb: …} friction acts on pressed nodes alone"
+    )
+
+
+def several_answers(coefficient: float, pressed: bool) -> str:
+    """Coulomb friction so large that the answer need not be unique."""
+    if not pressed or coefficient < LARGE_FRICTION:
+        return ""
+    return (
+        f"with a coefficient of friction of {coefficient:g} the answer "
+        "need not be unique: the certificate holds for this one, and there may be others"
     )
 
 

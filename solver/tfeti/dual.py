@@ -22,7 +22,7 @@ from mpi4py import MPI
 from numpy.typing import NDArray
 from petsc4py import PETSc
 
-from solver.contact.bodies import FAINT, Bodies, body_lengths, largest
+from solver.contact.bodies import FAINT, Bodies, body_lengths
 from solver.contact.friction_points import FrictionPoints
 from solver.contact.row_kinds import RowKind
 from solver.tfeti.coarse.coarse_problem import CoarseProblem
@@ -331,8 +331,7 @@ class DualProblem:
         """
         if not self.factored:
             return lengths_at_unknowns(self.bodies, self.classes, self.loads, self.comm)
-        lifted = max((float(np.abs(lift).max(initial=0.0)) for lift in self.lifting), default=0.0)
-        moved = float(largest(self.comm, np.array([lifted]))[0])
+        moved = largest_magnitude(self.comm, *self.lifting)
         free = self.bodies.largest_on_interface(self.comm, self.free_displacements)
         return np.maximum(free, FAINT * moved)  # rounding errors of given motions
 
