@@ -33,6 +33,10 @@ FAINT = 1e-3
 """Friction force of a node, relative to that of its facet, below which its direction is
 meaningless."""
 
+ROUNDING = 1e-12
+"""Entry of CᵀC up to which it is a rounding error: the rows of C have lengths of about 1, or are
+zero where nothing is known."""
+
 SHEARS = ((0, 1), (1, 2), (0, 2))
 """Shear components of a stress in space; in the plane only the first."""
 
@@ -93,7 +97,7 @@ class Surface:
                 touch = OnSubdomain.of(touching, cls, column)
                 equations.append(_equations(model, subdomain, self._cells[cls].normals, touch))
         sums = self._met.gather(self._sums @ np.concatenate(equations))
-        known = np.flatnonzero(sums[:, : s * s].any(axis=1))
+        known = np.flatnonzero(np.abs(sums[:, : s * s]).max(axis=1) > ROUNDING)
         P, q = sums[known, : s * s], sums[known, s * s :]
         # nodes on one face or edge of a box have the same P
         key = np.round(P @ np.sqrt(np.arange(2.0, s * s + 2.0)), 9)

@@ -169,3 +169,33 @@ def test_ranks_recover_the_same(tmp_path: Path) -> None:
     on = found.points[:, 0] < 0.5 + 1e-9
     np.testing.assert_allclose(soft[on], SOFT * STRETCH, rtol=1e-6)
     assert np.isnan(soft[~on]).all()
+
+
+@pytest.mark.parametrize("cell", CELLS)
+def test_stress_is_exact_where_an_inclined_surface_sticks(cell: str, tmp_path: Path) -> None:
+    """No traction is known on facets that stick: rounding errors of that must not count."""
+    file = meshfiles.write(meshfiles.block(cell, 3), tmp_path / "block.msh")
+    d, angle = scenes.dimension(cell), np.radians(23.0)
+    axis = {"axis": [0.0, 0.0, 1.0]} if d == 3 else {}
+    up = np.array([-np.sin(angle), np.cos(angle), 0.0])[:d]
+    answer = contact_app.solve({
+        "dimension": d,
+        "bodies": [
+            {"name": "block", "mesh": {"file": str(file), "rotate": {"angle": 23.0, **axis}},
+             "material": {"young": 1e3, "poisson": 0.0}},
+        ],
+        "conditions": [{"on": "block.y+", "traction": (-2.0 * up).tolist()}],
+        "contacts": [
+            {"on": "block.y-", "friction": {"coulomb": 0.5},
+             "obstacle": {"plane": {"point": [0.0] * d, "normal": up.tolist()}}},
+        ],
+        "solver": {"tolerance": 1e-10},
+    })  # fmt: skip
+    assert answer.nodal_stress is not None
+    stress = -2.0 * np.outer(up, up)
+    components = [(0, 0), (1, 1), (2, 2), (0, 1), (1, 2), (0, 2)]
+    padded = np.zeros((3, 3))
+    padded[:d, :d] = stress
+    expected = [padded[ij] for ij in components]
+    np.testing.assert_allclose(answer.nodal_stress, np.tile(expected, (len(answer.points), 1)),
+                               atol=1e-6)  # fmt: skip
