@@ -89,6 +89,9 @@ class Statuses:
     compliance : (rows,)
         C of the active rows in B u - c = C (λ - traction), zero for most; None on all ranks where C
         is zero for all rows.
+    springs : (points,)
+        Sliding points of a friction law whose rows are active with a compliance, as springs; None
+        for none. Backends do not need it.
     relaxation
         How the law came from the last state to these statuses; backends do not need it.
     """
@@ -97,6 +100,7 @@ class Statuses:
     tractions: Array | None = None
     turn: Turn | None = None
     compliance: Array | None = None
+    springs: Mask | None = None
     relaxation: Relaxation | None = None
 
     @property

@@ -23,7 +23,7 @@ from scipy.linalg import block_diag
 
 from contact_app.errors import NoEquilibriumError
 from contact_app.forms.subdomains import Subdomains
-from contact_app.model.equilibrium import ContactPoints, directions_in_words
+from contact_app.model.equilibrium import ContactPoints, directions_in_words, entries_on_motions
 from meshes.connected import connected
 from solver.contact.equilibrium import (
     balance,
@@ -331,20 +331,12 @@ def contact_motions(
     bodies: Bodies, exchange: NodeExchange, contact: ContactRows, d: int
 ) -> sparse.csr_matrix:
     """Contact rows applied to the rigid motions of each body, (rows, bodies · motions)."""
-    m, entries = MOTIONS[d], contact.entries
     body = _of_entries(bodies, exchange, contact)
-    values = np.zeros((len(entries.row), m))
-    for b in np.unique(body):
-        mine = np.flatnonzero(body == b)
-        motions = bodies.motions(int(b), entries.points[mine], d)
-        values[mine] = motions[np.arange(len(mine)), entries.component[mine]]
-    values *= entries.value[:, None]
-    column = body[:, None] * m + np.arange(m)
-    row = np.broadcast_to(entries.row[:, None], column.shape)
-    return sparse.csr_matrix(
-        (values.ravel(), (row.ravel(), column.ravel())),
-        shape=(len(contact.nodes), bodies.count * m),
+    value, row, column = entries_on_motions(
+        contact.entries, body, lambda b, points: bodies.motions(b, points, d), d
     )
+    shape = len(contact.nodes), bodies.count * MOTIONS[d]
+    return sparse.csr_matrix((value, (row, column)), shape=shape)
 
 
 def _leaving(bodies: Bodies, group: NDArray[np.int64], escape: Array, rough: bool) -> str:

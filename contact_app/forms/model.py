@@ -322,8 +322,3 @@ def _notes(bodies: Bodies, found: Holding) -> tuple[str, ...]:
         "place"
         for b in loose
     )
-
-
-def largest(comm: MPI.Intracomm, values: Array) -> float:
-    """Largest of values over all ranks, zero or more (collective)."""
-    return float(comm.allreduce(float(values.max(initial=0.0)), op=MPI.MAX))

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from contact_app.forms.boundary import Facets
-from contact_app.forms.model import FormModel, largest
+from contact_app.forms.model import FormModel
 from contact_app.forms.parts import Parts
 from contact_app.forms.rows import held_components, in_the_mean
 from contact_app.machine.environment import environment
@@ -25,6 +25,7 @@ from contact_app.run.summary import decomposition_record, solver_record
 from meshes.quadratic import FACETS
 from solver.contact.solution import Solution
 from solver.tfeti.constraints.exchange import NodeExchange
+from solver.vectors import largest_magnitude
 
 Array = NDArray[np.float64]
 
@@ -246,8 +247,8 @@ def contact_records(
         records.append({
             "on": contact.on, "with": contact.other,
             **joined([resultant], model.parts.dimension), "area": float(area),
-            "max_pressure": largest(model.parts.comm, nodes.pressure),
-            "max_smoothed_pressure": largest(model.parts.comm, nodes.smoothed),
+            "max_pressure": largest_magnitude(model.parts.comm, nodes.pressure),
+            "max_smoothed_pressure": largest_magnitude(model.parts.comm, nodes.smoothed),
             "nodes": dict(zip(("open", "stick", "slip"), map(int, counts), strict=True)),
         })  # fmt: skip
     return records
@@ -327,7 +328,7 @@ def summary_of(
         "solver": solver_record(solution),
         "solution": {
             "energy": solution.measures.energy,
-            "max_displacement": largest(comm, magnitude),
+            "max_displacement": largest_magnitude(comm, magnitude),
             "mean_displacement": comm.allreduce(float(magnitude.sum())) / parts.nodes,
             "active_contacts": comm.allreduce(int((multiplier > 0.0).sum())),
             "contact_force": np.sum([np.zeros(3), *forces], axis=0).tolist(),

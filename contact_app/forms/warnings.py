@@ -27,7 +27,7 @@ from contact_app.accuracy.sharp_edges import REACH, Skin, peak, sentence, sharp_
 from contact_app.forms.bodies import contact_motions
 from contact_app.forms.boundary import exterior_facets, gathered_surface
 from contact_app.forms.contacts import Contact
-from contact_app.forms.model import FormModel, largest
+from contact_app.forms.model import FormModel
 from contact_app.forms.results import ContactAtNodes, Owners
 from contact_app.forms.rows import held_components, in_the_mean
 from contact_app.model.facets import moments
@@ -51,6 +51,7 @@ from contact_app.scene.obstacles import Plane
 from meshes import dolfinx_compat
 from meshes.contact_surface import Surface, is_curved
 from solver.contact.solution import Solution
+from solver.vectors import largest_magnitude
 
 Array = NDArray[np.float64]
 
@@ -101,7 +102,7 @@ def _large_deformations(answer: FormAnswer) -> list[str]:
     gradient = np.linalg.solve(np.swapaxes(x, 1, 2) @ x, np.swapaxes(x, 1, 2) @ u)
     transposed = np.swapaxes(gradient, 1, 2)
     both = 0.5 * np.abs(np.stack([gradient + transposed, gradient - transposed]))
-    return large_deformations(*(largest(parts.comm, part) for part in both))
+    return large_deformations(*(largest_magnitude(parts.comm, part) for part in both))
 
 
 def _of_bodies(answer: FormAnswer) -> Iterator[str]:
@@ -202,7 +203,7 @@ def _entering(
     u = answer.owners.copies(answer.displacement)
     if len(tagged.copies):
         depth = depth_between(tagged.points, u[tagged.copies], gap_and_normal)
-    depth = largest(parts.comm, np.array([depth]))
+    depth = largest_magnitude(parts.comm, np.array([depth]))
     yield between_nodes(depth, moved, name, in_the_mean(parts)) if depth > BETWEEN * moved else ""
     if _flat(contact):
         return
@@ -214,7 +215,7 @@ def _entering(
     on = answer.owners.copies(answer.owners.on(tagged.copies, len(u)).astype(float)) > 0.0
     beside = np.flatnonzero(free & mine & ~on)
     entered, deep = entered_points(parts.points[beside], u[beside], gap_and_normal, ENTERED * moved)
-    count, deep = parts.comm.allreduce(entered), largest(parts.comm, np.array([deep]))
+    count, deep = parts.comm.allreduce(entered), largest_magnitude(parts.comm, np.array([deep]))
     yield beside_boundary(name, contact.on, count, deep)
 
 

@@ -5,7 +5,7 @@ A scene whose loads drive a body away is refused before the solve.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from itertools import product
 
@@ -35,7 +35,7 @@ from solver.contact.equilibrium import (
     slide,
     spanned,
 )
-from solver.tfeti.constraints.conditions import ContactRows, HeldRows
+from solver.tfeti.constraints.conditions import ContactEntries, ContactRows, HeldRows
 from solver.tfeti.constraints.friction import FrictionRows
 from solver.tfeti.free_motions import LooseBodies
 from solver.tfeti.subdomain.kernels import MOTIONS, rigid_motions
@@ -253,24 +253,45 @@ def contact_motions(
     scene: Scene, partition: Partition, contact: ContactRows, rigid: RigidUnknowns
 ) -> sparse.csr_matrix:
     """Contact rows applied to the rigid motions of each body, (rows, bodies · motions)."""
-    d, entries = scene.dimension, contact.entries
-    body = np.searchsorted(partition.first_node, entries.node, side="right") - 1
-    values = np.zeros((len(entries.row), MOTIONS[d]))
-    for b in np.unique(body):
-        of_body = np.flatnonzero(body == b)
-        motions = rigid_motions(entries.points[of_body], d, *body_frame(scene.bodies[b]))
-        values[of_body] = motions[np.arange(len(of_body)), entries.component[of_body]]
-    values *= entries.value[:, None]
-    column = body[:, None] * MOTIONS[d] + np.arange(MOTIONS[d])
-    row = np.broadcast_to(entries.row[:, None], column.shape)
-    more = contact.rigid
+    d, more = scene.dimension, contact.rigid
+
+    def motions_of(b: int, points: Array) -> Array:
+        return rigid_motions(points, d, *body_frame(scene.bodies[b]))
+
+    body = np.searchsorted(partition.first_node, contact.entries.node, side="right") - 1
+    of_elastic = entries_on_motions(contact.entries, body, motions_of, d)
     of_rigid = len(scene.bodies) + rigid.body_of(more.node)
     place = of_rigid * MOTIONS[d] + rigid.motion_of(more.node, more.component)
-    parts = (values.ravel(), more.value), (row.ravel(), more.row), (column.ravel(), place)
-    value, rows, columns = (np.concatenate(part) for part in parts)
+    of_moving = more.value, more.row, place
+    value, rows, columns = map(np.concatenate, zip(of_elastic, of_moving, strict=True))
     return sparse.csr_matrix(
         (value, (rows, columns)), shape=(len(contact.nodes), len(scene.body_names) * MOTIONS[d])
     )
+
+
+def entries_on_motions(
+    entries: ContactEntries,
+    body: NDArray[np.int64],
+    motions_of: Callable[[int, Array], Array],
+    d: int,
+) -> tuple[Array, NDArray[np.int64], NDArray[np.int64]]:
+    """Values, rows and columns (entries · motions,) of rows applied to rigid motions of bodies.
+
+    Parameters
+    ----------
+    body : (entries,)
+    motions_of
+        Rigid motions (points, d, motions) of a body, by its number, at points.
+    """
+    m, values = MOTIONS[d], np.zeros((len(entries.row), MOTIONS[d]))
+    for b in np.unique(body):
+        of_body = np.flatnonzero(body == b)
+        motions = motions_of(int(b), entries.points[of_body])
+        values[of_body] = motions[np.arange(len(of_body)), entries.component[of_body]]
+    values *= entries.value[:, None]
+    column = body[:, None] * m + np.arange(m)
+    row = np.broadcast_to(entries.row[:, None], column.shape)
+    return values.ravel(), row.ravel(), column.ravel()
 
 
 def _moved_by_contact(scene: Scene, contact: ContactRows, group: NDArray[np.int64]) -> Array:

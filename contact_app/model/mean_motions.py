@@ -55,7 +55,7 @@ def mean_motion_rows(
             if exchange.first <= first < exchange.last:
                 centre = body_frame(body)[0]
                 parts.append(_rows(b, (first, centre), nodes, points - centre, weights))
-    return cut_held(exchange, ContactRows.join(parts), held, length, one_sided=False)
+    return cut_held(exchange, ContactRows.join(parts), held, length, sides=0)
 
 
 def _weights(

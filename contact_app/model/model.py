@@ -11,7 +11,7 @@ Load cases of a scene differ in load vectors, prescribed displacements and gaps 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import TypeVar
 
@@ -79,7 +79,9 @@ class Model:
     sections
         Cells on both sides of the planes of section forces.
     notes
-        Sentences on rows that were left out or added, for `check`, the log and the certificate.
+        Sentences on how the scene is modelled, for the log.
+    cautions
+        Those of the notes that are warnings of an answer, too.
     """
 
     scene: Scene
@@ -96,7 +98,8 @@ class Model:
     probes: tuple[Probe, ...] = ()
     temperatures: tuple[NDArray[np.float64] | None, ...] = ()
     sections: tuple[SectionPiece, ...] = ()
-    notes: tuple[str, ...] = field(default=())
+    notes: tuple[str, ...] = ()
+    cautions: tuple[str, ...] = ()
 
     @property
     def comm(self) -> MPI.Intracomm:
@@ -176,7 +179,7 @@ def model_of_case(model: Model, known: Outline, scene: Scene) -> Model:
         model, scene=scene, problem=case, needed=known.needed, left_out=known.left_out,
         merged=known.merged, linear=known.linear,
         temperatures=tuple(_temperatures(known, members) for members in _members(model)),
-        notes=tuple(_notes(scene, known, case)),
+        notes=_notes(scene, known, case), cautions=_cautions(scene, known),
     )  # fmt: skip
 
 
@@ -240,21 +243,16 @@ def model_of_outline(
         probes=known.probes,
         temperatures=tuple(_temperatures(known, members) for members in classes.values()),
         sections=known.sections,
-        notes=tuple(_notes(scene, known, problem)),
+        notes=_notes(scene, known, problem),
+        cautions=_cautions(scene, known),
     )
 
 
-def _notes(scene: Scene, known: Outline, problem: DualProblem) -> list[str]:
+def _notes(scene: Scene, known: Outline, problem: DualProblem) -> tuple[str, ...]:
     """Sentences on how the scene is modelled (collective)."""
     partition, eliminated = known.partition, known.eliminated
     notes = [f"{body.name}: {note}" for body in scene.bodies for note in body.mesh.notes]
-    for name, found in zip(scene.body_names, known.balances, strict=True):
-        if found.free_motions.shape[1]:
-            freely = directions_in_words(upward(found.free_motions))
-            notes.append(
-                f"{name} can move freely along {freely} and no load does work in that motion: "
-                "the run holds it in its place"
-            )
+    notes += _cautions(scene, known)
     if is_undecomposed(scene):
         notes.append("undecomposed bodies: conjugate gradients with algebraic multigrid")
     elif not eliminated.all():
@@ -265,10 +263,20 @@ def _notes(scene: Scene, known: Outline, problem: DualProblem) -> list[str]:
         )
     else:
         notes.append("every body is one held subdomain: no gluing, no coarse problem")
-    notes += known.tied.notes
     if not problem.one_sided:
         notes.append("no contact rows: plain conjugate gradients")
-    return notes
+    return tuple(notes)
+
+
+def _cautions(scene: Scene, known: Outline) -> tuple[str, ...]:
+    """Sentences on bodies that no load drives, and on tied surfaces that are apart."""
+    found = [
+        f"{name} can move freely along {directions_in_words(upward(balance.free_motions))} and no "
+        "load does work in that motion: the run holds it in its place"
+        for name, balance in zip(scene.body_names, known.balances, strict=True)
+        if balance.free_motions.shape[1]
+    ]
+    return (*found, *known.tied.notes)
 
 
 ClassKey = tuple[int, tuple[Material, ...], bytes | None]

@@ -195,7 +195,7 @@ def _without_held(
     """Rows without held components and without rows that tied rows determine (collective)."""
     count = len(found.rows.nodes)
     numbered = replace(found.rows, areas=np.arange(count, dtype=float))  # the areas number the rows
-    cut = cut_held(exchange, numbered, held, 0.0, one_sided=False)
+    cut = cut_held(exchange, numbered, held, 0.0, sides=0)
     cut = cut.of(undecided(exchange.comm, cut, tied))
     left = cut.areas.astype(np.int64)
     rows = replace(cut, areas=found.rows.areas[left])

@@ -16,12 +16,7 @@ from contact_app.scene.scene import Scene
 from meshes import Partition
 from meshes.facing import SurfacesApartError
 from meshes.ties import Decided, mean_jumps
-from solver.tfeti.constraints.conditions import (
-    ContactEntries,
-    ContactRows,
-    ContradictionError,
-    HeldRows,
-)
+from solver.tfeti.constraints.conditions import ContactRows, ContradictionError, HeldRows
 from solver.tfeti.constraints.exchange import NodeExchange
 from solver.tfeti.constraints.merge import cut_held
 from solver.tfeti.constraints.ties import undecided
@@ -84,8 +79,7 @@ def tied_rows(
         decided = replace(decided, tied_before=np.unique(np.concatenate(nodes)))
     rows = ContactRows.join(parts)
     try:
-        for sign in (-1.0, 1.0):
-            cut = cut_held(exchange, _signed(rows, sign), held, length)
+        cut = cut_held(exchange, rows, held, length, sides=2)
     except ContradictionError as error:
         raise NoEquilibriumError(
             f"{scene.source}: the displacement conditions hold the two sides of "
@@ -122,14 +116,3 @@ def decided_by(exchange: NodeExchange, held: HeldRows) -> Decided:
     every, mask = np.concatenate(nodes), np.concatenate(masks)
     order = np.argsort(every)
     return Decided(every[order], mask[order], np.zeros(0, np.int64))
-
-
-def _signed(rows: ContactRows, sign: float) -> ContactRows:
-    """Rows times one or minus one; of the first kind nothing is changed."""
-    if sign > 0.0:
-        return rows
-    entries = rows.entries
-    turned = ContactEntries(
-        entries.row, entries.node, entries.points, entries.component, -entries.value
-    )
-    return replace(rows, entries=turned, gaps=-rows.gaps)

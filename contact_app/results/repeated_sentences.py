@@ -15,8 +15,8 @@ LISTED = 5
 MANY = 4
 """Number of sentences of one kind from which on the screen has only the first of them."""
 
-CHANGING = re.compile(r"\[[^\]]*\]|\balong .*?(?=[,:;])|[-+]?\d[\w.+-]*")
-"""Pattern of lists in brackets, of directions in words and of numbers."""
+CHANGING = re.compile(r"(?<!\w)\[[^\]]*\]|\balong .*?(?=[,:;])|(?<![\w\[.])[-+]?\d[\w.,+-]*")
+"""Pattern of lists, of directions in words and of numbers, but not of indices: `contacts[0]`."""
 
 PLACE = r"\b(?:contacts|conditions|bodies)\[\d+\](?:\.\w+)*"
 """Pattern of names of parts of the configuration in messages."""
@@ -54,8 +54,13 @@ def shortened(sentences: Sequence[str], names: Iterable[str]) -> list[str]:
         Names of bodies.
     """
     pattern = _names(names)
-    kinds = _grouped(sentences, lambda sentence: CHANGING.sub("#", pattern.sub("#", sentence)))
+    kinds = _grouped(sentences, lambda sentence: without_numbers(pattern.sub("#", sentence)))
     return [sentence for kind in kinds for sentence in _first_of_many(kind)]
+
+
+def without_numbers(sentence: str) -> str:
+    """A sentence without its numbers and directions; the numbers of contacts stay."""
+    return CHANGING.sub("#", sentence)
 
 
 def _grouped(sentences: Iterable[str], kind_of: Callable[[str], str]) -> Iterable[list[str]]:

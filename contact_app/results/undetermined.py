@@ -103,8 +103,6 @@ def play_warnings(found: list[Undetermined], remedy: str) -> list[str]:
 def undetermined(model: Model, solution: Solution) -> list[Undetermined]:
     """The motions that an answer without friction leaves open (collective)."""
     scene, problem = model.scene, model.problem
-    if problem.friction is not None or problem.system.free is None:
-        return []
     rigid = RigidUnknowns.of(scene, model.partition)
     seen = contact_motions(scene, model.partition, problem.contact, rigid)
     bodies = Movable(groups_in_contact(scene), scene.body_names, partial(motion_size, scene))

@@ -21,6 +21,9 @@ from contact_app.scene.scene import Scene
 from meshes import Subdomain
 from solver.tfeti.subdomain.costs import Group, run_seconds
 
+AUTOMATIC = 1e-3
+"""Expected value of an automatic tolerance."""
+
 CELL_RATE = {2: 8e-7, 3: 2e-6}
 """Seconds per cell for error estimate, fields and output, by dimension."""
 
@@ -64,7 +67,8 @@ def _applications(scene: Scene, glued: bool) -> float:
     for body in scene.bodies:
         edges = np.subtract(body.mesh.upper, body.mesh.lower)[: scene.dimension]
         slenderness = max(slenderness, float(edges.max() / edges.min()))
-    digits = max(-math.log10(scene.solver.expected_tolerance), 2.0) / 6.0
+    tolerance = scene.solver.tolerance
+    digits = max(-math.log10(AUTOMATIC if tolerance == "auto" else tolerance), 2.0) / 6.0
     applications = APPLICATIONS_GLUED if glued else APPLICATIONS_WHOLE
     return float(applications * math.sqrt(slenderness) * digits**0.6)
 

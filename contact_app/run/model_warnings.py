@@ -268,9 +268,9 @@ def _certificates(answer: SolvedScene) -> Iterator[str]:
         yield f"not certified: {reason_text(solution)}"
 
 
-def _free_motions(answer: SolvedScene) -> list[str]:
-    """Bodies that are not held and not driven by a load."""
-    return [note for note in answer.model.notes if "can move freely" in note]
+def _cautions(answer: SolvedScene) -> Iterable[str]:
+    """Bodies that are not held and not driven by a load, and tied surfaces that are apart."""
+    return answer.model.cautions
 
 
 def _rubs_where_open(answer: SolvedScene) -> Iterator[str]:
@@ -317,11 +317,6 @@ def _plays(answer: SolvedScene) -> list[str]:
     """Bodies that can be moved without any change of energy and forces (collective)."""
     remedy = "a displacement condition, `hold` or friction"
     return play_warnings(undetermined(answer.model, answer.solution), remedy)
-
-
-def _tied_over_gaps(answer: SolvedScene) -> list[str]:
-    """Tied surfaces at a distance from each other."""
-    return [note for note in answer.model.notes if "the tied surfaces are" in note]
 
 
 def _yielding(answer: SolvedScene) -> list[str]:
@@ -386,7 +381,7 @@ CHECKS: tuple[Callable[[SolvedScene], Iterable[str]], ...] = (
     _large_deformations, _yielding, _straight_edges, _straight_facets, _beside_obstacles,
     _between_nodes, _coarse_pressures, _sharp_edges, _sliding_bodies, _locking_in_volume,
     _locking_in_bending, _moved_far, _coarse_meshes, _stresses_beside_expansion, _straddled_facets,
-    _without_facets, _certificates, _free_motions, _slides, _rubs_where_open, _closes_at_once,
-    _several_answers, _plays, _tied_over_gaps,
+    _without_facets, _certificates, _cautions, _slides, _rubs_where_open, _closes_at_once,
+    _several_answers, _plays,
 )  # fmt: skip
 """The tests of an answer, in the order of their warnings."""

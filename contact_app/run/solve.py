@@ -296,8 +296,9 @@ def _solution_of(
         why = failure_text(error)
     fewest = model.partition.count <= max(len(scene.bodies), model.comm.size)
     if fewest and not is_undecomposed(scene) and not scene.has_friction:
-        tolerance = options.tightest if options.tolerance == "auto" else options.tolerance
-        direct = solve_directly(model.problem, model.dofs, tolerance, solution, request.monitor)
+        direct = solve_directly(
+            model.problem, model.dofs, options.least_tolerance, solution, request.monitor
+        )
         if direct is not None and (solution is None or direct.converged):
             return direct, (
                 f"the dual problem could not be solved to a certificate ({why}){cause(scene)}: "

@@ -3,19 +3,16 @@
 from __future__ import annotations
 
 import csv
-import re
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 from contact_app.machine.atomic_file import atomic
+from contact_app.results.repeated_sentences import without_numbers
 from contact_app.run.increments import SolvedIncrement
 
 OF_THE_RUN = ("scene", "mesh", "decomposition", "environment")
 """Parts of a summary that are equal in all increments and left out of their records."""
-
-NUMBER = re.compile(r"(?<![\w\[.])[+-]?\d[\d.,]*(?:e[+-]?\d+)?")
-"""Pattern of numbers in a sentence, not of indices such as that of `contacts[0]`."""
 
 Record = dict[str, Any]
 
@@ -72,10 +69,10 @@ def summary_of_steps(last: Mapping[str, Any], records: Sequence[Record]) -> Reco
 def _warnings(records: Sequence[Record]) -> list[str]:
     """The warnings of the last increment, then those of others of another kind."""
     last = list(records[-1]["certificate"]["warnings"])
-    result, known, left_out = list(last), {_without_numbers(sentence) for sentence in last}, 0
+    result, known, left_out = list(last), {without_numbers(sentence) for sentence in last}, 0
     for record in records[:-1]:
         for sentence in record["certificate"]["warnings"]:
-            kind = _without_numbers(sentence)
+            kind = without_numbers(sentence)
             if kind not in known:
                 result.append(f"step {record['step']}, factor {record['factor']:.6g}: {sentence}")
                 known.add(kind)
@@ -87,11 +84,6 @@ def _warnings(records: Sequence[Record]) -> list[str]:
             "numbers: `steps` of summary.json has them"
         )
     return result
-
-
-def _without_numbers(sentence: str) -> str:
-    """A sentence without its numbers and their signs; the numbers of contacts stay."""
-    return NUMBER.sub("#", sentence)
 
 
 def write_table(path: Path, records: Sequence[Record]) -> None:

@@ -133,5 +133,5 @@ def _by_the_paper(model: Model, monitor: Monitor, checkpoint: Checkpoint) -> Sol
     result.counts.norm_estimation += multiplications
     force = np.empty(problem.size)
     constraint.apply_transpose(result.multiplier, force)
-    answer = certified_answer(problem, result.x, force, model.scene.solver.expected_tolerance)
+    answer = certified_answer(problem, result.x, force, model.scene.solver.least_tolerance)
     return replace(answer, counts=result.counts, reason=result.reason, method=METHOD)

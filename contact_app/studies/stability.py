@@ -158,7 +158,7 @@ def solve_by(method: str, made: Config, subdomains: Any) -> Outcome:
         return outcome
     from contact_app.studies import peers
 
-    row, _, _ = peers.solve(scene, PEERS[method], scene.solver.expected_tolerance)
+    row, _, _ = peers.solve(scene, PEERS[method], scene.solver.least_tolerance)
     applications = row["applications"] if "tao" in PEERS[method] else row["steps"]
     outcome = Outcome("", "", applications, row["energy"], row["penetration"])
     return outcome if row["converged"] else replace(outcome, verdict="fails", detail="says so")

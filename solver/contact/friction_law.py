@@ -157,7 +157,8 @@ class Friction(Frictionless):
         longest = self.comm.allreduce(float(length.max(initial=0.0)), op=MPI.MAX)
         length = self.options.soft * np.maximum(length, self.options.hardly * longest)
         stiffness = np.divide(limit, length, out=np.zeros(len(limit)), where=length > 0.0)
-        springs = (sliding & (stiffness > 0.0))[points.point]
+        stretched = sliding & (stiffness > 0.0)
+        springs = stretched[points.point]
         rows, stiffness = points.rows[springs], stiffness[points.point][springs]
         active, tractions = statuses.active.copy(), np.zeros(len(statuses.active))
         compliance = np.zeros(len(active))
@@ -167,23 +168,14 @@ class Friction(Frictionless):
         tractions[points.rows] = given / points.spread
         tractions[rows] -= stiffness * before[springs] / points.spread[springs]
         compliance[rows] = points.spread[springs] ** 2 / stiffness
-        return Statuses(active, tractions, None, compliance)
-
-    def _springs(self, statuses: Statuses) -> Mask:
-        """Points that are springs, (points,)."""
-        first = self.points.rows[self.points.first]
-        if statuses.compliance is None:
-            return np.zeros(len(first), bool)
-        soft = statuses.compliance[first]
-        least = self._least_compliance(statuses.active)[self.points.first]
-        return np.asarray(statuses.active[first] & (soft > 0.0) & (soft != least))
+        return Statuses(active, tractions, None, compliance, stretched)
 
     def following(
         self, normals: Mask, found: Found, before: Statuses, ahead: bool
     ) -> tuple[Statuses, Mask]:
         """The points that stick from now on, and the tractions of sliding points (collective)."""
         points, multiplier = self.points, found.multiplier
-        springs = self._springs(before)
+        springs = np.zeros(len(points.first), bool) if before.springs is None else before.springs
         stuck = before.active[points.rows[points.first]] & ~springs
         forces, slips = points.forces(multiplier), points.slips(found.jumps)
         size, length = points.sizes(forces), points.sizes(slips)

@@ -25,6 +25,6 @@ class SolverOptions:
     max_iterations: int = 10_000
 
     @property
-    def expected_tolerance(self) -> float:
-        """The tolerance for estimates of cost, made before an automatic tolerance is known."""
-        return 1e-3 if self.tolerance == "auto" else float(self.tolerance)
+    def least_tolerance(self) -> float:
+        """The tolerance, or the smallest that an automatic one may become."""
+        return self.tightest if self.tolerance == "auto" else float(self.tolerance)

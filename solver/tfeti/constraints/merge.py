@@ -172,7 +172,7 @@ def cut_held(
     rows: ContactRows,
     held: HeldRows,
     length: float,
-    one_sided: bool = True,
+    sides: int = 1,
 ) -> ContactRows:
     """Move held components from the rows to their gaps; rows without other entries are dropped.
 
@@ -180,8 +180,9 @@ def cut_held(
     ----------
     length
         As in `merge_contact`.
-    one_sided
-        Whether held displacements may violate the rows; they cannot violate tangential rows.
+    sides
+        From how many sides held displacements may violate a row: 1 for contact, 2 for equations, 0
+        for tangential rows.
 
     Raises
     ------
@@ -201,13 +202,13 @@ def cut_held(
     gaps = rows.gaps - np.bincount(entries.row, entries.value * value, minlength=count)
     left = np.bincount(entries.row, np.where(fixed, 0.0, entries.value**2), minlength=count)
     decided = (left < 1e-18) & ~rows.on_rigid
-    inside = decided & (gaps < -1e-9 * length) & one_sided
+    excess = np.where(decided, np.abs(gaps) if sides == 2 else -gaps, -np.inf)
     problem = None
-    if inside.any():
-        worst = int(np.argmin(np.where(inside, gaps, np.inf)))
+    if sides and excess.max(initial=-np.inf) > 1e-9 * length:
+        worst = int(np.argmax(excess))
         problem = (
             "held in contact", int(rows.sources[worst]), -1, int(rows.nodes[worst]),
-            float(-gaps[worst]),
+            float(excess[worst]),
         )  # fmt: skip
     _raise_together(exchange, problem)
     free, cut = (
