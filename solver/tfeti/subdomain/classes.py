@@ -109,16 +109,9 @@ class SubdomainClass:
 
     @cached_property
     def preconditioning(self) -> Block | sparse.csr_matrix:
-        """The stiffness on the interface in a preconditioner, dense where that is faster.
-
-        A Schur complement is in single precision, where its condition allows it; certificates
-        need it in double.
-        """
+        """The stiffness on the interface in a preconditioner, dense where that is faster."""
         if self.schur_complement is not None:
-            if self.model is not None:
-                return self.model.preconditioning
-            assert self.block is not None
-            return self.schur_complement.in_single(self.block)
+            return self.schur_complement
         S = self.interface_stiffness
         return DenseBlock(S.toarray()) if S.shape[0] ** 2 < DENSE_GAIN * S.nnz else S
 

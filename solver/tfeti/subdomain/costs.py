@@ -21,9 +21,6 @@ BLOCK_LIMIT = 3e9
 PRODUCT_RATE = 3.5e10
 """Speed of dense products, in floating-point operations per second."""
 
-SINGLE = 0.65
-"""Time of a product in single precision (in a preconditioner) over one in double precision."""
-
 SPLIT_SECONDS = 8e-9
 """Seconds of the transform to the coordinates of the characters and back, per unknown."""
 
@@ -117,7 +114,7 @@ def run_seconds(
         application += g.members * apply
         if glued:
             relaxed = kind is not BlockKind.NONE
-            application += g.members * (SINGLE * apply if relaxed else SPARSE_SECONDS * g.interface)
+            application += g.members * (apply if relaxed else SPARSE_SECONDS * g.interface)
         application += CALL_SECONDS
         setup += 2.0 * g.members * solve_seconds(g.unknowns, g.order, g.dimension)
     if glued:
@@ -178,15 +175,18 @@ def relaxing_pays(interface: int, members: int, order: int) -> bool:
     rest = ROW_SECONDS * interface / 2.0
     inverse = order * (interface / order) ** 3 / PRODUCT_RATE
     lumped = APPLICATIONS * members * (block + SPARSE_SECONDS * interface + rest)
-    both = (1.0 + SINGLE) * block + rest
+    both = 2.0 * block + rest
     relaxed = APPLICATIONS * members * both * relaxed_share(interface)
     return inverse + relaxed < lumped
 
 
 def relaxed_share(interface: int) -> float:
-    """Iterations with the Schur complement over those with the plain stiffness."""
+    """Iterations with the Schur complement over those with the plain stiffness.
+
+    On cubes of 4³ hexahedra they are 0.75 to 0.85 (`solver/README.md`).
+    """
     edge = (interface / 18.0) ** 0.5  # cells along an edge of a box in space
-    return min(1.0, (edge / 5.0) ** -0.35)
+    return min(1.0, (edge / 3.0) ** -0.35)
 
 
 def coarse_seconds(subdomains: int) -> float:

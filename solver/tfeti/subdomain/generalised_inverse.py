@@ -16,7 +16,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from functools import partial
-from typing import Any, Protocol, Self
+from typing import Protocol
 
 import numpy as np
 from mpi4py import MPI
@@ -33,19 +33,10 @@ from solver.vectors import on_arrays
 COLUMNS_AT_ONCE = 256
 """Number of right-hand sides of one sparse solve; more only cost memory."""
 
-SINGLE_CONDITION = 1e5
-"""Condition number up to which the matrices of a preconditioner are stored in single precision.
-
-Its products are then twice as fast, and their errors of 1e-7 are far below its smallest
-eigenvalues.
-"""
-
 NO_FACTOR = (
     "a subdomain's stiffness has no Cholesky factor once its rigid motions are fixed: it has "
     "further zero-energy modes, or cells of no volume"
 )
-
-Matrix = NDArray[np.floating[Any]]
 
 
 class Inverse(Protocol):
@@ -84,15 +75,6 @@ class Block(Protocol):
         ------
         numpy.linalg.LinAlgError
             The block is not positive definite to working precision.
-        """
-
-    def in_single(self, inverse: Self) -> Block:
-        """The same stiffness in single precision where its condition allows it, otherwise itself.
-
-        Parameters
-        ----------
-        inverse
-            The part of K⁺ from which this stiffness was computed.
         """
 
 
@@ -255,32 +237,24 @@ class SymmetricInverse:
 
 
 class DenseBlock:
-    """A dense part of K⁺ as one matrix (protocol `Block`), applied in its precision."""
+    """A dense part of K⁺ as one matrix (protocol `Block`)."""
 
     order = 1
 
-    def __init__(self, matrix: Matrix) -> None:
+    def __init__(self, matrix: NDArray[np.float64]) -> None:
         self.matrix = matrix
 
     def apply(self, loads: NDArray[np.float64], out: NDArray[np.float64]) -> None:
         """Apply the block to vectors, one row per member: (s, m) to (s, m)."""
-        if self.matrix.dtype == out.dtype:
-            np.matmul(loads, self.matrix, out=out)
-        else:
-            out[:] = loads.astype(self.matrix.dtype) @ self.matrix
+        np.matmul(loads, self.matrix, out=out)
 
     def toarray(self) -> NDArray[np.float64]:
         """The block as one matrix, (m, m)."""
-        return self.matrix.astype(np.float64, copy=False)
+        return self.matrix
 
     def schur_complement(self, kernel: NDArray[np.float64]) -> DenseBlock:
         """The Schur complement of the stiffness on the same unknowns, (m, m)."""
         return DenseBlock(_relaxed(self.matrix, _range(kernel, np.linalg.norm(kernel))))
-
-    def in_single(self, inverse: DenseBlock) -> DenseBlock:
-        """The block in single precision where its condition allows it, otherwise itself."""
-        fits = _fits_single(inverse.matrix, self.matrix, np.ones(len(self.matrix)))
-        return DenseBlock(self.matrix.astype(np.float32)) if fits else self
 
 
 class SymmetricBlock:
@@ -289,7 +263,7 @@ class SymmetricBlock:
     Parameters
     ----------
     blocks : one (m_χ, m_χ) array per character
-        (V_χᵀ K V_χ)⁻¹ between coordinates of the interface; applied in their precision.
+        (V_χᵀ K V_χ)⁻¹ between coordinates of the interface.
     split
         The coordinates; loads and displacements are in the order of its unknowns.
     comm
@@ -304,28 +278,23 @@ class SymmetricBlock:
 
     def __init__(
         self,
-        blocks: Sequence[Matrix],
+        blocks: Sequence[NDArray[np.float64]],
         split: Split,
         comm: MPI.Intracomm | None = None,
     ) -> None:
         self.blocks, self.split = blocks, split
         self._comm = comm
-        self._precision = np.result_type(*blocks) if blocks else np.dtype(np.float64)
         self.order = split.order
 
     def apply(self, loads: NDArray[np.float64], out: NDArray[np.float64]) -> None:
         """Apply the block to vectors, one row per member: (s, m) to (s, m)."""
         for begin in range(0, len(loads), self.MEMBERS_AT_ONCE):
             members = slice(begin, begin + self.MEMBERS_AT_ONCE)
-            coordinates = self.split.forward(loads[members].astype(self._precision, copy=False))
+            coordinates = self.split.forward(loads[members])
             solved = np.empty_like(coordinates)
             for place, block in zip(self.split.places, self.blocks, strict=True):
                 np.matmul(coordinates[:, place], block, out=solved[:, place])
-            if self._precision == out.dtype:
-                self.split.backward(solved, out[members])
-            else:
-                self.split.backward(solved, coordinates)
-                out[members] = coordinates
+            self.split.backward(solved, out[members])
 
     def toarray(self) -> NDArray[np.float64]:
         """The block as one matrix, (m, m)."""
@@ -346,28 +315,6 @@ class SymmetricBlock:
             makers.append(partial(_relaxed, block, motions, 1.0 / orbit))
         shapes = [block.shape for block in self.blocks]
         return SymmetricBlock(made_together(self._comm, makers, shapes), self.split, self._comm)
-
-    def in_single(self, inverse: SymmetricBlock) -> SymmetricBlock:
-        """The block in single precision where its condition allows it, otherwise itself."""
-        orbits = [orbit.astype(np.float64) for _, orbit in self.split.orbits]
-        if not all(map(_fits_single, inverse.blocks, self.blocks, orbits)):
-            return self
-        blocks = [block.astype(np.float32) for block in self.blocks]
-        return SymmetricBlock(blocks, self.split, self._comm)
-
-
-def _fits_single(inverse: Matrix, stiffness: Matrix, scale: NDArray[np.float64]) -> bool:
-    """Whether a stiffness stays definite in single precision, by its condition number.
-
-    Parameters
-    ----------
-    inverse
-        Its inverse on the same coordinates, whose squared lengths are `scale`.
-    """
-    if not len(scale):
-        return True
-    row_sums = scale * (np.abs(stiffness) @ scale)
-    return bool(np.linalg.norm(inverse, 1) * row_sums.max() < SINGLE_CONDITION)
 
 
 def _relaxed(

@@ -14,7 +14,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 from functools import cache, cached_property
 from itertools import groupby, product
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,8 +22,6 @@ from scipy.linalg import hadamard
 from scipy.spatial import cKDTree
 
 from solver.vectors import runs
-
-Vectors = NDArray[np.floating[Any]]
 
 TOLERANCE = 1e-10
 """Relative difference up to which two coordinates, or two products with K, count as equal."""
@@ -259,24 +256,25 @@ class Split:
             result.append(sparse.csc_matrix(entries, shape=(size, columns)))
         return result
 
-    def forward(self, vectors: Vectors) -> Vectors:
+    def forward(self, vectors: NDArray[np.float64]) -> NDArray[np.float64]:
         """Coordinates of vectors in the order of `unknowns`, character after character: (s, m)."""
         result = np.empty_like(vectors)
         np.take(self._transformed(vectors, np.empty_like(vectors)), self._gather, 1, out=result,
                 mode="clip")  # fmt: skip
         return result
 
-    def backward(self, coordinates: Vectors, out: Vectors) -> None:
+    def backward(self, coordinates: NDArray[np.float64], out: NDArray[np.float64]) -> None:
         """Σ V_χ times coordinates: (s, m) to (s, m) in the order of `unknowns`."""
         gathered = np.empty_like(coordinates)
         np.take(coordinates, self._scatter, 1, out=gathered, mode="clip")
         self._transformed(gathered, out)
 
-    def _transformed(self, vectors: Vectors, out: Vectors) -> Vectors:
+    def _transformed(
+        self, vectors: NDArray[np.float64], out: NDArray[np.float64]
+    ) -> NDArray[np.float64]:
         """Sums Σ_β (-1)^{β·γ} x_β over the cosets of each group, (s, m)."""
         for place, matrix in self._transforms:
             shape = (len(vectors), len(matrix), -1)
-            matrix = matrix.astype(vectors.dtype, copy=False)
             np.matmul(matrix, vectors[:, place].reshape(shape), out=out[:, place].reshape(shape))
         return out
 

@@ -49,10 +49,6 @@ class ZeroBlock:
         """A rigid body has no stiffness."""
         return self
 
-    def in_single(self, inverse: ZeroBlock) -> ZeroBlock:
-        """Itself: it has no entries."""
-        return self
-
 
 def zero_stiffness(unknowns: int) -> sparse.csr_matrix:
     """K of a rigid body."""
