@@ -23,7 +23,7 @@ BASE_BYTES = 0.2e9
 BYTES_PER_DOF = 150.0
 BYTES_PER_ROW = 900.0
 BYTES_PER_CLASS = 0.35e6
-"""Memory of a class, fitted to runs of cubes and scenes (`contact_app.studies.estimates`)."""
+"""Memory of a class, fitted to runs of cubes and scenes (docs/benchmarks/speed.md)."""
 
 CONTROL_GROUPS = Path("/sys/fs/cgroup")
 

@@ -1,8 +1,8 @@
 """The choice of `solver.method: auto`, and the requirements of a method on the model.
 
 The rule is based on CPU seconds of whole runs at 1e-8 on one rank
-(`contact_app.studies.method_choice` on the parts of `meshes/samples/make_trials.py`; the table is
-in docs/benchmarks/speed.md). One body from a mesh file:
+(`contact-app bench parts` on the parts of `meshes/samples/make_trials.py`; the table is in
+docs/benchmarks/speed.md). One body from a mesh file:
 
 - Thick bodies of 10,000 unknowns or more take 0.2 to 1.05 of the seconds of Total FETI by
   multigrid, in both degrees. Its iterations hardly grow with the mesh. Between 5,000 and 10,000
@@ -22,7 +22,7 @@ Bodies that ties join to one piece behave as one body: a cantilever, two blocks 
 cut in two (17,000 to 227,000 unknowns), take 44 to 55 microseconds of CPU time an unknown by
 multigrid at degree 1 and 33 to 40 at degree 2, and 53 to 59 and 84 to 93 by Total FETI.
 
-With friction (`method_choice --friction 0.3`) multigrid takes 0.34 to 1.19 of the CPU seconds of
+With friction (`make_trials.py --friction 0.3`) multigrid takes 0.34 to 1.19 of the CPU seconds of
 Total FETI on one thick body of 10,000 unknowns or more, where Total FETI takes up to 1,413
 applications and left one part uncertified. On two bodies with many rows in contact it takes 1.9
 times as many (hub on a shaft, bolted flange), on thin bodies, whose sets have a factor each, 1.6 to

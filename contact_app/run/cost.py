@@ -3,7 +3,7 @@
 Time is estimated from the sizes of the subdomains by the model that chooses the decomposition
 (`solver.tfeti.subdomain.costs`), for the Hessian multiplications that bodies of such a shape needed
 in measurements; a badly conditioned scene needs several times as many. Each cell adds its share of
-error estimate and output. `python -m contact_app.studies.estimates` compares estimates with runs.
+error estimate and output. docs/benchmarks/speed.md compares estimates with runs.
 """
 
 from __future__ import annotations

@@ -1,19 +1,19 @@
 """Make trial parts of one body: ``make_trials.py [NAME …] [--size FACTOR] [--to DIR]``.
 
-The study `contact_app.studies.method_choice` measures the choice of a method on them: bodies that
-bend, lift off, are held by contact alone, have play or interference, or cells of unlike size. Each
-is a triangulated profile, swept through layers and bent into shape; prisms are cut into tetrahedra,
-and inner nodes are moved at random, so that no two subdomains are congruent. ``NAME.vtu`` and the
-scene ``NAME.yaml`` are written. ``--size`` is a factor on the default size of cells, with which
-bodies have 15,000 to 40,000 unknowns of degree 1. Needs NumPy and meshio. Lengths are in
-millimetres, stresses in MPa.
+The choice of a method is measured on them (docs/benchmarks/speed.md): bodies that bend, lift off,
+are held by contact alone, have play or interference, or cells of unlike size. Each is a
+triangulated profile, swept through layers and bent into shape; prisms are cut into tetrahedra, and
+inner nodes are moved at random, so that no two subdomains are congruent. ``NAME.vtu`` and the scene
+``NAME.yaml`` are written. ``--size`` is a factor on the default size of cells, with which bodies
+have 15,000 to 40,000 unknowns of degree 1; ``--friction`` is Coulomb's coefficient at all contacts.
+Needs NumPy and meshio. Lengths are in millimetres, stresses in MPa.
 """
 
 from __future__ import annotations
 
 import argparse
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import meshio
@@ -396,10 +396,13 @@ def scene_of(name: str, trial: Trial) -> str:
     return "\n".join(lines) + "\n"
 
 
-def write(name: str, size: float, directory: Path) -> Path:
-    """Make one part and return the path of its scene."""
+def write(name: str, size: float, directory: Path, friction: float | None = None) -> Path:
+    """Make one part, perhaps with friction at all contacts, and return the path of its scene."""
     directory.mkdir(parents=True, exist_ok=True)
     trial = TRIALS[name](size)
+    if friction is not None:
+        law = f", friction: {{coulomb: {friction:g}}}}}"
+        trial = replace(trial, contacts=tuple(line[:-1] + law for line in trial.contacts))
     cells = turned(trial.points, trial.cells)
     meshio.write(directory / f"{name}.vtu", meshio.Mesh(trial.points, [("tetra", cells)]))
     scene = directory / f"{name}.yaml"
@@ -413,9 +416,10 @@ def main() -> None:
     parser.add_argument("names", nargs="*", help=f"of {', '.join(TRIALS)}; all unless given")
     parser.add_argument("--size", type=float, default=1.0, help="of cells over the part's own")
     parser.add_argument("--to", type=Path, default=Path("trials"), help="directory to write to")
+    parser.add_argument("--friction", type=float, help="coefficient at all contacts")
     given = parser.parse_args()
     for name in given.names or TRIALS:
-        scene = write(name, given.size, given.to)
+        scene = write(name, given.size, given.to, given.friction)
         nodes = len(meshio.read(scene.with_suffix(".vtu")).points)
         print(f"{scene}: {nodes:,} nodes")
 

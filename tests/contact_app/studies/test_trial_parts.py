@@ -1,0 +1,51 @@
+"""The trial parts, on which the choice of a method is measured."""
+
+from __future__ import annotations
+
+import importlib.util
+import sys
+from pathlib import Path
+from types import ModuleType
+
+import pytest
+
+from contact_app.run.solve import solve_scene
+from contact_app.scene.build import build_scene
+from contact_app.scene.configuration import load
+
+SCRIPT = Path(__file__).parents[3] / "meshes" / "samples" / "make_trials.py"
+
+
+@pytest.fixture(scope="module")
+def trials() -> ModuleType:
+    spec = importlib.util.spec_from_file_location("make_trials", SCRIPT)
+    assert spec is not None
+    assert spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    sys.modules["make_trials"] = module
+    spec.loader.exec_module(module)
+    return module
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("degree", [1, 2])
+def test_trial_parts_are_scenes(trials: ModuleType, tmp_path: Path, degree: int) -> None:
+    """Coarse ones: every boundary has facets, and every tetrahedron a volume."""
+    for name in trials.TRIALS:
+        path = trials.write(name, 1.8, tmp_path)
+        scene = build_scene(load(path, [f"bodies.0.degree={degree}"]))
+        assert not scene.bodies[0].mesh.congruent
+        assert len(scene.contacts) == len(trials.TRIALS[name](1.8).contacts)
+
+
+def test_a_trial_part_is_solved_to_a_certificate_with_some_of_its_nodes_open(
+    trials: ModuleType, tmp_path: Path
+) -> None:
+    for friction in (None, 0.3):
+        scene = build_scene(load(trials.write("eye_on_pin", 2.5, tmp_path, friction)))
+        assert scene.has_friction == (friction is not None)
+        found = solve_scene(scene).summary
+        assert found["certificate"]["passed"]
+        nodes = found["contacts"][0]["nodes"]
+        assert nodes["open"] > 0
+        assert nodes["slip"] > 0
