@@ -25,11 +25,9 @@ from solver.tfeti.options import TotalFetiOptions
 from solver.tfeti.row_order import order_rows
 from solver.tfeti.subdomain.classes import (
     SubdomainClass,
-    class_with_exchanged_axes,
     subdomain_class,
     unfactored_class,
 )
-from solver.tfeti.subdomain.exchanged_axes import exchange_of_axes
 from solver.tfeti.system import Constraints, ContactSystem, NodePlaces, loads_on
 
 Measure = Callable[[], AbstractContextManager[None]]
@@ -217,7 +215,6 @@ def _classes(
         Components that some row of B touches.
     """
     classes: list[SubdomainClass] = []
-    known: list[KnownClass] = []
     failed = ""
     everywhere = _meshed_by_all(comm, subdomains) if factored else [False] * len(subdomains)
     for own, meshed_by_all in zip(subdomains, everywhere, strict=True):
@@ -232,49 +229,16 @@ def _classes(
         )  # fmt: skip
         with measure():
             try:
-                found = _with_exchanged_axes(known, own, d, given[3], sharing) if factored else None
-                if found is None and factored:
-                    found = subdomain_class(*given, sharing, own.kernel)
-                    if own.eliminated is None and own.kernel is None and own.stiffness.nnz:
-                        known.append((found, own.points, sharing))
-                classes.append(found or unfactored_class(*given, own.kernel))
+                classes.append(
+                    subdomain_class(*given, sharing, own.kernel)
+                    if factored
+                    else unfactored_class(*given, own.kernel)
+                )
             except (ArithmeticError, ValueError) as error:  # the other ranks go on
                 failed = failed or f"{error}"
     for text in filter(None, comm.allgather(failed)):
         raise ArithmeticError(text)
     return classes
-
-
-KnownClass = tuple[SubdomainClass, NDArray[np.float64], MPI.Intracomm | None]
-"""A class that floats, its points and the ranks that built it together."""
-
-
-def _with_exchanged_axes(
-    known: Sequence[KnownClass],
-    own: CongruentSubdomains,
-    d: int,
-    touched: NDArray[np.int64],
-    sharing: MPI.Intracomm | None,
-) -> SubdomainClass | None:
-    """The class with the factor of a known one; None where no exchange of axes leads to it.
-
-    Parameters
-    ----------
-    touched
-        Unknowns with entries in B in some member.
-    sharing
-        Ranks that build this class together: then all of them have to know the other one.
-    """
-    if own.eliminated is not None or own.kernel is not None:
-        return None
-    for other, points, of_ranks in known:
-        if sharing is not None and of_ranks is None:
-            continue
-        image = exchange_of_axes((other.stiffness, points), (own.stiffness, own.points), d)
-        if image is not None:
-            given = own.points, d, touched, len(own.bodies)
-            return class_with_exchanged_axes(other, image, *given)
-    return None
 
 
 def _number_columns(

@@ -17,7 +17,6 @@ from numpy.typing import NDArray
 from scipy import sparse
 
 from solver.tfeti.subdomain.costs import BlockKind, choose_block, relaxing_pays
-from solver.tfeti.subdomain.exchanged_axes import RelabelledInverse
 from solver.tfeti.subdomain.generalised_inverse import (
     Block,
     DenseBlock,
@@ -65,8 +64,6 @@ class SubdomainClass:
         K⁺ between interface unknowns; None where it does not pay.
     relaxes
         Whether a preconditioner of Schur complements pays.
-    model
-        The class with exchanged axes whose blocks this one shares; None where it has its own.
     """
 
     stiffness: sparse.csr_matrix
@@ -78,7 +75,6 @@ class SubdomainClass:
     inverse: Inverse | None
     block: Block | None
     relaxes: bool
-    model: SubdomainClass | None = None
 
     @property
     def unknowns(self) -> int:
@@ -120,8 +116,6 @@ class SubdomainClass:
         """Schur complement of K on the interface, (i, i); None where it does not pay."""
         if self.block is None or not self.relaxes:
             return None
-        if self.model is not None:
-            return self.model.schur_complement
         try:
             return self.block.schur_complement(self.kernel[self.interface])
         except np.linalg.LinAlgError:  # a body so slender that its block has no correct digits
@@ -263,41 +257,6 @@ def subdomain_class(
     return SubdomainClass(
         stiffness, moves, rigid, free, interface, members, inverse, block, relaxes
     )
-
-
-def class_with_exchanged_axes(
-    known: SubdomainClass,
-    image: NDArray[np.int64],
-    points: NDArray[np.float64],
-    dimension: int,
-    touched: NDArray[np.int64],
-    members: int,
-) -> SubdomainClass | None:
-    """The class with the factor and the blocks of another one whose axes are exchanged.
-
-    None where some row touches an unknown that is not on the interface of the other class.
-
-    Parameters
-    ----------
-    known
-        A class whose subdomains float.
-    image : (n,)
-        `exchange_of_axes` of the two classes.
-    points, dimension, touched, members
-        As in `subdomain_class`.
-    """
-    interface = image[known.interface]
-    if not np.isin(touched, interface).all():
-        return None
-    assert known.inverse is not None
-    back = np.argsort(image)
-    stiffness = known.stiffness[back][:, back].tocsr()
-    stiffness.sort_indices()
-    rigid = orthonormal_kernel(points, dimension)
-    return SubdomainClass(
-        stiffness, rigid, rigid, known.free, interface, members,
-        RelabelledInverse(known.inverse, image), known.block, known.relaxes, known,
-    )  # fmt: skip
 
 
 def _rigid_class(
