@@ -22,7 +22,6 @@ from solver.primal.factor import (
     spread_means,
     squared,
     squared_rows,
-    with_springs,
 )
 from solver.primal.hierarchy import Hierarchy
 from solver.primal.merged import MergedSystem, multiply, multiply_transposed
@@ -76,11 +75,9 @@ def find_first_set(
     while depth > 1 and A[depth - 1].getSize()[0] <= options.largest:
         depth -= 1
     x, pressed = np.zeros(len(loads[depth])), system.equality
-    tied = _with_tied(rows, hierarchy.operators, Q)
     for k in range(depth, 0, -1):
-        given = rows, A[k], Q[k], loads[k], options
-        below = replace(hierarchy, prolongations=P[k:], operators=tied[k:])
-        level = CycleLevel(*given, below)
+        below = replace(hierarchy, prolongations=P[k:], operators=tuple(A[k:]))
+        level = CycleLevel(rows, below, Q[k:], loads[k], options)
         if k == depth and A[k].getSize()[0] <= options.largest:
             x = _on_every_rank(level)
         else:
@@ -122,20 +119,3 @@ def _with_means(system: MergedSystem, hierarchy: Hierarchy) -> Sequence[PETSc.Ma
         if k < len(hierarchy.prolongations):
             springs = multiply_transposed(squared(hierarchy.prolongations[k]), springs)
     return result
-
-
-def _with_tied(
-    rows: Rows, operators: tuple[PETSc.Mat, ...], Q: Sequence[PETSc.Mat]
-) -> tuple[PETSc.Mat, ...]:
-    """The operators of the levels below the finest with the springs of tied rows (collective).
-
-    With them a Newton step on two tied T-stubs takes a quarter of the time.
-    """
-    if not rows.comm.allreduce(int(rows.equality.any())):
-        return operators
-    springs = np.where(rows.equality, rows.stiffness, 0.0)
-    sprung = [
-        with_springs(A, q, springs, np.zeros(A.getLocalSize()[0]))
-        for A, q in zip(operators[1:], Q[1:], strict=True)
-    ]
-    return operators[0], *sprung

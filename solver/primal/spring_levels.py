@@ -10,6 +10,7 @@ factor, by a dense one on every rank, or by a few conjugate gradients with a V-c
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -119,8 +120,12 @@ class Level(ABC):
 
     def __init__(self, rows: Rows, load: Array, diagonal: Array, options: FirstSetOptions) -> None:
         self.rows, self.load, self.options, self.comm = rows, load, options, rows.comm
+        self.near = self._addition(diagonal)
+
+    def _addition(self, diagonal: Array) -> Array:
+        """Small addition to a diagonal, by which its matrix has an inverse (collective)."""
         most = self.comm.allreduce(float(diagonal.max(initial=0.0)), op=MPI.MAX)
-        self.near = options.near * np.maximum(diagonal, SMALL * most)
+        return np.asarray(self.options.near * np.maximum(diagonal, SMALL * most))
 
     @abstractmethod
     def stiffness(self, x: Array) -> Array:
@@ -243,21 +248,24 @@ class SharedLevel(Level):
 class CycleLevel(SharedLevel):
     """A level whose steps a few conjugate gradients find, with a cycle from there down.
 
-    The Hessian is assembled only for the smoother, with the first springs. Levels below have no
-    springs of contact rows: they would cost more than the steps they save.
+    The cycle is made once, with the springs of the first step on every level. Without springs on
+    the levels below, two bodies that only contact holds take 101 cycles on a bolted flange instead
+    of 14, and a pillow block 17 instead of 7.
 
     Parameters
     ----------
     hierarchy
         This level and those below.
+    Q
+        C on these levels.
     """
 
     def __init__(
-        self, rows: Rows, A: PETSc.Mat, Q: PETSc.Mat, load: Array, options: FirstSetOptions,
-        hierarchy: Hierarchy,
+        self, rows: Rows, hierarchy: Hierarchy, Q: Sequence[PETSc.Mat], load: Array,
+        options: FirstSetOptions,
     ) -> None:  # fmt: skip
-        super().__init__(rows, A, Q, load, options)
-        self._hierarchy = hierarchy
+        super().__init__(rows, hierarchy.operators[0], Q[0], load, options)
+        self._hierarchy, self._below = hierarchy, Q[1:]
         self._cycle: Cycle | None = None
 
     def newton_step(self, weights: Array, residual: Array) -> Array:
@@ -289,8 +297,10 @@ class CycleLevel(SharedLevel):
         """The cycle, made with the springs of the first call (collective)."""
         if self._cycle is None:
             levels = self._hierarchy
-            top = with_springs(self.A, self.Q, weights, self.near)
-            operators = [top, *levels.operators[1:]]
+            operators = [with_springs(self.A, self.Q, weights, self.near)]
+            for A, Q in zip(levels.operators[1:], self._below, strict=True):
+                near = self._addition(A.getDiagonal().getArray())
+                operators.append(with_springs(A, Q, weights, near))
             self._cycle = Cycle(operators, levels.prolongations, levels.options)
         return self._cycle
 
