@@ -38,32 +38,63 @@ def entered_pairs(model: Model, solution: Solution, nodes: NodeFields) -> list[s
     """Sentences on pairs of bodies that enter each other (collective)."""
     scene, moved, sentences = model.scene, solution.measures.deformations, []
     for pair in scene.pairs:
-        depth = entered(model, nodes, pair)
+        names = f"{scene.bodies[pair.body].name} and {scene.bodies[pair.other].name}"
         largest = float(max(moved[pair.body], moved[pair.other]))
-        if depth > ENTERED * largest:
-            size = "and do not deform"
-            if largest > 0.0:
-                size = f"{percent(depth / largest)} of the largest displacement"
-            sentences.append(
-                f"{pair.source}: {scene.bodies[pair.body].name} and {scene.bodies[pair.other].name}"
-                f" enter each other by up to {depth:.2g} at vertices, "
-                f"{size}: contact is narrower than a facet, and the gap is tested in the mean over "
-                "facets; use cells much smaller than the contact there"
-            )
+        if text := entering_each_other(names, entered(model, nodes, pair), largest):
+            sentences.append(f"{pair.source}: {text}")
     return sentences
+
+
+def entering_each_other(names: str, depth: float, moved: float) -> str:
+    """Bodies that enter each other at vertices; an empty text where they hardly do.
+
+    Parameters
+    ----------
+    depth
+        Largest depth of a vertex in the other body.
+    moved
+        Largest displacement of the bodies.
+    """
+    if depth <= ENTERED * moved:
+        return ""
+    size = f"{percent(depth / moved)} of the largest displacement" if moved else "and do not deform"
+    return (
+        f"{names} enter each other by up to {depth:.2g} at vertices, {size}: contact is narrower "
+        "than a facet, and the gap is tested in the mean over facets; use cells much smaller than "
+        "the contact there"
+    )
 
 
 def entered(model: Model, nodes: NodeFields, pair: BodyContact) -> float:
     """Largest depth of a vertex of one side in the other one, a length (collective)."""
-    on, against = (
-        side.smooth() if pair.round else side
-        for side in sides_of(model.scene, model.partition, pair)
-    )
-    one, other = _displaced(model, nodes, on), _displaced(model, nodes, against)
+    on, against = sides_of(model.scene, model.partition, pair)
+    displaced = _displaced(model, nodes, on), _displaced(model, nodes, against)
+    return depth_in_each_other(model.comm, (on, against), displaced, pair.round)
+
+
+def depth_in_each_other(
+    comm: MPI.Intracomm,
+    sides: tuple[Surface, Surface],
+    displaced: tuple[Array, Array],
+    is_round: bool,
+) -> float:
+    """Largest depth of a vertex of one side in the other one, a length (collective).
+
+    Parameters
+    ----------
+    sides
+        The facets of both sides, on all ranks.
+    displaced
+        Displacements of their nodes, (facets, nodes per facet, 3).
+    is_round
+        Whether the gap is that of smooth surfaces through the nodes.
+    """
+    on, against = (side.smooth() if is_round else side for side in sides)
+    u_on, u_against = displaced
     depth = max(
-        _depth(model.comm, on, against, one, other), _depth(model.comm, against, on, other, one)
+        _depth(comm, on, against, u_on, u_against), _depth(comm, against, on, u_against, u_on)
     )
-    return float(model.comm.allreduce(depth, op=MPI.MAX))
+    return float(comm.allreduce(depth, op=MPI.MAX))
 
 
 def _displaced(model: Model, nodes: NodeFields, surface: Surface) -> Array:

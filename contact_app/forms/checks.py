@@ -105,6 +105,22 @@ def _check_space(space: Any) -> None:
         raise ValueError(f"the space is of degree {degree}; contact needs degree 1 or 2")
 
 
+def check_holding(comm: MPI.Intracomm, bcs: Sequence[Any]) -> None:
+    """Check that each Dirichlet condition holds something on some rank (collective).
+
+    Raises
+    ------
+    ValueError
+    """
+    held = [len(condition.dof_indices()[0]) for condition in bcs]
+    for number, count in enumerate(comm.allreduce(np.array(held, np.int64))):
+        if count == 0:
+            raise ValueError(
+                f"bcs[{number}] holds no node: the entities or coordinates that were given to "
+                "dolfinx for it match none of the mesh; leave it out if that is intended"
+            )
+
+
 def check_lists(bcs: Any, contacts: Any) -> None:
     """Check that conditions and contacts are lists, also of one.
 

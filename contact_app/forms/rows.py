@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from contact_app.errors import NoEquilibriumError
 from contact_app.forms.boundary import Facets
-from contact_app.forms.checks import together
+from contact_app.forms.checks import check_holding, together
 from contact_app.forms.contacts import Contact
 from contact_app.forms.parts import Parts
 from contact_app.forms.sides import Sides
@@ -42,10 +42,11 @@ def rows_of(
     Raises
     ------
     ValueError, ConfigurationError
-        A contact is of no use.
+        A contact is of no use, or a condition holds no node.
     NoEquilibriumError
         Conditions exclude each other.
     """
+    check_holding(parts.comm, bcs)
     size = _size(parts)
     at_nodes, means = [_no_contact(parts.dimension)], []
     for i, (contact, own) in enumerate(zip(contacts, sides, strict=True)):

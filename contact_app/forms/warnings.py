@@ -22,6 +22,7 @@ from contact_app.accuracy.contact_limits import (
     depth_between,
     entered_points,
 )
+from contact_app.accuracy.entered_pairs import depth_in_each_other, entering_each_other
 from contact_app.accuracy.faceted_curves import largest_sagitta
 from contact_app.accuracy.sharp_edges import REACH, Skin, peak, sentence, sharp_edge, within
 from contact_app.forms.bodies import contact_motions
@@ -137,6 +138,10 @@ def _of_contact(answer: FormAnswer, number: int, contact: Contact) -> Iterator[s
             yield from _entering(answer, number, contact, (names, moved))
     else:
         yield sliding_far(*sliding_on_each_other(*rows))
+        on, against = sides.surfaces
+        displaced = _displaced(answer, on), _displaced(answer, against)
+        depth = depth_in_each_other(comm, (on, against), displaced, contact.round)
+        yield entering_each_other(names, depth, moved)
     facets = sides.facets
     corners = facets.points[:, : facets.vertices(d).shape[1]]
     areas = moments(facets.points, d).sum(axis=(1, 2)) if len(facets.copies) else np.zeros(0)
@@ -145,6 +150,15 @@ def _of_contact(answer: FormAnswer, number: int, contact: Contact) -> Iterator[s
     yield rubbing_where_open(comm.allreduce(int((nodes.rubs & ~nodes.closed).sum())))
     pressed = comm.allreduce(int(nodes.closed.any()), op=MPI.MAX)
     yield several_answers((contact.law and contact.law.coulomb) or 0.0, bool(pressed))
+
+
+def _displaced(answer: FormAnswer, surface: Surface) -> Array:
+    """Displacements of the nodes of facets, (facets, nodes per facet, 3) (collective)."""
+    distinct, place = np.unique(surface.nodes, return_inverse=True)
+    query = answer.model.exchange.among(distinct)
+    u = np.zeros((len(distinct), 3))
+    u[:, : surface.dimension] = query.from_owners(answer.displacement[query.nodes - query.first])
+    return u[place.reshape(surface.nodes.shape)]
 
 
 def _flat(contact: Contact) -> bool:

@@ -106,6 +106,13 @@ def test_conditions_that_are_refused(body: Square) -> None:
         ContactProblem(body.a, body.L, [other])
     with pytest.raises(TypeError, match=r"bcs\[0\] is no Dirichlet"):
         ContactProblem(body.a, body.L, [3])
+    left, beside = (problems.held(body.space, where) for where in (problems.left, nowhere))
+    with pytest.raises(ValueError, match=r"bcs\[1\] holds no node"):
+        ContactProblem(body.a, body.L, [left, beside]).solve()
+
+
+def nowhere(x: np.ndarray) -> np.ndarray:
+    return np.isclose(x[0], 5.0)
 
 
 def contacts_of(tags: Any, mesh: Any) -> dict[str, tuple[Any, type, str]]:
