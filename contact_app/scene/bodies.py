@@ -61,6 +61,10 @@ class BodyMesh(Protocol):
         """Notes on repaired or dropped data of the mesh, one sentence each."""
 
     @property
+    def groups(self) -> Mapping[str, Any]:
+        """Cells of each group that the mesh names."""
+
+    @property
     def inner(self) -> Mapping[str, Any]:
         """Cells on one side of each inner surface that the mesh names."""
 
@@ -88,6 +92,7 @@ class Box:
 
     congruent: ClassVar[bool] = True
     notes: ClassVar[tuple[str, ...]] = ()
+    groups: ClassVar[Mapping[str, Any]] = MappingProxyType({})
     inner: ClassVar[Mapping[str, Any]] = MappingProxyType({})
 
     @property

@@ -75,7 +75,22 @@ def message(
     }.get(kind, details["msg"])
     if kind == "literal_error" and isinstance(value, str):
         allowed += suggestion(value, re.findall(r"'([^']+)'", allowed))
+    if kind in ("float_type", "int_type") and isinstance(value, str):
+        allowed += _remedy(value)
     return f"{at} is {text}; {allowed}"
+
+
+def _remedy(text: str) -> str:
+    """Advice on a text that begins as a number does."""
+    number = re.match(r"[-+]?(\d+\.?\d*|\.\d+)(e[-+]?\d+)?", text.strip(), re.IGNORECASE)
+    if number is None:
+        return ""
+    rest = text.strip()[number.end() :]
+    if not rest:
+        return "; write it without quotes"
+    if rest.startswith(("_", "*", "^", "/")):
+        return "; write it in digits alone, e.g. 2.1e5"
+    return "; write it without a unit (of any consistent ones, e.g. mm, N and N/mm²)"
 
 
 def _real_path(location: Sequence[str | int], data: Any) -> Key:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from contact_app.scene.bodies import Body
+from contact_app.scene.bodies import FACES, Body, Box
 from contact_app.scene.conditions import (
     BodyContact,
     BodyForce,
@@ -70,7 +70,7 @@ class ConditionReader:
             self._name(text, path)
         if not dot or not boundary:
             self.keys.fail(
-                path, f"is {text!r}; it has the form body.boundary, e.g. {self.names[0]}.x-"
+                path, f"is {text!r}; it has the form body.boundary, e.g. {self._example(text)}"
             )
         body = self._name(name, path)
         mesh = self.bodies[body].mesh
@@ -81,11 +81,24 @@ class ConditionReader:
             hint = suggestion(boundary, known, f"{name}.")
             if boundary in other:
                 hint = "; it is on the surface" if inner else "; it lies inside, for sections alone"
-            listing = ", ".join(known) or "none that divides the body"
-            self.keys.fail(
-                path, f"names the {kind} {boundary!r} of {name}{hint} (known: {listing})"
-            )
+            elif boundary in mesh.groups:
+                hint = "; it is a group of cells, not of facets"
+            elif boundary in FACES and not isinstance(mesh, Box):
+                hint = "; only a box has it"
+            if not known:
+                hint += (
+                    "; the body has none: name it in the mesh file (in Gmsh a physical group) or "
+                    "by an expression under `boundaries`"
+                )
+            listing = f" (known: {', '.join(known)})" if known else ""
+            self.keys.fail(path, f"names the {kind} {boundary!r} of {name}{hint}{listing}")
         return body, boundary
+
+    def _example(self, text: str) -> str:
+        """A boundary with its body, where possible of the name that was given alone."""
+        every = [(body.name, (*body.mesh.boundaries, *body.boundaries)) for body in self.bodies]
+        named = [f"{name}.{text}" for name, known in every if text in known]
+        return (*named, *(f"{name}.{known[0]}" for name, known in every if known), "part.foot")[0]
 
     def condition(self, i: int, condition: c.Condition) -> Condition:
         """A support or load."""

@@ -116,6 +116,10 @@ def parse(text: str, name: str) -> tuple[Any, dict[Key, int]]:
         problem = getattr(error, "problem", None) or str(error).splitlines()[0]
         if "\\t" in problem:
             problem += "; indent with spaces, not tabs"
+        if "mapping values are not allowed" in problem:
+            problem += "; put text that contains a colon in quotes, and indent keys alike"
+        if "expected ',' or" in problem or "<stream end>" in problem:
+            problem += "; a bracket or a quote is not closed, or a comma is missing"
         if "another document" in problem:
             problem = "a second document begins (---); one file holds one scene"
         raise ConfigurationError(f"{name}{at}: this is not YAML: {problem}") from None

@@ -33,6 +33,8 @@ class Model(BaseModel):
                 if key not in allowed:
                     near = difflib.get_close_matches(str(key), allowed, 1, 0.5)
                     hint = f"did you mean {near[0]}? " if near else ""
+                    if str(key)[:1].isdigit():
+                        hint = "a comma begins a new key: 1000.5 is a number, [1, 2] a list; "
                     raise PydanticCustomError(
                         "unknown_key",
                         "is an unknown key; {hint}allowed: {allowed}",

@@ -257,8 +257,10 @@ def test_a_corner_in_a_facet_of_another_body_causes_a_warning(order: tuple[int, 
     def upper(x: np.ndarray) -> np.ndarray:
         return (x[1] > 0.9901) | np.isclose(x[0], 0.375)
 
-    flanks = {2: lambda x: np.isclose(x[1], 0.99) & ~np.isclose(x[0], 0.375),
-              1: lambda x: np.isclose(np.abs(x[0] - 0.375), x[1] - 0.99) & (x[1] < 1.4)}
+    flanks = {
+        2: lambda x: np.isclose(x[1], 0.99) & ~np.isclose(x[0], 0.375),
+        1: lambda x: np.isclose(np.abs(x[0] - 0.375), x[1] - 0.99) & (x[1] < 1.4),
+    }
     tags = problems.facet_tags(mesh, flanks)
     u, v = ufl.TrialFunction(V), ufl.TestFunction(V)
     a = ufl.inner(problems.isotropic(u, 1.0, 0.3), problems.strain(v)) * ufl.dx

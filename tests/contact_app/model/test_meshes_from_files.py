@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
+import meshio
 import numpy as np
 import pytest
 import yaml
@@ -248,10 +249,20 @@ WRONG = [
       "poisson": 0.3}}}, "bodies[0].material.soft.poisson is 0.7; an isotropic", ""),
     ({"bodies.0.boundaries": {"x-": {"where": "x < 1"}}}, "redefines x-, which the mesh", ""),
     ({"conditions.0.on": "block.side"}, "names the boundary 'side' of block", "known: x-, x+, y-"),
+    ({"conditions.0.on": "block.soft"}, "'soft' of block; it is a group of cells, not", "known: "),
+    ({"conditions.0.on": "block.z-"}, "names the boundary 'z-' of block; only a box has it", ""),
     ({"decomposition": {"subdomains": [9, 9]}}, "asks for 81 parts, where block has 8", ""),
     ({"decomposition": {"subdomains": 9}}, "is 9; at most one per cell is allowed, 8 here", ""),
     ({"dimension": 3}, "none of dimension 3; allowed: tetra (tetra10)", "mesh in 3D"),
 ]  # fmt: skip
+
+
+def test_a_mesh_without_names_is_reported(tmp_path: Path) -> None:
+    mesh = meshfiles.block("triangle", 2)
+    bare = meshio.Mesh(mesh.points, {"triangle": mesh.cells_dict["triangle"]})
+    file = meshfiles.write(bare, tmp_path / "block.msh")
+    with pytest.raises(ConfigurationError, match="the body has none: name it in the mesh file"):
+        build_scene(load(written(patch("triangle", file), tmp_path)))
 
 
 @pytest.mark.parametrize(("changes", "expected", "allowed"), WRONG, ids=[w[1][:40] for w in WRONG])

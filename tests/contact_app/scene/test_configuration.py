@@ -89,7 +89,11 @@ WRONG = [
     (f"{BOX}.cells=[true,1,1]", "cells[0] is True; a whole number is allowed"),
     ("bodies.0.material.young=true", "young is True; a number is allowed"),
     ("bodies.0.material.young=stiff", "young is 'stiff'; a number is allowed"),
-    ("bodies.0.material.young='2e5'", "young is '2e5'; a number is allowed"),
+    ("bodies.0.material.young='2e5'", "is '2e5'; a number is allowed; write it without quotes"),
+    ("bodies.0.material.young=210 GPa", "a number is allowed; write it without a unit"),
+    ("bodies.0.material.young=210_000", "write it in digits alone"),
+    ("bodies.0.material={young: 2,1e5, poisson: 0.3}", "1e5 is an unknown key; a comma begins a"),
+    ("conditions.1={on: cube.z+, traction: 0, 0, -1}", "0 is an unknown key; a comma begins a new"),
     ("bodies.0.material=5", "material is 5; a mapping is allowed, with the keys young, poisson"),
     ("bodies.0.mesh=", "mesh is empty; a mapping is allowed"),
     ("bodies.0.name=5", "name is 5; text is allowed"),
@@ -221,6 +225,10 @@ def test_wrong_values_are_refused(file: Path, override: str, expected: str) -> N
         ("[-1, 0, 0]", "[0, 0, 0]", "cube.yaml:13: contacts[0].obstacle.plane.normal is zero"),
         ("z < 1e-9", "z.real", "cube.yaml:8: bodies[0].boundaries.foot.where uses `z.real`"),
         ("dimension: 3", "", "cube.yaml:1: dimension is missing in the file"),
+        ("title: cube", "title: cube: again", "cube.yaml:1: this is not YAML: mapping values"),
+        ("title: cube", "title: cube: again", "put text that contains a colon in quotes"),
+        ("normal: [-1, 0, 0]", "normal: [-1, 0, 0", "a bracket or a quote is not closed"),
+        ("cube.z+", "foot", "conditions[1].on is 'foot'; it has the form body.boundary, e.g."),
     ],
 )
 def test_messages_name_file_line_and_key(file: Path, old: str, new: str, expected: str) -> None:
