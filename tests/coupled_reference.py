@@ -12,6 +12,10 @@ rigid bodies
 tied boundaries
     On flat interfaces without a gap: the mean of the jump over each multiplier, of the slow mortar
     integrals of `tests.mortar_reference`, is neither positive nor negative: two rows a component.
+boundaries tied to rigid bodies
+    u_k - t - θ × (x_k - c) is neither positive nor negative, with c as the file has it. A tied
+    interface has no multipliers at these nodes: their functions are distributed. Rows of contact
+    with the same body are left out there.
 """
 
 from __future__ import annotations
@@ -48,10 +52,24 @@ def assemble(scene: Any) -> Coupled:
     """The problem of a scene, rigid bodies where its placements have them."""
     system = reference.assemble(replace(scene, ties=()))
     meshed = len(system.points)
-    if scene.ties:
-        system = _tied(system, scene)
+    bodies = [reference.AssembledBody(b, scene.dimension, scene.plane) for b in scene.bodies]
+    first = np.concatenate([[0], np.cumsum([len(b.points) for b in bodies])])
+    of_rigid = [
+        np.unique([n for f in bodies[t.body].facets_on(t.boundary, first[t.body]) for n in f.nodes])
+        for t in scene.rigid_ties
+    ]
+    for tie in scene.ties:
+        sides = [
+            bodies[b].facets_on(boundary, first[b])
+            for b, boundary in ((tie.body, tie.boundary), (tie.other, tie.other_boundary))
+        ]
+        system = _tied(system, sides, set(np.concatenate([[], *of_rigid]).tolist()))
     for nth, number in enumerate(scene.moving):
         system = _with_rigid(system, scene, number, len(scene.bodies) + nth, meshed)
+    for tie, nodes in zip(scene.rigid_ties, of_rigid, strict=True):
+        system = _rigidly_tied(system, scene, tie.rigid, nodes, meshed)
+        about = [i for i, c in enumerate(scene.contacts) if c.rigid == tie.rigid]
+        system = _without(system, np.isin(system.contact_source, about), nodes)
     return Coupled(system, meshed)
 
 
@@ -109,35 +127,63 @@ def _with_rigid(
     )
 
 
-def _tied(system: reference.System, scene: Any) -> reference.System:
+def _tied(system: reference.System, sides: list[Any], moved: set[int]) -> reference.System:
     """The same with two rows for each component of the mean jumps of tied boundaries."""
     d, dofs = system.dimension, len(system.load)
-    bodies = [reference.AssembledBody(b, d, scene.plane) for b in scene.bodies]
-    first = np.concatenate([[0], np.cumsum([len(b.points) for b in bodies])])
-    blocks, nodes = [system.contact], [system.contact_node]
-    for tie in scene.ties:
-        sides = [
-            bodies[b].facets_on(boundary, first[b])
-            for b, boundary in ((tie.body, tie.boundary), (tie.other, tie.other_boundary))
-        ]
-        found, _, _ = mortar_reference.mortar_rows(*sides)
-        normal = sides[0][0].normal
-        matrix = sp.lil_matrix((2 * d * len(found), dofs))
-        for row, node in enumerate(found):
-            for there, vector in found[node].items():
-                weight = float(vector @ normal)
-                for i in range(d):
-                    matrix[2 * (row * d + i), there * d + i] = weight
-                    matrix[2 * (row * d + i) + 1, there * d + i] = -weight
-        blocks.append(matrix.tocsr())
-        nodes.append(np.repeat(list(found), 2 * d))
-    more = sum(len(n) for n in nodes[1:])
+    found, _, _ = mortar_reference.mortar_rows(*sides, moved)
+    normal = sides[0][0].normal
+    matrix = sp.lil_matrix((d * len(found), dofs))
+    for row, node in enumerate(found):
+        for there, vector in found[node].items():
+            for i in range(d):
+                matrix[row * d + i, there * d + i] = float(vector @ normal)
+    return _with_equalities(system, matrix, np.zeros(matrix.shape[0]), np.repeat(list(found), d))
+
+
+def _rigidly_tied(
+    system: reference.System, scene: Any, number: int, nodes: np.ndarray, meshed: int
+) -> reference.System:
+    """The same with nodes that move with a rigid body, moving or held."""
+    d, dofs = system.dimension, len(system.load)
+    own = (nodes[:, None] * d + np.arange(d)).ravel()
+    motions = _motions(system.points[nodes], np.array(scene.rigid_bodies[number].center), d)
+    matrix = sp.csr_matrix((np.ones(len(own)), (np.arange(len(own)), own)), (len(own), dofs))
+    if number in scene.moving:
+        start = (meshed + NODES * scene.moving.index(number)) * d
+        blocks = [sp.csr_matrix((len(own), n)) for n in (start, dofs - start - NODES * d)]
+        matrix = matrix - sp.hstack([blocks[0], sp.csr_matrix(motions), blocks[1]])
+        return _with_equalities(system, matrix, np.zeros(len(own)), np.repeat(nodes, d))
+    values = np.zeros(NODES * d)
+    for motion in scene.rigid_motions:
+        if motion.body == number:
+            for k, value in enumerate((*motion.displacement, *motion.rotation)):
+                values[k] = values[k] if value is None else value
+    return _with_equalities(system, matrix, motions @ values, np.repeat(nodes, d))
+
+
+def _without(system: reference.System, rows: np.ndarray, nodes: np.ndarray) -> reference.System:
+    """The same without those of some contact rows (mask) that are at some nodes."""
+    keep = ~(rows & np.isin(system.contact_node, nodes))
     return replace(
         system,
-        contact=sp.vstack(blocks, format="csr"),
-        gap=np.concatenate([system.gap, np.zeros(more)]),
-        contact_node=np.concatenate(nodes),
-        contact_source=np.concatenate([system.contact_source, np.full(more, -1)]),
+        contact=sp.csr_matrix(system.contact)[keep],
+        gap=system.gap[keep],
+        contact_node=system.contact_node[keep],
+        contact_source=system.contact_source[keep],
+    )
+
+
+def _with_equalities(
+    system: reference.System, matrix: Any, right: np.ndarray, nodes: np.ndarray
+) -> reference.System:
+    """The same with two rows for each equality, one of each sign."""
+    count = 2 * len(right)
+    return replace(
+        system,
+        contact=sp.vstack([system.contact, matrix, -matrix], format="csr"),
+        gap=np.concatenate([system.gap, right, -right]),
+        contact_node=np.concatenate([system.contact_node, nodes, nodes]),
+        contact_source=np.concatenate([system.contact_source, np.full(count, -1)]),
     )
 
 

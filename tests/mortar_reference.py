@@ -7,6 +7,7 @@ triangles, shape functions come from solving small systems, and the loops are Py
 
 from __future__ import annotations
 
+from collections.abc import Collection
 from dataclasses import dataclass
 from itertools import pairwise
 
@@ -131,9 +132,12 @@ def overlap(a: np.ndarray, b: np.ndarray) -> list[tuple[np.ndarray, float]]:
 
 
 def mortar_rows(
-    on: list[Facet], against: list[Facet]
+    on: list[Facet], against: list[Facet], decided: Collection[int] = ()
 ) -> tuple[dict[int, dict[int, np.ndarray]], dict[int, float], dict[int, float]]:
-    """Rows by `on` node: vectors by node, mean gap, area."""
+    """Rows by `on` node: vectors by node, mean gap, area.
+
+    Rows of decided nodes are distributed to their neighbours.
+    """
     rows: dict[int, dict[int, np.ndarray]] = {}
     gaps: dict[int, float] = {}
     areas: dict[int, float] = {}
@@ -179,7 +183,7 @@ def mortar_rows(
                 gaps[node] = gaps.get(node, 0.0) + w * psi * gap
                 for k, there in enumerate(m.nodes):
                     row[there] = row.get(there, 0.0) - w * psi * theirs[k] * s.normal
-    weak = {n for n in rows if areas[n] < 0.01 * full[n]}
+    weak = {n for n in rows if areas[n] < 0.01 * full[n] or n in decided}
     before = {n: (dict(rows[n]), gaps[n], areas[n]) for n in weak}
     for n in weak:
         heirs = {k: w for k, w in near[n].items() if k not in weak and k in rows and w > 0}

@@ -4,8 +4,8 @@ Any seed gives one scene, the same one every time. A block stands on a foundatio
 held. On it may stand another one, tied or in contact, of another mesh, degree and material; beside
 it may be an obstacle with an interference. Bodies may be warm. Rigid bodies, of one shape or two,
 press on the top or from the side: moved, loaded by a force and a moment, held in some components
-and free in others, or not held at all. Many of these scenes have no equilibrium; that is part of
-the question.
+and free in others, or not held at all. Sides may be tied to a rigid body. Many of these scenes have
+no equilibrium; that is part of the question.
 """
 
 from __future__ import annotations
@@ -17,6 +17,9 @@ import numpy as np
 from tests.scenes import CELLS_2D, CELLS_3D, Config
 
 Subdomains = int | list[int] | None
+
+WITH_RIGID_TIES = 110_000
+"""First seed of scenes with boundaries tied to rigid bodies; those of smaller seeds have none."""
 
 
 def feature_scene(seed: int) -> tuple[Config, Subdomains]:
@@ -65,6 +68,8 @@ class _Draw:
         if self.chance(0.3) or not (rigid or warm):
             pressure = self.softest(top) * self.strain
             self.made["conditions"].append({"on": f"{top}.{self.up}+", "pressure": pressure})
+        if self.seed >= WITH_RIGID_TIES and self.chance(0.7):
+            self.tie_to_rigid(top, rigid)
         if self.chance(0.15):
             self.made["solver"]["method"] = "smalbe"
         return self.made, self.subdomains()
@@ -195,6 +200,35 @@ class _Draw:
         if self.chance(0.3):
             about = self.random.normal(size=turns) * 0.05 * np.abs(force).max() * self.unit
             load["total_moment"] = _floats(about) if self.d == 3 else float(about[0])
+        self.made["conditions"].append(load)
+
+    def tie_to_rigid(self, top: str, pressed: bool) -> None:
+        """Sides of one block or of two tied to one rigid body, perhaps the one that presses."""
+        name = top if self.chance(0.7) else "b0"
+        faces = ["x-", "x+", *([f"{self.up}+"] if name == top else [])]
+        face = self.choice(faces)
+        sides = [f"{name}.{face}"]
+        if self.chance(0.25):
+            sides.append(f"{'b0' if name != 'b0' else top}.{self.choice(('x-', 'x+'))}")
+        pressing = pressed and self.chance(0.25) and f"{top}.{self.up}+" not in sides
+        rigid = "r0" if pressing else "t0"
+        for side in dict.fromkeys(sides):
+            self.made["contacts"].append({"on": side, "against": rigid, "tied": True})
+        if rigid == "r0":
+            return
+        axis, out = "xyz".index(face[0]), np.zeros(self.d)
+        out[axis] = 1.0 if face[1] == "+" else -1.0
+        lower, upper = self.corners(name)
+        middle = 0.5 * (lower + upper) + 0.2 * self.random.uniform(-1, 1, self.d)
+        shape = self.shape(middle, out, axis, 0.0)
+        self.made["bodies"].append({"name": rigid, "rigid": shape})
+        if self.chance(0.6):
+            self.drive(name, rigid, out, axis, float((upper - lower)[axis]))
+            return
+        size = self.softest(name) * self.strain * self.unit ** (self.d - 1)
+        load: Config = {"in": rigid, "total_force": _floats(size * self.random.normal(size=self.d))}
+        if self.chance(0.5):
+            load["at"] = _floats(middle * self.unit)
         self.made["conditions"].append(load)
 
     def shape(self, middle: np.ndarray, out: np.ndarray, axis: int, gap: float) -> Config:

@@ -42,11 +42,18 @@ MOVED = 1e-5
 """Difference of the motions of rigid bodies, over the largest displacement."""
 
 AT_REST = 1e-9
-"""Displacement of the elastic bodies over that of the rigid ones, below which they are at rest: a
-plane that slides out of the way of a block leaves rounding errors alone."""
+"""Displacement of the elastic bodies over that of the rigid ones, or over the largest force by the
+largest stiffness of a node, below which they are at rest: a plane that slides out of the way of a
+block, or conditions and ties that hold every loaded node, leave rounding errors alone."""
+
+STRAINLESS = 1e-9
+"""Strains that are rounding errors of rigid motions, over displacements by the size of a cell."""
 
 QUIET = ("agrees", "escapes", "contradicts")
 """Verdicts that are not told scene by scene."""
+
+HELD_APART = ("push held nodes", "no room", "no displacement satisfies both")
+"""Words of the messages about conditions that contradict each other."""
 
 ESCAPES = 1e-7
 """Work on a motion that nothing stops, over the loads, which is none."""
@@ -84,7 +91,7 @@ def judge(
     seconds = time.process_time() - began
     if solved is None and "earlier solves have moved them" in message:
         return Verdict(seed, "slides", message, seconds)
-    if solved is None and ("push held nodes" in message or "no room" in message):
+    if solved is None and any(words in message for words in HELD_APART):
         kind = "contradicts" if _contradicts(scene) else "denies an equilibrium"
         return Verdict(seed, kind, message, seconds)
     if solved is None:
@@ -115,7 +122,10 @@ def _judged(solved: Any) -> tuple[str, str]:
     except reference.ReferenceError as error:
         if not passed:
             return "degraded", f"{error}; {certificate['warnings']}"
-        residual = optimality(coupled.system, _answer(solved, coupled))
+        found = _answer(solved, coupled)
+        if _at_rest(coupled.system, found):
+            return "agrees", f"{error}; ours are rigid motions within the gaps, without a load"
+        residual = optimality(coupled.system, found)
         if residual < OPTIMAL:
             return "agrees", f"{error}; ours leave {residual:.1e} of the optimality conditions"
         escapes = coupled_reference.escape_work(coupled) > ESCAPES
@@ -133,6 +143,12 @@ def _judged(solved: Any) -> tuple[str, str]:
     found = _answer(solved, coupled)
     error = found[: n * d] - known[:n].ravel()
     right = known[:n].ravel()
+    forces = np.concatenate(
+        [system.load[: n * d].reshape(-1, d), system.load[n * d :].reshape(-1, 2, d)[:, 0]]
+    )
+    least = AT_REST * float(np.abs(forces).max() / K.diagonal().max())
+    if max(np.abs(found).max(), np.abs(known).max()) < least:
+        return "agrees", "nothing moves"
     scale = float(right @ (K @ right)) or 1.0
     strained = _without_rigid_motions(system, error)
     away = abs(float(strained @ (K @ strained))) / scale
@@ -148,6 +164,19 @@ def _judged(solved: Any) -> tuple[str, str]:
         fits = entered <= OPTIMAL and worse <= OPTIMAL * scale
         return ("agrees" if fits else "certified wrongly"), detail
     return ("agrees" if away <= ACCURATE else "certified wrongly"), detail
+
+
+def _at_rest(system: reference.System, found: np.ndarray) -> bool:
+    """Whether no load acts, and displacements strain nothing and keep all rows and held values."""
+    largest = float(np.abs(found).max())
+    strained = float(found @ (system.stiffness @ found))
+    entered = float((system.contact @ found - system.gap).max(initial=0.0))
+    moved = float(np.abs(found - system.prescribed)[system.held].max(initial=0.0))
+    return (
+        not system.load.any()
+        and strained <= STRAINLESS**2 * system.stiffness.diagonal().max() * largest**2
+        and max(entered, moved) <= OPTIMAL * largest
+    )
 
 
 def _without_rigid_motions(system: reference.System, error: np.ndarray) -> np.ndarray:

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from contact_app.run.solve import solve_scene
-from tests.stability.feature_scenes import feature_scene
+from tests.stability.feature_scenes import WITH_RIGID_TIES, feature_scene
 from tests.stability.fuzz_features import judge
 
 FAST, SLOW = 12, 300
@@ -24,7 +24,10 @@ held nodes leave no room (90063); a warm block that Total FETI leaves without a 
 a disc that a small moment turns, without a bound (98003)."""
 
 
-@pytest.mark.parametrize("seed", [*range(FAST), *FOUND])
+TIED_TO_RIGID = range(WITH_RIGID_TIES, WITH_RIGID_TIES + FAST)
+
+
+@pytest.mark.parametrize("seed", [*range(FAST), *TIED_TO_RIGID, *FOUND])
 def test_random_scene(seed: int) -> None:
     verdict = judge(seed)
     assert not verdict.fault, verdict
@@ -77,6 +80,33 @@ def test_the_scenes_have_all_features() -> None:
     assert any(isinstance(one, list) for one in rigid)
     keys = {key for scene in made for condition in scene["conditions"] for key in condition}
     assert {"temperature", "rotation", "total_force", "total_moment", "displacement"} <= keys
+
+
+def test_scenes_have_boundaries_tied_to_rigid_bodies() -> None:
+    """From a seed on, of bodies of their own and of those that press, also two blocks at once."""
+    made = [feature_scene(seed)[0] for seed in range(WITH_RIGID_TIES, WITH_RIGID_TIES + 60)]
+    tied = [
+        [c for c in scene["contacts"] if "tied" in c and "." not in c["against"]] for scene in made
+    ]
+    assert sum(len(ties) > 0 for ties in tied) > 30
+    assert {c["against"] for ties in tied for c in ties} == {"r0", "t0"}
+    assert any(len({c["on"].split(".")[0] for c in ties}) == 2 for ties in tied)
+    before = [feature_scene(seed)[0] for seed in range(WITH_RIGID_TIES - 60, WITH_RIGID_TIES)]
+    assert not any(b["name"] == "t0" for scene in before for b in scene["bodies"])
+
+
+def test_a_boundary_that_leaves_its_rigid_body_is_a_fault() -> None:
+    """The judge itself: displacements 0.1 % too large, with the rigid body where it was."""
+    seed = 110006
+
+    def wrong(scene: Any) -> Any:
+        solved = solve_scene(scene)
+        nodes = solved.nodes
+        return replace(solved, nodes=replace(nodes, displacement=1.001 * nodes.displacement))
+
+    assert any("tied" in contact for contact in feature_scene(seed)[0]["contacts"])
+    assert judge(seed).kind == "agrees"
+    assert judge(seed, solve=wrong).kind == "certified wrongly"
 
 
 def test_a_rigid_body_that_is_off_is_a_fault() -> None:

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from contact_app.errors import ConfigurationError, NoEquilibriumError
+from contact_app.scene.yaml_reader import parse
 from tests import scenes
 from tests.comparison import solve
 from tests.scenes_on_ranks import summary_of
@@ -65,6 +66,25 @@ def test_a_remote_force_in_the_plane_bends_a_cantilever() -> None:
     sheared = 1.2 * 0.01 * LENGTH / (0.5 * YOUNG)
     assert moved[1] == pytest.approx(bent + sheared, rel=2e-4)
     assert turned[0] == pytest.approx((0.005 * LENGTH + moment) * LENGTH / inertia, rel=1e-6)
+
+
+def test_the_scene_of_the_guide_bends_and_turns_as_a_beam() -> None:
+    """Timoshenko's beam under the remote force, and Saint-Venant's torsion with stiff ends."""
+    guide = (Path(__file__).parents[3] / "docs/guide/rigid.md").read_text(encoding="utf-8")
+    section = guide.split("## Tied to a rigid body", 1)[1]
+    made = parse(section.split("```yaml\n", 1)[1].split("```", 1)[0], "rigid.md")[0]
+    summary = solve({"title": "guide", "dimension": 3, **made}).summary
+    assert summary["certificate"]["passed"]
+    head = summary["rigid_bodies"]["head"]
+    young, bending, length = 2.1e5, 2.1e5 * 1e4 / 12.0, 100.0
+    shear = young / 2.6
+    bent = 50.0 * length**3 / 3.0 + 3000.0 * length**2 / 2.0
+    sheared = 50.0 * length / (shear * 100.0 * 5.0 / 6.0)
+    assert head["displacement"][2] == pytest.approx(-bent / bending - sheared, rel=0.01)
+    turn = (50.0 * length**2 / 2.0 + 3000.0 * length) / bending
+    assert head["rotation"][1] == pytest.approx(turn, rel=0.01)
+    twist = 2000.0 * length / (0.1406 * shear * 1e4)
+    assert head["rotation"][0] == pytest.approx(twist, rel=0.03)
 
 
 def test_torsion_by_a_moment_and_by_an_angle_agree() -> None:
