@@ -36,7 +36,7 @@ def distinct(rows: ContactRows, held: NDArray[np.bool_]) -> NDArray[np.bool_]:
         have all rows.
     """
     needed = np.ones(len(rows.nodes), bool)
-    single = ~rows.wide & held[rows.sources]
+    single = ~rows.wide & held[rows.sources] & ~rows.on_rigid
     direction, entries = np.zeros_like(rows.normals), rows.entries
     chosen = single[entries.row]
     direction[entries.row[chosen], entries.component[chosen]] = entries.value[chosen]

@@ -44,7 +44,7 @@ from contact_app.model.rigid import (
 )
 from contact_app.model.sections import SectionPiece, locate_sections
 from contact_app.model.surface_copies import SurfaceCopies
-from contact_app.model.ties import TiedRows, tied_rows, undetermined
+from contact_app.model.ties import TiedRows, tied_rows, without_determined
 from contact_app.model.total_loads import LinearTraction, linear_tractions
 from contact_app.scene.scene import Scene
 from meshes import Partition, decompose
@@ -206,8 +206,7 @@ def outline(
     )
     held, contact, merged = _merged_rows(scene, partition, exchange, conditions, uncut)
     tied = tied_rows(scene, partition, exchange, held, scene_length(scene))
-    some = undetermined(scene, comm, contact, tied.rows)
-    contact, merged = contact.of(some), ContactRows.join([merged, contact.of(~some)])
+    contact, merged = without_determined(scene, partition, contact, merged, tied.rows)
     elements: dict[int, Element] = {}
     for subdomain in partition.subdomains:
         reference = subdomain.reference
@@ -255,8 +254,7 @@ def outline_of_case(known: Outline, scene: Scene, timings: Timings | None = None
         )
         tied = tied_rows(scene, partition, known.exchange, held, length)
         means = mean_motion_rows(scene, partition, known.exchange, known.elements, held, length)
-        some = undetermined(scene, partition.comm, contact, tied.rows)
-        contact, merged = contact.of(some), ContactRows.join([merged, contact.of(~some)])
+        contact, merged = without_determined(scene, partition, contact, merged, tied.rows)
         if not partition.comm.allreduce(int(_same_rows(contact, rows)), op=MPI.MIN):
             return None
     found = _loads(scene, partition, known.elements, timings)

@@ -192,43 +192,55 @@ def moving_rows(
         keep[in_contact] = tightest_of_each_node(
             rows.nodes[in_contact], direction, rows.gaps[in_contact]
         )
-    keep &= _tightest_on_held(rows, unknowns, partition.comm)
+    keep &= tightest_on_motions(rows, unknowns, partition.comm)
     return rows.of(keep), rows.of(~keep)
 
 
-def _tightest_on_held(
-    rows: ContactRows, unknowns: RigidUnknowns, comm: MPI.Intracomm
+def tightest_on_motions(
+    rows: ContactRows,
+    unknowns: RigidUnknowns,
+    comm: MPI.Intracomm,
+    tied: ContactRows | None = None,
 ) -> NDArray[np.bool_]:
-    """Mask (rows,) of rows to keep: of parallel rows of held nodes alone, the tightest.
+    """Mask (rows,) of rows to keep: of parallel rows of rigid bodies alone, the tightest.
 
-    Nothing moves there: a second closed row would have a gap that no force can change.
+    No node moves there: a second closed row would have a gap that no force can change.
     Collective. Raises `NoEquilibriumError` if these rows leave a rigid body no room.
+
+    Parameters
+    ----------
+    tied
+        Tied rows, which may hold motions, too.
     """
-    count, without_nodes = len(rows.nodes), rows_without_nodes(rows)
-    held = motions_of_rows(rows, unknowns, without_nodes)
-    parts = comm.allgather(held)
-    every = HeldNodes.joined(parts)
+    count, alone = len(rows.nodes), rows_without_nodes(rows)
+    own = motions_of_rows(rows, unknowns, alone)
+    parts = comm.allgather(own)
+    every, equal = HeldNodes.joined(parts), None
     if not len(every.gaps):
         return np.ones(count, bool)
-    refuse_no_room(unknowns.scene, every, unknowns.length)
+    if tied is not None:
+        holding = motions_of_rows(tied, unknowns, rows_without_nodes(tied))
+        equal = HeldNodes.joined(comm.allgather(holding))
+    refuse_no_room(unknowns.scene, every, unknowns.length, equal)
     length = np.linalg.norm(every.vectors, axis=1)
-    length[length == 0.0] = 1.0
-    keys = np.column_stack([every.body, np.round(every.vectors / length[:, None], 9)])
+    moves = length > 0.0
+    length[~moves] = 1.0
+    keys = np.round(every.vectors / length[:, None], 9)
     _, group = np.unique(keys, axis=0, return_inverse=True)
     group = group.reshape(-1)
     order = np.lexsort((every.gaps / length, group))
     first = order[np.concatenate([[True], np.diff(group[order]) > 0])]
     best = np.zeros(len(group), bool)
-    best[first] = True
+    best[first] = moves[first]
     start = sum(len(part.gaps) for part in parts[: comm.rank])
     result = np.ones(count, bool)
-    result[without_nodes] = best[start : start + len(held.gaps)]
+    result[alone] = best[start : start + len(own.gaps)]
     return result
 
 
 def rows_without_nodes(rows: ContactRows) -> NDArray[np.bool_]:
-    """Mask (rows,) of the rows with entries at rigid bodies alone."""
-    return (np.bincount(rows.entries.row, minlength=len(rows.nodes)) == 0) & rows.on_rigid
+    """Mask (rows,) of the rows without entries at nodes of elastic bodies."""
+    return np.asarray(np.bincount(rows.entries.row, minlength=len(rows.nodes)) == 0)
 
 
 def motions_of_rows(
@@ -238,8 +250,11 @@ def motions_of_rows(
     count, own = len(rows.nodes), rows.rigid
     body = np.zeros(count, np.int64)
     body[own.row] = unknowns.body_of(own.node)
-    vectors = np.zeros((count, unknowns.size))
-    vectors[own.row, unknowns.motion_of(own.node, own.component)] = own.value
+    vectors = np.zeros((count, unknowns.count, unknowns.size))
+    vectors[own.row, unknowns.body_of(own.node), unknowns.motion_of(own.node, own.component)] = (
+        own.value
+    )
+    vectors = vectors.reshape(count, unknowns.count * unknowns.size)
     return HeldNodes(body[alone], rows.sources[alone], vectors[alone], rows.gaps[alone])
 
 
@@ -320,6 +335,45 @@ def slips_of_held(rows: ContactRows, unknowns: RigidUnknowns, before: Scene | No
         along = _along(rows.of(of_source), unknowns, unknowns.placed_center(contact.rigid))
         added[of_source] = -along[:, held] @ moved[held]
     return added
+
+
+def on_tied_bodies(
+    rows: ContactRows, unknowns: RigidUnknowns, number: int, nodes: NDArray[np.int64]
+) -> ContactRows:
+    """Contact rows with entries at nodes that are tied to a rigid body, with those of its motion.
+
+    Parameters
+    ----------
+    number
+        Of the rigid body.
+    nodes
+        The tied nodes of all ranks.
+    """
+    scene, d, entries = unknowns.scene, unknowns.scene.dimension, rows.entries
+    tied = np.isin(entries.node, nodes)
+    others = np.bincount(entries.row[~tied], minlength=len(rows.nodes)) > 0
+    tied &= ~others[entries.row]
+    moved = entries.some(tied)
+    center = np.array(scene.rigid_bodies[number].center)
+    values = np.zeros((len(rows.nodes), MOTIONS[d]))
+    force = np.zeros((len(moved.row), 3))
+    force[np.arange(len(moved.row)), moved.component] = moved.value
+    turn = np.cross(moved.points - center, force)
+    each = np.concatenate([force[:, :d], turn if d == 3 else turn[:, 2:]], axis=1)
+    np.add.at(values, moved.row, each / unknowns.units)
+    held, prescribed = scene.held_components(number)
+    gaps = rows.gaps - values[:, held] @ (np.asarray(prescribed) * unknowns.units)[held]
+    values[:, held] = 0.0
+    values[np.abs(values) < FAINT] = 0.0
+    body = np.full(len(rows.nodes), scene.moving.index(number))
+    both = [rows.rigid, _entries(unknowns, rows, body, values)]
+    return replace(
+        rows,
+        gaps=gaps,
+        entries=entries.some(~tied),
+        rigid=ContactEntries.join(both, [0, 0]),
+        replaced=ContactEntries.join([rows.replaced, moved], [0, 0]),
+    )
 
 
 def _along(rows: ContactRows, unknowns: RigidUnknowns, center: Array) -> Array:

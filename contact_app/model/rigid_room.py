@@ -1,11 +1,12 @@
-"""Whether held nodes leave a rigid body a place.
+"""Whether contact leaves rigid bodies a place.
 
-Displacement conditions fix their nodes. The contact rows of a rigid body with them
-are inequalities A q ≤ g on its free motions q. If no q satisfies all, the problem has no feasible
-point: a plane prescribed to enter a held face, for example, which may turn but not draw back. The
-linear programme
+Displacement conditions fix their nodes. The contact rows of rigid bodies with them
+are inequalities A q ≤ g on the free motions q of rigid bodies, as are those of nodes that are tied
+to rigid bodies. Tied nodes that are held give equalities E q = e. If no q satisfies all, the
+problem has no feasible point: a plane prescribed to enter a held face, for example, which may turn
+but not draw back. The linear programme
 
-    min t   subject to   A q - t ≤ g,   t ≥ 0
+    min t   subject to   A q - t ≤ g,   E q = e,   t ≥ 0
 
 finds the least penetration t that remains.
 """
@@ -31,14 +32,14 @@ are pushed into an obstacle (`solver.tfeti.constraints.merge`)."""
 
 @dataclass(frozen=True, eq=False)
 class HeldNodes:
-    """Contact rows of moving rigid bodies with held nodes alone.
+    """Rows on the motions of moving rigid bodies alone.
 
     Attributes
     ----------
     body, sources : (rows,)
-        Number of the moving rigid body, and of the contact.
-    vectors : (rows, motions)
-        A: the rows on the motions of the body, rotations times the length of the scene.
+        Number of a moving rigid body of the row, and of the contact or tie.
+    vectors : (rows, bodies · motions)
+        A: the rows on the motions of all of them, rotations times the length of the scene.
     gaps : (rows,)
         g, in units of length.
     """
@@ -55,30 +56,43 @@ class HeldNodes:
         return cls(*(np.concatenate([getattr(part, name) for part in parts]) for name in names))
 
 
-def refuse_no_room(scene: Scene, held: HeldNodes, length: float) -> None:
-    """Refuse a scene whose held nodes leave a rigid body no place.
+def refuse_no_room(
+    scene: Scene, held: HeldNodes, length: float, equal: HeldNodes | None = None
+) -> None:
+    """Refuse a scene whose contact rows leave rigid bodies no place.
+
+    Parameters
+    ----------
+    equal
+        Rows that hold with equality.
 
     Raises
     ------
     NoEquilibriumError
-        Held nodes enter a rigid body wherever its free motions take it.
+        Held or tied nodes enter something wherever the free motions of rigid bodies take them.
     """
-    for nth in np.unique(held.body[held.gaps < 0.0]):
-        of_body = np.flatnonzero(held.body == nth)
-        rows, gaps = held.vectors[of_body], held.gaps[of_body] / length
-        motions = rows.shape[1]
-        found = linprog(
-            np.append(np.zeros(motions), 1.0), A_ub=np.column_stack([rows, -np.ones(len(rows))]),
-            b_ub=gaps, bounds=[(None, None)] * motions + [(0.0, None)], method="highs",
-        )  # fmt: skip
-        if found.status != 0 or found.fun <= ENTERS:
-            continue
-        pressed = np.abs(found.ineqlin.marginals)
-        sources = np.unique(held.sources[of_body][pressed > 1e-6 * pressed.max()])
-        name = scene.rigid_bodies[scene.moving[int(nth)]].name
-        where = " and ".join(scene.touching[k].source for k in sources)
-        raise NoEquilibriumError(
-            f"{scene.source}: the displacement conditions leave the rigid body {name} no room: "
-            f"wherever its free components take it, held nodes of {where} enter it by "
-            f"{found.fun * length:.6g} or more: no displacement satisfies all"
-        )
+    if not (held.gaps < 0.0).any() and equal is None:
+        return
+    rows, motions = len(held.gaps), held.vectors.shape[1]
+    equalities = {}
+    if equal is not None and len(equal.gaps):
+        equalities["A_eq"] = np.column_stack([equal.vectors, np.zeros(len(equal.gaps))])
+        equalities["b_eq"] = equal.gaps / length
+    found = linprog(
+        np.append(np.zeros(motions), 1.0), A_ub=np.column_stack([held.vectors, -np.ones(rows)]),
+        b_ub=held.gaps / length, bounds=[(None, None)] * motions + [(0.0, None)],
+        method="highs", **equalities,
+    )  # fmt: skip
+    if found.status != 0 or found.fun <= ENTERS:
+        return
+    pressed = np.abs(found.ineqlin.marginals)
+    some = pressed > 1e-6 * pressed.max()
+    names = " and ".join(
+        scene.rigid_bodies[scene.moving[int(k)]].name for k in np.unique(held.body[some])
+    )
+    where = " and ".join(scene.touching[k].source for k in np.unique(held.sources[some]))
+    raise NoEquilibriumError(
+        f"{scene.source}: the displacement conditions leave the rigid body {names} no room: "
+        f"wherever its free components take it, held or tied nodes of {where} enter by "
+        f"{found.fun * length:.6g} or more: no displacement satisfies all"
+    )

@@ -21,7 +21,13 @@ from scipy.linalg import qr
 from contact_app.errors import ConfigurationError, NoEquilibriumError
 from contact_app.model.boundaries import facets_of
 from contact_app.model.pairs import gather_surface
-from contact_app.model.rigid import RigidUnknowns, motions_of_rows, rows_without_nodes, with_body
+from contact_app.model.rigid import (
+    RigidUnknowns,
+    motions_of_rows,
+    on_tied_bodies,
+    rows_without_nodes,
+    with_body,
+)
 from contact_app.scene.conditions import RigidTie, Tie
 from contact_app.scene.scene import Scene
 from meshes import Partition
@@ -134,6 +140,25 @@ def without_repeated(
     keep = ~without_nodes
     keep[without_nodes] = best[start : start + len(held.gaps)]
     return rows.of(keep)
+
+
+def on_motions(
+    scene: Scene, partition: Partition, contact: ContactRows, tied: ContactRows
+) -> ContactRows:
+    """Contact rows without friction, written on the motions of the bodies that nodes are tied to.
+
+    As rows on displacements of these nodes they would be combinations of the tied rows and of rows
+    on rigid motions: S = C D⁻¹ Cᵀ would be singular. Collective.
+    """
+    unknowns, comm = RigidUnknowns.of(scene, partition), partition.comm
+    rough = np.array([touching.friction is not None for touching in scene.touching] or [False])
+    slips = rough[contact.sources]
+    rows = contact.of(~slips)
+    for number, tie in enumerate(scene.rigid_ties, start=len(scene.ties)):
+        if tie.rigid in scene.moving:
+            nodes = np.concatenate(comm.allgather(tied.nodes[tied.sources == number]))
+            rows = on_tied_bodies(rows, unknowns, tie.rigid, nodes)
+    return ContactRows.join([rows, contact.of(slips)])
 
 
 def refuse_pushed(

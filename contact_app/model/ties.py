@@ -10,8 +10,13 @@ from numpy.typing import NDArray
 
 from contact_app.errors import ConfigurationError, NoEquilibriumError
 from contact_app.model.pairs import owned_rows, sides_of
-from contact_app.model.rigid import scene_length
-from contact_app.model.rigid_ties import refuse_pushed, rigidly_tied_rows, without_repeated
+from contact_app.model.rigid import RigidUnknowns, scene_length, tightest_on_motions
+from contact_app.model.rigid_ties import (
+    on_motions,
+    refuse_pushed,
+    rigidly_tied_rows,
+    without_repeated,
+)
 from contact_app.scene.scene import Scene
 from meshes import Partition
 from meshes.facing import SurfacesApartError
@@ -91,7 +96,30 @@ def tied_rows(
     return TiedRows(cut, tuple(notes))
 
 
-def undetermined(
+def without_determined(
+    scene: Scene,
+    partition: Partition,
+    contact: ContactRows,
+    merged: ContactRows,
+    tied: ContactRows,
+) -> tuple[ContactRows, ContactRows]:
+    """Contact rows that tied rows leave open, and merged rows with the others (collective).
+
+    Contact rows of nodes that are tied to moving rigid bodies are rows on the motions of these.
+    """
+    moved = bool(scene.rigid_ties and scene.moving)
+    if moved:
+        contact = on_motions(scene, partition, contact, tied)
+    some = _undetermined(scene, partition.comm, contact, tied)
+    contact, merged = contact.of(some), ContactRows.join([merged, contact.of(~some)])
+    if moved:
+        unknowns = RigidUnknowns.of(scene, partition)
+        some = tightest_on_motions(contact, unknowns, partition.comm, tied)
+        contact, merged = contact.of(some), ContactRows.join([merged, contact.of(~some)])
+    return contact, merged
+
+
+def _undetermined(
     scene: Scene, comm: MPI.Intracomm, contact: ContactRows, tied: ContactRows
 ) -> NDArray[np.bool_]:
     """Mask (contact rows,) of rows that tied rows do not determine (collective).

@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 from mpi4py import MPI
+from numpy.typing import NDArray
 
 from contact_app.model.model import Model
 from contact_app.results.pressure import boundary_shares
@@ -15,6 +16,7 @@ from contact_app.results.surface_nodes import SurfaceNodes
 from contact_app.scene.conditions import RigidTie
 from contact_app.scene.scene import Scene
 from solver.contact.solution import Solution
+from solver.tfeti.dual import DualProblem
 
 WITHOUT = 1e-9
 """Share of the largest area of a node below which a node has none: vertices of triangles of degree
@@ -24,7 +26,8 @@ WITHOUT = 1e-9
 def tie_records(model: Model, solution: Solution) -> list[dict[str, Any]]:
     """One record a tied pair, in the order of the file (collective).
 
-    The force is that on the body of `on`, its moment about the mean of the nodes, by area;
+    The force is that on the body of `on`, without that of contact at nodes that are tied to a rigid
+    body, whose rows are about the rigid body; its moment about the mean of the nodes, by area;
     `max_pressure` is the largest traction, of any direction; `max_smoothed_pressure` that of its
     means (`smoothed_pressure`).
     """
@@ -33,6 +36,8 @@ def tie_records(model: Model, solution: Solution) -> list[dict[str, Any]]:
     multiplier = solution.multiplier[problem.tied] * rows.spread
     force = np.zeros((len(rows.nodes), 3))
     force[:, : scene.dimension] = multiplier[:, None] * rows.normals
+    if scene.rigid_ties:
+        force[:, : scene.dimension] -= _contact_at_tied_nodes(problem, solution)
     turn = multiplier[:, None] * rows.moments
     records = []
     surface = SurfaceNodes.of(model)
@@ -67,6 +72,25 @@ def tie_records(model: Model, solution: Solution) -> list[dict[str, Any]]:
             "nodes": {"open": 0, "stick": int(count), "slip": 0},
         })  # fmt: skip
     return records
+
+
+def _contact_at_tied_nodes(problem: DualProblem, solution: Solution) -> NDArray[np.float64]:
+    """Force of contact rows on the component of a node of each tied row, (rows, d) (collective).
+
+    That of rows that are written on the motion of the rigid body.
+    """
+    rows, contact, d = problem.system.tied, problem.contact, problem.dimension
+    moved = contact.replaced
+    pressing = solution.multiplier[problem.inequality] * contact.spread
+    parts = problem.comm.allgather(
+        (moved.node * d + moved.component, -moved.value * pressing[moved.row])
+    )
+    place, value = (np.concatenate([part[k] for part in parts]) for k in (0, 1))
+    known, at = np.unique(place, return_inverse=True)
+    total = dict(zip(known.tolist(), np.bincount(at.reshape(-1), value).tolist(), strict=True))
+    component = np.abs(rows.normals).argmax(axis=1)
+    found = np.array([total.get(key, 0.0) for key in (rows.nodes * d + component).tolist()])
+    return np.where(rows.normals != 0.0, found.reshape(-1, 1), 0.0)
 
 
 def in_order_of_file(

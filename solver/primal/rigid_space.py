@@ -18,6 +18,7 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import numpy as np
+from mpi4py import MPI
 from numpy.typing import NDArray
 from scipy import sparse
 
@@ -45,6 +46,10 @@ zeros."""
 
 UNBALANCED = 1e-8
 """Work of a residual on a motion without energy, over that of the magnitudes of the load."""
+
+NO_WORK = 1e-12
+"""Work on a motion, over the sum of the load by the largest component of the motion, that consists
+of rounding errors: active rows may hold all components on which the load acts."""
 
 MOST = 50
 """Largest number of bodies for which the space contains motions of elastic bodies: its matrix is
@@ -126,8 +131,12 @@ class RigidSpace:
         if self.empty or not self._free.shape[1]:
             return False
         work = self._comm.allreduce(self._Wt @ residual)
-        scale = self._comm.allreduce(abs(self._Wt) @ np.abs(load))
-        return bool(np.abs(self._free.T @ work).max() > UNBALANCED * scale.max(initial=0.0))
+        scale = self._comm.allreduce(abs(self._Wt) @ np.abs(load)).max(initial=0.0)
+        force = self._comm.allreduce(float(np.abs(load).sum()))
+        largest = float(abs(self._Wt).max()) if self._Wt.shape[1] else 0.0
+        along = self._comm.allreduce(largest, op=MPI.MAX)
+        least = max(UNBALANCED * scale, NO_WORK * force * along)
+        return bool(np.abs(self._free.T @ work).max() > least)
 
     def balance(self, residual: Array, moved: Array) -> Array:
         """Q (r - K v) for a displacement v (unknowns,) if the space is not empty."""

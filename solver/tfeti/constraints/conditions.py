@@ -116,14 +116,17 @@ class ContactEntries:
         fields = [{**p.__dict__, "row": p.row + s} for p, s in zip(parts, starts, strict=True)]
         return cls(**{name: np.concatenate([f[name] for f in fields]) for name in fields[0]})
 
+    def some(self, chosen: NDArray[np.bool_]) -> ContactEntries:
+        """Some of the entries (entries,)."""
+        return ContactEntries(**{name: values[chosen] for name, values in self.__dict__.items()})
+
     def of_rows(self, keep: NDArray[np.bool_]) -> ContactEntries:
         """The entries of some rows (rows,), renumbered."""
-        chosen = keep[self.row]
-        entries = ContactEntries(**{name: values[chosen] for name, values in self.__dict__.items()})
+        entries = self.some(keep[self.row])
         return replace(entries, row=(np.cumsum(keep) - 1)[entries.row])
 
 
-ENTRIES = ("entries", "held", "rigid")
+ENTRIES = ("entries", "held", "rigid", "replaced")
 """Fields of `ContactRows` that hold entries instead of one value per row."""
 
 
@@ -153,6 +156,8 @@ class ContactRows:
     rigid
         The coefficients of the motions of rigid bodies, at the nodes of rigid bodies. They count
         neither for the length of a row nor for `wide`, because no stiffness resists them.
+    replaced
+        The coefficients of nodes that are tied to rigid bodies, which those in `rigid` replace.
     """
 
     nodes: NDArray[np.int64]
@@ -166,6 +171,7 @@ class ContactRows:
     entries: ContactEntries
     held: ContactEntries = field(default_factory=ContactEntries.none)
     rigid: ContactEntries = field(default_factory=ContactEntries.none)
+    replaced: ContactEntries = field(default_factory=ContactEntries.none)
 
     @classmethod
     def empty(cls, dimension: int) -> ContactRows:

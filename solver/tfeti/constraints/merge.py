@@ -211,10 +211,7 @@ def cut_held(
             float(excess[worst]),
         )  # fmt: skip
     _raise_together(exchange, problem)
-    free, cut = (
-        ContactEntries(**{name: v[some] for name, v in entries.__dict__.items()})
-        for some in (~fixed, fixed)
-    )
+    free, cut = entries.some(~fixed), entries.some(fixed)
     return replace(rows, gaps=gaps, entries=free, held=cut).of(~decided)
 
 

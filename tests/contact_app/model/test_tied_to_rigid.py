@@ -145,11 +145,63 @@ def test_its_heat_and_a_force_on_the_end_balance() -> None:
     assert moved[0] == pytest.approx(5e-5 * LENGTH**2 - 0.5 * LENGTH / YOUNG, abs=1e-8)
 
 
+def on_a_floor() -> scenes.Config:
+    """The bar, bent onto a floor that its tied edge touches and turned a little about its axis."""
+    made = bar({"total_force": [0, 0, -2.0], "total_moment": [0.02, 0, 0]}, poisson=0.3)
+    floor = {"plane": {"point": [0, 0, -0.05], "normal": [0, 0, 1]}}
+    made["contacts"].append({"on": "bar.z-", "obstacle": floor})
+    return made
+
+
+def balance(summary: dict[str, Any], loads: dict[str, np.ndarray]) -> None:
+    """Forces and moments about the origin of the bar, and of the end with its loads, vanish."""
+    tie, floor = summary["contacts"]
+    (held,) = (r for r in summary["reactions"] if r["on"] == "bar.x-")
+    about = {"bar": [tie, floor, held]}
+    for records in about.values():
+        forces = [np.array(r["force"]) for r in records]
+        moments = [np.array(r["moment"]) + np.cross(r["point"], r["force"]) for r in records]
+        np.testing.assert_allclose(np.sum(forces, axis=0), 0.0, atol=1e-6)
+        np.testing.assert_allclose(np.sum(moments, axis=0), 0.0, atol=1e-5)
+    np.testing.assert_allclose(np.array(tie["force"]), loads["force"], atol=1e-6)
+    turned = np.array(tie["moment"]) + np.cross(np.array(tie["point"]) - loads["at"], tie["force"])
+    np.testing.assert_allclose(turned, loads["moment"], atol=1e-5)
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_tied_nodes_touch_a_floor(method: str) -> None:
+    """Multigrid certifies it itself; the tie carries the load of the end, the floor the rest."""
+    made = on_a_floor()
+    made["solver"]["method"] = method
+    summary = solve(made).summary
+    assert summary["certificate"]["passed"]
+    assert summary["solver"]["method"] == {"auto": "active-set"}.get(method, method)
+    moved = np.array(summary["rigid_bodies"]["end"]["displacement"])
+    turned = np.array(summary["rigid_bodies"]["end"]["rotation"])
+    edge = [moved[2] + np.cross(turned, [0.0, y - 0.5, -0.5])[2] for y in (0.0, 1.0)]
+    assert min(edge) == pytest.approx(-0.05, rel=1e-6)
+    assert summary["contacts"][1]["force"][2] > 1.0
+    load = {"force": [0, 0, -2.0], "moment": [0.02, 0, 0], "at": [LENGTH, 0.5, 0.5]}
+    balance(summary, {name: np.array(value) for name, value in load.items()})
+
+
+def test_tied_nodes_on_a_floor_do_not_depend_on_ranks(tmp_path: Path) -> None:
+    known, found = (summary_of(on_a_floor(), tmp_path, ranks) for ranks in (1, 3))
+    for name in ("force", "moment"):
+        ours, theirs = ([np.array(c[name]) for c in s["contacts"]] for s in (found, known))
+        np.testing.assert_allclose(ours, theirs, atol=1e-5)
+
+
 @pytest.mark.parametrize(
     ("change", "said"),
     [
         ("free", "nothing stops bar from leaving"),
         ("pushed", "pushes nodes that are tied to it by 0.1 into what contacts[1] names"),
+        (
+            "guided",
+            "leave the rigid body end no room: wherever its free components take it, held or "
+            "tied nodes of contacts[1] enter by 0.1 or more",
+        ),
         ("pulled", "conditions hold would move end, which is rigid, in two ways, 0.1 apart"),
         ("shared", "contacts[1].on: has nodes that are tied to end, too"),
         ("friction", "contacts[0].friction has no meaning in a tied contact"),
@@ -165,9 +217,11 @@ def test_impossible_scenes_are_refused(change: str, said: str) -> None:
     where = made["bodies"][0].setdefault("boundaries", {})
     if change == "free":
         del made["conditions"][0]
-    elif change == "pushed":
+    elif change in ("pushed", "guided"):
         made["contacts"].append(floor)
         made["conditions"][1] = held
+        if change == "guided":  # rows of contact at single nodes
+            held["displacement"][0], made["bodies"][0]["degree"] = None, 1
     elif change == "pulled":
         for name, side, moved in (("front", "y < 1e-9", 0.0), ("back", "y > 1 - 1e-9", 0.1)):
             where[name] = {"where": f"x > {LENGTH} - 1e-9 and {side}"}
