@@ -25,6 +25,9 @@ LARGE = 0.5
 """Shares of the largest displacement: there is a warning if the motion alone is larger, and the
 displacement without it smaller."""
 
+SMALL = 0.05
+"""Components of a motion below this share of the largest are left out of its description."""
+
 
 @dataclass(frozen=True, eq=False)
 class FreeMotion:
@@ -85,8 +88,24 @@ def sliding_bodies(
         largest, without = float(measures.displacements[b]), float(measures.deformations[b])
         moved = size_of(b, motion)
         if moved > LARGE * largest and without < LARGE * largest:
-            share = np.abs(motion) > 0.05 * np.abs(motion).max()
+            share = np.abs(motion) > SMALL * np.abs(motion).max()
             along = directions_in_words(upward(np.where(share, motion, 0.0)[:, None]))
-            names = tuple(int(k) for k in np.flatnonzero(share))
+            names = _stopping(motion, problem.dimension)
             found.append(FreeMotion(b, along, names, largest, without))
     return found
+
+
+def _stopping(motion: NDArray[np.float64], dimension: int) -> tuple[int, ...]:
+    """Numbers of the rigid motions that have to be held to stop a motion, and no others.
+
+    A rotation about another point than the centre of the body moves the centre, too. Without the
+    rotation the centre stays, so that only the part of the translation along the axis counts. To
+    hold more would take away load from the contacts.
+    """
+    along, turn = motion[:dimension].copy(), motion[dimension:]
+    large = SMALL * np.abs(motion).max()
+    turns = np.abs(turn) > large
+    if turns.any():
+        axis = turn / np.linalg.norm(turn)
+        along = (along @ axis) * axis if dimension == 3 else np.zeros(dimension)
+    return tuple(np.flatnonzero(np.concatenate([np.abs(along) > large, turns])).tolist())

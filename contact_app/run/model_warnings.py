@@ -33,10 +33,12 @@ from contact_app.accuracy.faceted_curves import median_gaps, pair_sagittas, sagi
 from contact_app.accuracy.sharp_edges import sharp_peaks
 from contact_app.accuracy.solved_scene import SolvedScene
 from contact_app.accuracy.trust import few_cells
+from contact_app.model.equilibrium import motion_size
 from contact_app.model.loaded_area import loaded_facets, straddled_area
 from contact_app.results.free_motions import free_motions
 from contact_app.results.friction import approach_of_held, closing_points
 from contact_app.results.percent import percent
+from contact_app.results.reactions import hold_records
 from contact_app.results.repeated_sentences import without_repetitions
 from contact_app.results.sliding import largest_sliding, sliding_on_each_other
 from contact_app.results.undetermined import play_warnings, undetermined
@@ -72,6 +74,10 @@ STRADDLED = 0.01
 
 SMALL_PART = 0.05
 """Relative error of the solver in heated bodies above which there is a warning."""
+
+HELD_LOAD = 0.05
+"""Share of the load on a body that its `hold` may carry without a warning. Flat facets of round
+surfaces drive a held rotation with up to a hundredth."""
 
 VARYING_ENERGY = 0.3
 """Largest admissible share of the energy in strains that vary within first-order cells.
@@ -313,6 +319,25 @@ def _slides(answer: SolvedScene) -> Iterator[str]:
         yield found.sentence(scene.bodies[found.body].name, remedy)
 
 
+def _loaded_holds(answer: SolvedScene) -> Iterator[str]:
+    """Bodies whose `hold` carries a part of the load (collective)."""
+    scene, loads = answer.model.scene, answer.solution.measures.loads
+    numbers = {body.name: number for number, body in enumerate(scene.bodies)}
+    for record in hold_records(answer.model, answer.solution):
+        number = numbers[record["on"]]
+        turn = np.zeros(3 if scene.dimension == 2 else 6)
+        turn[-1] = 1.0
+        force, moment = (float(np.linalg.norm(record[key])) for key in ("force", "moment"))
+        lever = motion_size(scene, number, turn)
+        if max(force, moment / lever) > HELD_LOAD * loads[number]:
+            yield (
+                f"`hold` on {record['on']} carries a force of {force:.3g} and a moment of "
+                f"{moment:.3g}, since loads drive the held motions ({', '.join(record['hold'])}): "
+                "the contacts carry this much less. Hold only motions that nothing resists, or give "
+                "the body a support"
+            )
+
+
 def _plays(answer: SolvedScene) -> list[str]:
     """Bodies that can be moved without any change of energy and forces (collective)."""
     remedy = "a displacement condition, `hold` or friction"
@@ -381,7 +406,7 @@ CHECKS: tuple[Callable[[SolvedScene], Iterable[str]], ...] = (
     _large_deformations, _yielding, _straight_edges, _straight_facets, _beside_obstacles,
     _between_nodes, _coarse_pressures, _sharp_edges, _sliding_bodies, _locking_in_volume,
     _locking_in_bending, _moved_far, _coarse_meshes, _stresses_beside_expansion, _straddled_facets,
-    _without_facets, _certificates, _cautions, _slides, _rubs_where_open, _closes_at_once,
-    _several_answers, _plays,
+    _without_facets, _certificates, _cautions, _slides, _loaded_holds, _rubs_where_open,
+    _closes_at_once, _several_answers, _plays,
 )  # fmt: skip
 """The tests of an answer, in the order of their warnings."""
