@@ -6,9 +6,9 @@ the right-angled edge of a body of the same material (J. Dundurs, M.-S. Lee, *St
 at a sharp edge in contact problems*, J. Elasticity 2, 1972). The largest pressure of a mesh then
 grows without limit as the mesh is refined. There are three such edges:
 
-* an edge of one of two bodies, where the other has none. If both have one there, they end together,
-  or a plane of symmetry cuts both, and the pressure need not be infinite. An edge of a body that is
-  far softer than the other presses as against an obstacle;
+* an edge of one of two bodies, where the other has none parallel to it. If both have one there,
+  they end together, or a plane of symmetry cuts both, and the pressure need not be infinite. An
+  edge of a body that is far softer than the other presses as against an obstacle;
 * an edge of a body on an obstacle if the body's angle is larger than a right angle: the body and
   its mirror image are a body with a notch. At right angles without friction the pressure is finite;
 * the end of a plane obstacle that acts on a part of a flat surface only: a punch.
@@ -174,12 +174,32 @@ def sharp_edge(point: Array, sides: Sequence[Skin | None], end: str) -> str:
     across = other.joints
     opposite = (across.turns > SHARP) & across.pressed.any(axis=1)
     opposite &= across.distances(point) <= 1.01 * facet
-    if sharp.any() == opposite.any():
+    together = _parallel(own.joints.ends[sharp], across.ends[opposite])
+    if not together.size:
+        alone = sharp.any(), opposite.any()
+    else:  # a corner may have an edge along one of the other body, and another one across it
+        alone = not together.any(axis=1).all(), not together.any(axis=0).all()
+    if not any(alone):
         return ""
-    pressing, pressed = (own, other) if sharp.any() else (other, own)
+    pressing, pressed = (other, own) if alone[1] else (own, other)
     if pressing.stiffness < SOFTER * pressed.stiffness:
         return ""
     return f"at a sharp edge of {pressing.name}"
+
+
+def _parallel(one: Array, two: Array) -> NDArray[np.bool_]:
+    """Mask (n, m) of pairs of edges with ends (n, d - 1, 3) and (m, d - 1, 3) that are parallel.
+
+    Edges in the plane are points, which are.
+    """
+    along = []
+    for ends in (one, two):
+        direction = ends[:, -1] - ends[:, 0]
+        length = np.linalg.norm(direction, axis=1, keepdims=True)
+        along.append(direction / np.where(length > 0.0, length, 1.0))
+    if one.shape[1] == 1:
+        return np.ones((len(one), len(two)), bool)
+    return np.asarray(np.abs(along[0] @ along[1].T) > np.cos(SHARP))
 
 
 def _skin(model: Model, body: int, boundary: str, point: Array, reach: float) -> Skin | None:

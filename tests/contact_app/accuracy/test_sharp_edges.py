@@ -130,3 +130,28 @@ def test_round_contacts_through_planes_of_symmetry_cause_no_warning(name: str) -
     made = load(CONFIGS / f"{name}.yaml")
     solved = solve_scene(build_scene(made), MPI.COMM_SELF)
     assert not any("without limit" in w for w in solved.summary["certificate"]["warnings"])
+
+
+@pytest.mark.parametrize("sides", [("upper.z-", "lower.z+"), ("lower.z+", "upper.z-")])
+def test_edges_that_cross_cause_a_warning_and_those_that_end_together_do_not(
+    sides: tuple[str, str],
+) -> None:
+    """A bar across another one of the same width, and along it."""
+    for along, across in ((1, 3), (3, 1)):
+        boxes = {
+            "lower": {"lower": [-3, -1, -2], "upper": [3, 1, 0], "cells": [12, 4, 4]},
+            "upper": {"lower": [-along, -across, 0], "upper": [along, across, 2],
+                      "cells": [4 * along, 4 * across, 4]},
+        }  # fmt: skip
+        made = {
+            "dimension": 3,
+            "bodies": [
+                {"name": n, "mesh": {"box": b}, "material": dict(STEEL)} for n, b in boxes.items()
+            ],
+            "conditions": [
+                {"on": "lower.z-", "displacement": [0, 0, 0]},
+                {"on": "upper.z+", "displacement": [0, 0, -0.01]},
+            ],
+            "contacts": [{"on": sides[0], "against": sides[1]}],
+        }
+        assert bool(peak(made)[1]) == (across == 3)
