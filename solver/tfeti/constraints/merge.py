@@ -209,8 +209,8 @@ def cut_held(
     left = np.bincount(entries.row, np.where(fixed, 0.0, entries.value**2), minlength=count)
     decided = (left < 1e-18) & ~rows.on_rigid
     if sides == 1:
-        whole = np.bincount(entries.row, entries.value**2, minlength=count)
-        decided |= rows.wide & (left < MOSTLY_HELD**2 * whole) & (gaps >= 0.0) & ~rows.on_rigid
+        square = np.bincount(entries.row, entries.value**2, minlength=count)
+        decided |= rows.wide & (left < MOSTLY_HELD**2 * square) & (gaps >= 0.0) & ~rows.on_rigid
     excess = np.where(decided, np.abs(gaps) if sides == 2 else -gaps, -np.inf)
     problem = None
     if sides and excess.max(initial=-np.inf) > 1e-9 * length:
