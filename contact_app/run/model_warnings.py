@@ -333,8 +333,8 @@ def _loaded_holds(answer: SolvedScene) -> Iterator[str]:
             yield (
                 f"`hold` on {record['on']} carries a force of {force:.3g} and a moment of "
                 f"{moment:.3g}, since loads drive the held motions ({', '.join(record['hold'])}): "
-                "the contacts carry this much less. Hold only motions that nothing resists, or give "
-                "the body a support"
+                "the contacts carry this much less. Hold only motions that nothing resists, or "
+                "give the body a support"
             )
 
 
