@@ -11,7 +11,8 @@ from where it stands.
 
 `active-set` does the same without SMALBE-M behind it. `smalbe` is the algorithm of Kružík et al.
 (2020) and nothing else: SMALBE-M with the paper's rules around MPRGP with the named expansion, from
-zero, without a preconditioner.
+zero, without a preconditioner. Friction is no part of the paper: with it `smalbe` has the rules and
+the preconditioner of `auto`, without active sets.
 
 `primal` solves for the displacements of undecomposed bodies (`solver.primal`), also by active sets.
 Its problems are made without factors, which is how the driver knows them.
@@ -123,6 +124,9 @@ def _solved(task: Task, method: Method, start: NDArray[np.float64] | None) -> So
         restart = checkpoint.load(problem) if checkpoint else None
         return solve_by_multigrid(task, start, restart)
     if method == "smalbe":
+        if problem.coarse is not None and problem.friction is not None:
+            restart = checkpoint.load(problem) if checkpoint else None
+            return solve_by_smalbe(task, None, restart, active_sets=False)
         if problem.coarse is not None:
             return solve_as_in_the_paper(task)
         return replace(solve_by_mprgp(task, None, accelerated=False), method=method)

@@ -18,6 +18,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,6 +29,13 @@ from solver.vectors import Mask, Vector
 
 ACTIVITY = 1e-13
 """Distance from the boundary, over the radius, up to which a point counts as a boundary point."""
+
+ROUNDING = 10.0 * np.finfo(np.float64).eps
+"""The same over the distance of the centre from zero, which sets the rounding errors of points.
+
+Without it points on the edges of small discs counted as free, and the normals of these edges had
+no correct digits: a cube with μ = 0.1 was not solved in 20,000 multiplications (95 with it).
+"""
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,6 +68,16 @@ class BoxAndDiscs:
         """Whether a straight step along the boundary may leave the set."""
         return True
 
+    @cached_property
+    def rounding(self) -> NDArray[np.float64]:
+        """Rounding errors (discs,) of the place of a point relative to its centre."""
+        return ACTIVITY * self.radius + ROUNDING * np.abs(self.center).max(axis=0, initial=0.0)
+
+    @cached_property
+    def edge(self) -> NDArray[np.float64]:
+        """Distances (discs,) from the centres from which a point counts as a boundary point."""
+        return self.radius - self.rounding
+
     def blocks(self, size: int) -> Iterator[slice]:
         """All components at once: a disc must not be cut."""
         yield slice(0, size)
@@ -89,10 +107,10 @@ class BoxAndDiscs:
         self.box.project(x)
         self.project_discs(x)
 
-    def project_discs(self, x: Vector, within: float = 0.0) -> None:
-        """Move pairs outside their discs, or that share of the radius within, to the boundary."""
+    def project_discs(self, x: Vector, snap: bool = False) -> None:
+        """Move pairs outside their discs, with `snap` also those at the edge, to the boundary."""
         away, size = self.from_centers(x)
-        moves = size > (1.0 - within) * self.radius
+        moves = size > (self.edge if snap else self.radius)
         scale = np.divide(self.radius, size, out=np.zeros(len(size)), where=size > 0.0)
         for rows, center, part in zip((self.first, self.second), self.center, away, strict=True):
             x[rows[moves]] = (center + scale * part)[moves]
@@ -114,19 +132,16 @@ class BoxAndDiscsOnBlock:
         self._set = convex_set
         self._box = BoxOnBlock(convex_set.box, rows, scratch)
 
-    def _at_boundary(self, size: NDArray[np.float64]) -> Mask:
-        return np.asarray(size >= (1.0 - ACTIVITY) * self._set.radius)
-
     def split(self, x: Vector, g: Vector, is_free: Mask, free: Vector, chopped: Vector) -> None:
         """Free and chopped gradient of g at x, and the mask of free components."""
         self._box.split(x, g, is_free, free, chopped)
         discs = self._set
         away, size = discs.from_centers(x)
-        active = self._at_boundary(size)
+        active = size >= discs.edge
         pair = np.stack([g[discs.first], g[discs.second]])
         normal = np.divide(away, size, out=np.zeros_like(away), where=size > 0.0)
         inward = pair - np.minimum((pair * normal).sum(axis=0), 0.0) * normal
-        inward[:, discs.radius == 0.0] = 0.0
+        inward[:, discs.radius * np.hypot(*inward) <= discs.rounding * np.hypot(*pair)] = 0.0
         for rows, part in zip((discs.first, discs.second), inward, strict=True):
             is_free[rows] = ~active
             free[rows[active]] = 0.0
@@ -140,7 +155,7 @@ class BoxAndDiscsOnBlock:
     def step_to_boundary(self, x: Vector, p: Vector, alpha: float) -> None:
         """P(x - αp), with components within rounding errors of the boundary put on it."""
         self._box.step_to_boundary(x, p, alpha)
-        self._set.project_discs(x, ACTIVITY)
+        self._set.project_discs(x, snap=True)
 
     def reduce(self, x: Vector, free: Vector, alpha: float, out: Vector) -> None:
         """Reduced free gradient for the step length alpha, into out."""
@@ -162,7 +177,7 @@ class BoxAndDiscsOnBlock:
         away, size = discs.from_centers(x)
         step = np.stack([p[discs.first], p[discs.second]])
         square = (step**2).sum(axis=0)
-        inside = ~self._at_boundary(size) & (square > 0.0)
+        inside = (size < discs.edge) & (square > 0.0)
         if not inside.any():
             return inverse
         along, left = (away * step).sum(axis=0)[inside], (discs.radius - size)[inside]
@@ -175,4 +190,4 @@ class BoxAndDiscsOnBlock:
     def settle(self, x: Vector) -> None:
         """Put active components on the boundary exactly."""
         self._box.settle(x)
-        self._set.project_discs(x, ACTIVITY)
+        self._set.project_discs(x, snap=True)

@@ -184,7 +184,7 @@ class SafeguardedCG:
             length = 1.0
         elif not too_flat:
             length = self._lowest(it)
-        it.advance(min(length, 1.0), restart=True, snap=True)
+        it.advance(min(max(length, 0.0), 1.0), restart=True, snap=True)
 
     def _lowest(self, it: Iterate) -> float:
         """Aim at the lower of two minima: on the segment p, or on that of the standard expansion.

@@ -196,7 +196,9 @@ def proportioning_step(it: Iterate) -> str:
     if it.curved:
         it.aim_projected(max(it.spectral_step, GRADIENT_STEP / it.norm))
         alpha, _ = it.probe()
-        if it.curvature > 0.0:
+        if it.slope <= 0.0:  # rounding errors hide the slope; the shorter step always contracts
+            alpha, it.spectral_step = 1.0, 0.0
+        elif it.curvature > 0.0:
             it.spectral_step = it.reduction.sums(float(np.dot(it.p, it.p)))[0] / it.curvature
         it.advance(min(alpha, 1.0), restart=True, snap=True)
         it.counts.proportioning += 1

@@ -4,6 +4,8 @@
 5.1, MPRGP with the named expansion, from zero, no preconditioner. `solve_by_smalbe` goes on from
 the last active set where active sets do not settle. It uses rules of this solver and the
 preconditioner of the active sets, and tries active sets once more between its outer iterations.
+With friction, of which the paper has nothing, `solver.method: smalbe` does the same from zero and
+without active sets.
 
 With friction the friction forces lie in discs whose radii are the slip limits. With given limits
 the problem is convex, as without friction. The limits of Coulomb's law follow from the contact
@@ -76,13 +78,20 @@ def solve_as_in_the_paper(task: Task) -> Solution:
     return replace(found, counts=Counts(norm_estimation=multiplications) + found.counts)
 
 
-def solve_by_smalbe(task: Task, before: Outcome[State] | None, restart: Restart | None) -> Solution:
+def solve_by_smalbe(
+    task: Task,
+    before: Outcome[State] | None,
+    restart: Restart | None,
+    active_sets: bool = True,
+) -> Solution:
     """Go on where active sets did not settle, or from an interrupted SMALBE (collective).
 
     Parameters
     ----------
     before
         Last state of the active sets, and their work.
+    active_sets
+        Whether to try active sets between outer iterations.
     """
     problem = task.problem
     assert problem.coarse is not None
@@ -103,12 +112,16 @@ def solve_by_smalbe(task: Task, before: Outcome[State] | None, restart: Restart 
     rest = -problem.d if problem.friction is not None else None
     x0, multiplier0 = start.homogenised(problem) if start else (None, rest)
     saver = Saver(task.checkpoint, counts)
-    sets = _ActiveSetsBetween(replace(task, inner=inner), saver)
+    sets = _ActiveSetsBetween(replace(task, inner=inner), saver) if active_sets else None
     frozen = _Frozen(
         problem,
         SMALBE(inner),
         ProjectorEquality(problem.coarse, preconditioner.set_penalty),
-        Hooks(task.monitor, lambda state: saver.after(sets.set_work)(state), lambda: saver.due),
+        Hooks(
+            task.monitor,
+            lambda state: saver.after(sets.set_work if sets else Counts())(state),
+            lambda: saver.due,
+        ),
     )
     found = _to_a_certificate(task, frozen, frozen.begin(x0, multiplier0, restart), sets)
     return replace(found, counts=counts + found.counts)

@@ -129,6 +129,33 @@ def test_discs(seed: int, expansion: str, singular: bool) -> None:
     assert (size <= feasible.radius * (1.0 + 1e-12)).all()
 
 
+@given(st.integers(0, 10_000))
+def test_small_discs_far_from_zero(seed: int) -> None:
+    """Rounding errors of the centre are larger than `ACTIVITY`: points on the edge are not free.
+
+    The steps are few, and accelerated projected gradients find the same answer.
+    """
+    rng = np.random.default_rng(seed)
+    discs = 6
+    n = 2 * discs
+    half = rng.normal(size=(n, n))
+    A = half @ half.T + np.eye(n)
+    first = np.arange(0, n, 2)
+    center = rng.normal(size=(2, discs))
+    radius = 10.0 ** rng.uniform(-17, -4, discs)
+    feasible = BoxAndDiscs(Box(), first, first + 1, center, radius)
+    b = A @ center.T.ravel() + 3.0 * rng.normal(size=n)
+    found = MPRGP(rtol=1e-9).solve(SeparableQP(A, b, feasible))
+    assert found.converged
+    assert found.counts.hessian < 40
+    x, y, length = center.T.ravel(), center.T.ravel(), 1.0 / np.linalg.norm(A, 2)
+    for k in range(500):
+        before, x = x, y - length * (A @ y - b)
+        feasible.project(x)
+        y = x + k / (k + 3.0) * (x - before)
+    assert (np.abs(found.x - x) < 1e-3 * radius.repeat(2) + 1e-14).all()
+
+
 def test_a_disc_without_a_radius_is_refused() -> None:
     one = np.array([0])
     for radius, words in ((-1.0, "radius of its disc"), (np.nan, "not finite")):
