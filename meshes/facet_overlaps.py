@@ -92,11 +92,13 @@ class Overlaps:
     ) -> Overlaps:
         """Project, intersect, integrate."""
         axes = np.ascontiguousarray(frames(on).transpose(0, 2, 1))
-        here = ((on.points - on.centres[:, None]) @ axes)[i]
+        here = (on.points - on.centres[:, None]) @ axes
         there = (against.points[j] - on.centres[i][:, None]) @ axes[i]
-        apart = (here.max(axis=1) < there.min(axis=1)) | (there.max(axis=1) < here.min(axis=1))
+        own = here.min(axis=1)[i], here.max(axis=1)[i]
+        apart = (own[1] < there.min(axis=1)) | (there.max(axis=1) < own[0])
         near = ~apart[:, :-1].any(axis=1)  # by their boxes in the plane
-        here, there, i, j = here[near], there[near], i[near], j[near]
+        i, j, there = i[near], j[near], there[near]
+        here = here[i]
         v, w = on.vertices.shape[1], against.vertices.shape[1]
         flat, other = here[:, :v, :-1], there[:, :w, :-1]
         linear = (here.shape[1], there.shape[1]) == (v, w) and on.bulge is None

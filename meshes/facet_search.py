@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-from itertools import chain
-
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from meshes.contact_surface import Surface
 
-QUERIES = 200_000
+QUERIES = 50_000
 """Number of balls in one query of the tree."""
 
 
@@ -44,16 +42,25 @@ def facets_along_normals(
     for group, tree in zip(groups, trees, strict=True):
         across = radii + sizes[group].max()
         which, queried, radius = _filled(centres, normals, tree, reach, across)
-        for part in np.array_split(np.arange(len(which)), len(which) // QUERIES + 1):
-            hits = tree.query_ball_point(queried[part], radius[part])
-            count = np.fromiter(map(len, hits), np.int64, len(hits))
-            places = np.fromiter(chain.from_iterable(hits), np.int64, count.sum())
-            keys.append(np.repeat(which[part], count) * len(middles) + group[places])
+        for part in _alike(radius):
+            balls, largest = cKDTree(queried[part]), radius[part].max()
+            hits = balls.sparse_distance_matrix(tree, largest, output_type="ndarray")
+            ball = part[hits["i"]]
+            within = hits["v"] <= radius[ball]
+            keys.append(which[ball[within]] * len(middles) + group[hits["j"][within]])
     i, j = np.divmod(np.unique(np.concatenate(keys)), len(middles))
     across = middles[j] - centres[i]
     across -= np.einsum("ij,ij->i", across, normals[i])[:, None] * normals[i]
     near = np.linalg.norm(across, axis=1) <= (radii[i] + sizes[j]) * (1.0 + 1e-9)
     return chosen[i[near]], j[near]
+
+
+def _alike(radius: NDArray[np.float64]) -> list[NDArray[np.int64]]:
+    """Numbers of balls whose radii differ by less than a factor of two, in parts of `QUERIES`."""
+    level = np.floor(np.log2(radius))
+    groups = [np.flatnonzero(level == k) for k in np.unique(level)]
+    return [part for group in groups
+            for part in np.array_split(group, len(group) // QUERIES + 1)]  # fmt: skip
 
 
 def _filled(
