@@ -30,6 +30,14 @@ FIRST_REDUCTION = 0.1
 A V-cycle takes two or three steps for it; decisions with a larger residual are often undone.
 """
 
+SIGNIFICANT = 0.01
+"""`ActiveSetOptions.significant` without friction.
+
+The estimate of the error bounds it on the whole body; at the contact it is mostly far smaller. With
+0.1 a ribbed panel takes 99 operator applications on 14 sets, with 0.01 76 on 9; a bolted flange 49
+and 41, of degree 2 48 and 44; the pin in a lug 36 and 39, and a graded block 98 and 105.
+"""
+
 SETS_BEFORE_LEVELS = 0
 """Levels of contact rows from the first set on.
 
@@ -106,6 +114,8 @@ def _solve(
         first_reduction=FIRST_REDUCTION,
         sets_before_levels=SETS_BEFORE_LEVELS,
     )
+    if problem.friction is None:
+        options = replace(options, significant=SIGNIFICANT)
     near = restart.x if restart is not None else guess
 
     def save(state: PrimalState, work: Counts) -> None:
