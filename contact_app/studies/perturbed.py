@@ -1,10 +1,11 @@
-"""A cube without congruent subdomains: tetrahedra whose inner nodes are moved at random.
+"""Boxes without congruent subdomains: tetrahedra whose inner nodes are moved at random.
 
-Written to a file it represents meshes of a mesher: no two subdomains are congruent.
+Written to a file they represent meshes of a mesher: no two subdomains are congruent.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -22,17 +23,29 @@ inverted.
 """
 
 
-def perturbed_cube(bricks: int) -> CellMesh:
-    """The unit cube of bricks³ times six tetrahedra; nodes on the surface stay."""
-    box = BoxShape((0.0,) * 3, (1.0,) * 3, (bricks,) * 3, "tetrahedron").cell_mesh()
+def perturbed_box(lower: Sequence[float], upper: Sequence[float], bricks: int) -> CellMesh:
+    """A box of so many bricks along a length of one, six tetrahedra each; surface nodes stay."""
+    low, high = np.asarray(lower, float), np.asarray(upper, float)
+    counts = tuple(int(n) for n in np.rint(bricks * (high - low)))
+    box = BoxShape(tuple(low), tuple(high), counts, "tetrahedron").cell_mesh()
     points, half = box.points.copy(), 0.5 / bricks
-    inside = ((points > half) & (points < 1.0 - half)).all(axis=1)
+    inside = ((points > low + half) & (points < high - half)).all(axis=1)
     random = np.random.default_rng(1)
     points[inside] += MOVE / bricks * random.uniform(-1.0, 1.0, (int(inside.sum()), 3))
     return replace(box, points=points)
 
 
+def write_box(path: Path, lower: Sequence[float], upper: Sequence[float], bricks: int) -> None:
+    """Write a box to a mesh file."""
+    box = perturbed_box(lower, upper, bricks)
+    meshio.write(path, meshio.Mesh(box.points, [("tetra", box.cells)]))
+
+
+def perturbed_cube(bricks: int) -> CellMesh:
+    """The unit cube."""
+    return perturbed_box((0.0,) * 3, (1.0,) * 3, bricks)
+
+
 def write_cube(path: Path, bricks: int) -> None:
-    """Write the cube to a mesh file."""
-    cube = perturbed_cube(bricks)
-    meshio.write(path, meshio.Mesh(cube.points, [("tetra", cube.cells)]))
+    """Write the unit cube to a mesh file."""
+    write_box(path, (0.0,) * 3, (1.0,) * 3, bricks)

@@ -6,13 +6,16 @@ A cantilever of two cubes that comes down on a rigid floor. The cubes have meshe
 and are tied. The conforming cantilevers have 2 n × n × n cells: with n = a and n = b (their mean is
 the cost of the same subdomains without a tie), and with n between them that divides evenly. Each
 time is the median of three runs by turns, in processes of their own on one core, without imports.
+Rows `file` have meshes in files whose subdomains are not congruent (`studies.perturbed`).
 """
 
 from __future__ import annotations
 
 import argparse
 import json
+import tempfile
 import time
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -20,6 +23,7 @@ import numpy as np
 from contact_app.run.solve import solve_scene
 from contact_app.scene.build import build_scene
 from contact_app.scene.configuration import from_mapping
+from contact_app.studies.perturbed import write_box
 from contact_app.studies.processes import python
 
 ROWS: dict[str, tuple[str, int, str, int, int, int]] = {
@@ -29,38 +33,50 @@ ROWS: dict[str, tuple[str, int, str, int, int, int]] = {
     "box-degree-2": ("hexahedron", 2, "auto", 11, 13, 12),
     "multigrid": ("tetrahedron", 1, "primal", 17, 19, 18),
     "multigrid-degree-2": ("tetrahedron", 2, "primal", 9, 11, 10),
+    "file": ("tetrahedron", 1, "auto", 17, 19, 18),
+    "file-degree-2": ("tetrahedron", 2, "auto", 9, 11, 10),
 }
 """Cell, degree, method, cells along an edge of the tied cubes, and of the conforming mesh."""
 
 RUNS = 3
 
 
-def cantilever(row: str, *edges: int) -> dict[str, Any]:
-    """Two tied cubes of so many cells along an edge, or one body for one number."""
+def cantilever(row: str, directory: Path, *edges: int) -> dict[str, Any]:
+    """Two tied cubes of so many cells along an edge, or one body for one number.
+
+    Mesh files are written to the directory.
+    """
     cell, degree, method, *_ = ROWS[row]
     count, bodies = len(edges), []
     for k, n in enumerate(edges):
-        box = {"lower": [k, 0, 0], "upper": [k + 3 - count, 1, 1], "cell": cell,
-               "cells": [n * (3 - count), n, n]}  # fmt: skip
-        bodies.append({"name": f"b{k}", "mesh": {"box": box}, "degree": degree,
+        lower, upper = [k, 0, 0], [k + 3 - count, 1, 1]
+        mesh: dict[str, Any] = {"box": {"lower": lower, "upper": upper, "cell": cell,
+                                        "cells": [n * (3 - count), n, n]}}  # fmt: skip
+        if row.startswith("file"):
+            mesh = {"file": str(directory / f"b{k}.vtu")}
+            write_box(Path(mesh["file"]), lower, upper, n)
+        where = {"left": f"x < {k} + 1e-9", "right": f"x > {upper[0]} - 1e-9", "below": "z < 1e-9"}
+        bodies.append({"name": f"b{k}", "mesh": mesh, "degree": degree,
+                       "boundaries": {name: {"where": text} for name, text in where.items()},
                        "material": {"young": 1000.0, "poisson": 0.3}})  # fmt: skip
     last = f"b{count - 1}"
     floor = {"plane": {"point": [0, 0, -0.05], "normal": [0, 0, 1]}}
-    ties = [{"on": "b1.x-", "against": "b0.x+", "tied": True}]
+    ties = [{"on": "b1.left", "against": "b0.right", "tied": True}]
     return {
         "title": "a tied cantilever", "dimension": 3, "bodies": bodies,
-        "conditions": [{"on": "b0.x-", "displacement": [0, 0, 0]},
-                       {"on": f"{last}.x+", "traction": [0, 0, -10]}],
-        "contacts": [*ties[: count - 1], {"on": f"{last}.z-", "obstacle": floor}],
+        "conditions": [{"on": "b0.left", "displacement": [0, 0, 0]},
+                       {"on": f"{last}.right", "traction": [0, 0, -10]}],
+        "contacts": [*ties[: count - 1], {"on": f"{last}.below", "obstacle": floor}],
         "solver": {"tolerance": 1e-8, "method": method},
     }  # fmt: skip
 
 
 def solve_once(row: str, edges: list[int]) -> dict[str, Any]:
     """Processor time, unknowns, applications and shapes of one solve."""
-    scene = build_scene(from_mapping(cantilever(row, *edges)))
-    began = time.process_time()
-    summary = solve_scene(scene).summary
+    with tempfile.TemporaryDirectory() as directory:
+        made = cantilever(row, Path(directory), *edges)
+        began = time.process_time()
+        summary = solve_scene(build_scene(from_mapping(made))).summary
     return {
         "seconds": time.process_time() - began, "passed": summary["certificate"]["passed"],
         "dofs": summary["mesh"]["dofs"], "shapes": summary["decomposition"]["congruence_classes"],
