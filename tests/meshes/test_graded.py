@@ -14,11 +14,11 @@ PER_CELL = {"quadrilateral": 1, "triangle": 2, "hexahedron": 1, "tetrahedron": 6
 
 
 def volumes(points: np.ndarray, cells: np.ndarray, cell: str) -> np.ndarray:
-    """Signed volumes; of quadrilaterals and hexahedra from the edges at their first vertex."""
+    """Volumes; of quadrilaterals and hexahedra from the edges at their first vertex."""
     ends = {"quadrilateral": (1, 3), "hexahedron": (1, 3, 4)}.get(cell)
     edges = points[cells[:, list(ends or range(1, points.shape[1] + 1))]] - points[cells[:, :1]]
     share = 1 if ends else math.factorial(points.shape[1])
-    return np.asarray(np.linalg.det(edges) / share)
+    return np.abs(np.linalg.det(edges)) / share
 
 
 @pytest.mark.parametrize("cell", PER_CELL)
