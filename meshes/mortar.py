@@ -63,6 +63,45 @@ NEGLIGIBLE = 1e-13
 
 
 @dataclass(frozen=True, eq=False)
+class BothSides:
+    """The nodes of two surfaces, those of the `on` side first.
+
+    Attributes
+    ----------
+    nodes, places : (n + m,), (n + m, 3)
+        Nodes and coordinates of both sides.
+    count
+        Number n of nodes of the `on` side.
+    on, against : (facets, nodes per facet)
+        The facets of each side by the places of their nodes in `nodes`.
+    corners : (facets, v)
+        The vertices of the `on` facets.
+    """
+
+    nodes: NDArray[np.int64]
+    places: NDArray[np.float64]
+    count: int
+    on: NDArray[np.int64]
+    against: NDArray[np.int64]
+    corners: NDArray[np.int64]
+
+    @classmethod
+    def of(cls, on: Surface, against: Surface) -> BothSides:
+        """Number the nodes of two surfaces."""
+        nodes, local = np.unique(on.nodes, return_inverse=True)
+        others, other = np.unique(against.nodes, return_inverse=True)
+        count = len(nodes)
+        places = np.zeros((count + len(others), 3))
+        places[local.ravel()] = on.points.reshape(-1, 3)
+        places[count + other.ravel()] = against.points.reshape(-1, 3)
+        own = local.reshape(on.nodes.shape)
+        return cls(
+            np.concatenate([nodes, others]), places, count, own,
+            count + other.reshape(against.nodes.shape), own[:, : on.vertices.shape[1]],
+        )  # fmt: skip
+
+
+@dataclass(frozen=True, eq=False)
 class MeanGaps:
     """Rows Σ value · u[node, component] ≤ gap, one for each multiplier.
 
@@ -96,9 +135,46 @@ class MeanGaps:
     value: NDArray[np.float64]
     entry_points: NDArray[np.float64]
 
+    @classmethod
+    def of(
+        cls,
+        sides: BothSides,
+        matrix: sparse.csr_matrix,
+        chosen: NDArray[np.int64],
+        areas: NDArray[np.float64],
+        gaps: NDArray[np.float64],
+    ) -> MeanGaps:
+        """Rows from a matrix (rows, (n + m) · dimension).
+
+        Parameters
+        ----------
+        chosen : (rows,)
+            The `on` node of each row.
+        areas, gaps : (rows,)
+        """
+        matrix.data[np.abs(matrix.data) < NEGLIGIBLE] = 0.0
+        matrix.eliminate_zeros()
+        matrix.sort_indices()
+        entries, d = matrix.tocoo(), matrix.shape[1] // len(sides.nodes)
+        row, component = entries.row.astype(np.int64), entries.col.astype(np.int64) % d
+        at, value = entries.col // d, entries.data
+        own = at < sides.count
+        normals, moments = np.zeros((len(chosen), d)), np.zeros((len(chosen), 3))
+        np.add.at(normals, (row[own], component[own]), -value[own])
+        force = -value[own, None] * np.eye(3)[component[own]]
+        arm = sides.places[at[own]] - sides.places[chosen[row[own]]]
+        np.add.at(moments, row[own], np.cross(arm, force))
+        return cls(
+            nodes=sides.nodes[chosen], points=sides.places[chosen], areas=areas, gaps=gaps,
+            normals=normals, moments=moments, row=row, node=sides.nodes[at], component=component,
+            value=value, entry_points=sides.places[at],
+        )  # fmt: skip
+
 
 def mean_gaps(on: Surface, against: Surface, comm: MPI.Intracomm = MPI.COMM_SELF) -> MeanGaps:
     """The mortar rows of two surfaces (collective).
+
+    Weak rows are distributed to neighbours.
 
     Parameters
     ----------
@@ -110,7 +186,26 @@ def mean_gaps(on: Surface, against: Surface, comm: MPI.Intracomm = MPI.COMM_SELF
     SurfacesApartError
         The sides face the same way, or no facet of one projects onto one of the other.
     """
-    return _rows(on, against, overlaps(on, against, comm=comm))
+    found = overlaps(on, against, comm=comm)
+    psi, sides = Multipliers.of(on, found), BothSides.of(on, against)
+    d, i = on.dimension, found.i
+    functions, touched, normals = psi.functions[i], np.unique(i), on.normals[:, :d]
+    gap = np.einsum("pjk,pk->pj", functions, found.gap)
+    gaps = np.bincount(sides.corners[i].ravel(), gap.ravel(), minlength=sides.count)
+
+    def along(blocks: NDArray[np.float64], facets: NDArray[np.int64]) -> NDArray[np.float64]:
+        """Blocks (k, v, w) times the normals of `on` facets, (k, v, w, d)."""
+        return np.asarray(blocks[..., None] * normals[facets, None, None])
+
+    matrix = jumps(
+        sides, found, touched, along(psi.own[touched], touched), along(functions @ found.shared, i)
+    )
+    total, weak = psi.total(sides)
+    given = distribute(sides.corners, psi.weight, total, weak)
+    strong = np.flatnonzero(given.diagonal() > 0.0)
+    total, gaps, given = (given @ total)[strong], (given @ gaps)[strong], given[strong]
+    rows = (sparse.diags(1.0 / total) @ (given @ matrix)).tocsr()
+    return MeanGaps.of(sides, rows, strong, total, gaps / total)
 
 
 @dataclass(frozen=True, eq=False)
@@ -143,122 +238,116 @@ class Multipliers:
         SurfacesApartError
             A facet meets two layers of the other side.
         """
-        facets, v, sizes = len(on.nodes), on.vertices.shape[1], facet_areas(on)
-
-        def on_facets(values: NDArray[np.float64]) -> NDArray[np.float64]:
-            total = np.zeros((facets, *values.shape[1:]))
-            np.add.at(total, found.i, values)
-            return total
-
-        own, weight = on_facets(found.own), on_facets(found.weight)
-        covered = on_facets(found.area) >= COVERED * sizes
         if found.on_several_layers(on).any():
             raise SurfacesApartError(
                 "a facet of the first side meets two layers of the second; name a smaller part of "
                 "it"
             )
-        functions = np.tile(np.eye(v), (facets, 1, 1))
+        own, weight, gap, area = (
+            _on_facets(found, len(on.nodes), values)
+            for values in (found.own, found.weight, found.gap, found.area)
+        )
+        v, sizes = on.vertices.shape[1], facet_areas(on)
+        covered = area >= COVERED * sizes
+        functions = np.tile(np.eye(v), (len(own), 1, 1))
         if own.shape[2] == v:
             functions[covered] = weight[covered, :, None] * np.linalg.inv(own[covered])
             own[covered] = weight[covered, :, None] * np.eye(v)
         elif on.dimension == 3:
-            dual = functions.copy()
-            corners = np.eye(v)
-            middles = 0.5 * (corners + np.roll(corners, -1, axis=0))
-            hats = np.concatenate([corners, middles, np.full((1, v), 1.0 / v)])
-            mass = own[covered] @ hats[: own.shape[2]]
-            dual[covered] = weight[covered, :, None] * np.linalg.inv(mass)
-            gap = on_facets(found.gap)
-            rise = gap - np.einsum("fjk,fk->fj", dual, gap)
+            functions[covered] = _dual_of_second_order(own[covered], weight[covered])
+            rise = gap - np.einsum("fjk,fk->fj", functions, gap)
             rise /= np.where(weight > 0.0, weight, 1.0) * np.sqrt(sizes)[:, None]
-            local = np.unique(on.nodes[:, :v], return_inverse=True)[1].reshape(-1, v)
-            least = smallest(local[covered].ravel(), rise[covered].ravel(), local.max() + 1)
-            pointed = (least > POINTED) & (least < np.inf)
-            functions = np.where(pointed[local][..., None], dual, functions)
+            pointed = _pointed(on.nodes[:, :v], covered, rise)
+            functions = np.where(pointed[..., None], functions, np.eye(v))
             own = functions @ own
         return cls(functions, own, weight, sizes)
 
+    def total(self, sides: BothSides) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
+        """∫ ψ_j over all facets, and the mask of weak nodes, (n,) each."""
+        v = self.weight.shape[1]
+        weight, area = (
+            np.bincount(sides.corners.ravel(), values.ravel(), minlength=sides.count)
+            for values in (self.weight, np.repeat(self.sizes / v, v))
+        )
+        return weight, weight < WEAK * area
 
-def _rows(on: Surface, against: Surface, found: Overlaps) -> MeanGaps:
-    """Rows of the multiplier functions, summed over facets.
 
-    Weak rows are distributed to neighbours.
+def _on_facets(found: Overlaps, facets: int, values: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Sums of values (pairs, …) over the overlaps of each `on` facet, (facets, …)."""
+    total = np.zeros((facets, *values.shape[1:]))
+    np.add.at(total, found.i, values)
+    return total
+
+
+def _dual_of_second_order(
+    own: NDArray[np.float64], weight: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """C (facets, v, v) of functions dual to the linear ones, on facets of second order."""
+    v = weight.shape[1]
+    corners = np.eye(v)
+    middles = 0.5 * (corners + np.roll(corners, -1, axis=0))
+    linear = np.concatenate([corners, middles, np.full((1, v), 1.0 / v)])[: own.shape[2]]
+    return np.asarray(weight[..., None] * np.linalg.inv(own @ linear))
+
+
+def _pointed(
+    vertices: NDArray[np.int64], covered: NDArray[np.bool_], rise: NDArray[np.float64]
+) -> NDArray[np.bool_]:
+    """Mask (facets, v) of vertices from which all covered facets rise steeply.
+
+    Parameters
+    ----------
+    rise : (facets, v)
+        Mean gap beyond that of the vertex, over the root of the area.
     """
-    d = on.dimension
-    nodes, local = np.unique(on.nodes, return_inverse=True)
-    others, other_local = np.unique(against.nodes, return_inverse=True)
-    local, other_local = local.reshape(on.nodes.shape), other_local.reshape(against.nodes.shape)
-    v = on.vertices.shape[1]
-    psi = Multipliers.of(on, found)
-    own, weight, sizes, functions = psi.own, psi.weight, psi.sizes, psi.functions
-    shared = functions[found.i] @ found.shared
-    gap = np.einsum("pjk,pk->pj", functions[found.i], found.gap)
+    nodes, local = np.unique(vertices, return_inverse=True)
+    local = local.reshape(vertices.shape)
+    least = smallest(local[covered].ravel(), rise[covered].ravel(), len(nodes))
+    return np.asarray(((least > POINTED) & (least < np.inf))[local])
 
-    count, corners = len(nodes), local[:, :v]
-    total = np.bincount(corners.ravel(), weight.ravel(), minlength=count)
-    gaps = np.bincount(corners[found.i].ravel(), gap.ravel(), minlength=count)
-    touched = np.unique(found.i)
-    normals = on.normals[:, :d]
-    here = _scatter(corners[touched], local[touched], own[touched], normals[touched], count, count)
-    other_side = _scatter(
-        corners[found.i], other_local[found.j], -shared, normals[found.i], count, len(others)
+
+def jumps(
+    sides: BothSides,
+    found: Overlaps,
+    touched: NDArray[np.int64],
+    own: NDArray[np.float64],
+    shared: NDArray[np.float64],
+) -> sparse.csr_matrix:
+    """∫ ψ_j N of both sides, negative for the other side, (n, (n + m) · k).
+
+    Parameters
+    ----------
+    touched : (facets,)
+        The `on` facets with overlaps.
+    own, shared : (facets, v, w, k), (pairs, v, w', k)
+        The integrals on each of these facets and on each overlap.
+    """
+    k = own.shape[3]
+    width = len(sides.nodes) * k
+    blocks = (
+        (sides.corners[touched], sides.on[touched], own),
+        (sides.corners[found.i], sides.against[found.j], -shared),
     )
-    matrix = sparse.hstack([here, other_side], format="csr")
-
-    share = np.bincount(corners.ravel(), np.repeat(sizes / v, v), minlength=count)
-    given = distribute(corners, weight, total, total < WEAK * share)
-    total, gaps, matrix = given @ total, given @ gaps, (given @ matrix).tocsr()
-    strong = np.flatnonzero(given.diagonal() > 0.0)
-
-    place = np.zeros((count, 3))
-    place[local.ravel()] = on.points.reshape(-1, 3)
-    other_place = np.zeros((len(others), 3))
-    other_place[other_local.ravel()] = against.points.reshape(-1, 3)
-    scaled = (sparse.diags(1.0 / total[strong]) @ matrix[strong]).tocsr()
-    scaled.data[np.abs(scaled.data) < NEGLIGIBLE] = 0.0
-    scaled.eliminate_zeros()
-    scaled.sort_indices()
-    entries = scaled.tocoo()
-    at, component = entries.col // d, entries.col % d
-    all_nodes, all_points = np.concatenate([nodes, others]), np.concatenate([place, other_place])
-    mean, turned = np.zeros((len(strong), d)), np.zeros((len(strong), 3))
-    on_first = at < count
-    np.add.at(mean, (entries.row[on_first], component[on_first]), entries.data[on_first])
-    force = -entries.data[on_first, None] * np.eye(3)[component[on_first]]
-    arm = place[at[on_first]] - place[strong[entries.row[on_first]]]
-    np.add.at(turned, entries.row[on_first], np.cross(arm, force))
-    return MeanGaps(
-        nodes=nodes[strong],
-        points=place[strong],
-        areas=total[strong],
-        gaps=gaps[strong] / total[strong],
-        normals=-mean,
-        moments=turned,
-        row=entries.row.astype(np.int64),
-        node=all_nodes[at],
-        component=component.astype(np.int64),
-        value=entries.data,
-        entry_points=all_points[at],
-    )
+    here, there = (
+        scattered(
+            rows, (columns[..., None] * k + np.arange(k)).reshape(len(columns), -1),
+            values.reshape(*values.shape[:2], -1), (sides.count, width),
+        )
+        for rows, columns, values in blocks
+    )  # fmt: skip
+    return (here + there).tocsr()
 
 
-def _scatter(
+def scattered(
     rows: NDArray[np.int64],
     columns: NDArray[np.int64],
     blocks: NDArray[np.float64],
-    normals: NDArray[np.float64],
-    height: int,
-    width: int,
+    shape: tuple[int, int],
 ) -> sparse.csr_matrix:
-    """Sum of blocks (n, v, w) times normals (n, d) at rows (n, v) and nodes (n, w)."""
-    d = normals.shape[1]
-    values = blocks[..., None] * normals[:, None, None, :]
-    row = np.broadcast_to(rows[:, :, None, None], values.shape)
-    column = np.broadcast_to(
-        columns[:, None, :, None] * d + np.arange(d)[None, None, None, :], values.shape
-    )
-    shape = (height, width * d)
-    return sparse.csr_matrix((values.ravel(), (row.ravel(), column.ravel())), shape=shape)
+    """Sum of blocks (n, v, w) at rows (n, v) and columns (n, w)."""
+    row = np.broadcast_to(rows[:, :, None], blocks.shape)
+    column = np.broadcast_to(columns[:, None, :], blocks.shape)
+    return sparse.csr_matrix((blocks.ravel(), (row.ravel(), column.ravel())), shape=shape)
 
 
 def distribute(

@@ -23,7 +23,7 @@ one.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from mpi4py import MPI
@@ -33,7 +33,7 @@ from scipy import sparse
 from meshes.contact_surface import Surface, frames
 from meshes.facet_overlaps import Overlaps
 from meshes.facing import overlaps
-from meshes.mortar import NEGLIGIBLE, WEAK, MeanGaps, Multipliers, distribute
+from meshes.mortar import BothSides, MeanGaps, Multipliers, distribute, jumps, scattered
 
 
 @dataclass(frozen=True, eq=False)
@@ -108,16 +108,17 @@ def mean_jumps(
     """
     found = overlaps(on, against, tilted=True, comm=comm)
     made = _Ties.of(on, against, found)
-    here, other_places = decided.of(made.nodes), decided.of(made.others)
-    outer = abs(made.jump[:, len(made.nodes) :])
-    tied_before = np.isin(made.nodes, decided.tied_before)
+    sides = made.sides
+    here, there = np.split(decided.of(sides.nodes), [sides.count])
+    nodes, outer = sides.nodes[: sides.count], abs(made.jump[:, sides.count :])
+    tied_before = np.isin(nodes, decided.tied_before)
     distance = np.abs(found.distance)
     worst = int(np.argmax(distance))
-    held = here & (outer @ other_places > 0.0)
+    held = here & (outer @ there > 0.0)
     yielding = tied_before[:, None] | held if gives else np.zeros_like(held)
-    rows = tuple(made.component(i, yielding[:, i]) for i in range(on.dimension))
+    rows = tuple(made.component(i, on.dimension, yielding[:, i]) for i in range(on.dimension))
     size = float(on.radii[found.i[worst]])
-    return MeanJumps(rows, float(distance[worst]), size, made.nodes, held)
+    return MeanJumps(rows, float(distance[worst]), size, nodes, held)
 
 
 @dataclass(frozen=True, eq=False)
@@ -126,114 +127,53 @@ class _Ties:
 
     Attributes
     ----------
-    on, psi
-        The side of the multipliers, and their functions on its facets.
-    nodes, others : (n,), (m,)
-        Nodes of both sides.
-    corners : (facets, v)
-        Number of each vertex among the nodes.
+    sides, psi
+        The nodes of both sides, and the functions of the multipliers on the `on` facets.
     jump : (n, n + m)
         ∫ ψ_j N of both sides; negative for the other side.
     tilt : (n, n · d · d)
         ∫ ψ_j n^⊥ by node, component of the displacement and component of the result.
-    places : (n + m, 3)
     """
 
-    on: Surface
+    sides: BothSides
     psi: Multipliers
-    nodes: NDArray[np.int64]
-    others: NDArray[np.int64]
-    corners: NDArray[np.int64]
     jump: sparse.csr_matrix
     tilt: sparse.csr_matrix
-    places: NDArray[np.float64]
 
     @classmethod
     def of(cls, on: Surface, against: Surface, found: Overlaps) -> _Ties:
         """Add up the overlaps of facets."""
-        d, v = on.dimension, on.vertices.shape[1]
-        psi = Multipliers.of(on, found)
-        nodes, local = np.unique(on.nodes, return_inverse=True)
-        others, other_places = np.unique(against.nodes, return_inverse=True)
-        local, other_places = (
-            local.reshape(on.nodes.shape),
-            other_places.reshape(against.nodes.shape),
-        )
-        count, corners = len(nodes), local[:, :v]
+        d, psi, sides = on.dimension, Multipliers.of(on, found), BothSides.of(on, against)
         functions, touched = psi.functions[found.i], np.unique(found.i)
         shared = functions @ found.shared
-        places = np.zeros((count + len(others), 3))
-        places[local.ravel()] = on.points.reshape(-1, 3)
-        places[count + other_places.ravel()] = against.points.reshape(-1, 3)
-        here = _scattered(corners[touched], local[touched], psi.own[touched], (count, count))
-        shape = (count, len(others))
-        jump = [here, _scattered(corners[found.i], other_places[found.j], -shared, shape)]
-        tilt = sparse.csr_matrix((count, count * d * d))
+        jump = jumps(sides, found, touched, psi.own[touched][..., None], shared[..., None])
+        tilt = sparse.csr_matrix((sides.count, sides.count * d * d))
         if found.tilt.any():
             turned = np.einsum("pjk,pkal->pjal", functions, found.tilt)
             axes = frames(on)[found.i][..., :d]
             turned = np.einsum("pjal,pai,pc->pjlci", turned, axes[:, :-1], axes[:, -1])
-            column = local[found.i][..., None] * d * d + np.arange(d * d)
+            column = sides.on[found.i][..., None] * d * d + np.arange(d * d)
             column = column.reshape(len(column), -1)
             turned = turned.reshape(*turned.shape[:2], -1)
-            tilt = _scattered(corners[found.i], column, turned, tilt.shape)
-        jump = sparse.hstack(jump, format="csr")
-        return cls(on, psi, nodes, others, corners, jump, tilt, places)
+            tilt = scattered(sides.corners[found.i], column, turned, tilt.shape)
+        return cls(sides, psi, jump, tilt)
 
-    def component(self, i: int, yielding: NDArray[np.bool_]) -> MeanGaps:
-        """The rows of one component.
+    def component(self, i: int, d: int, yielding: NDArray[np.bool_]) -> MeanGaps:
+        """The rows of component i of the jump in d components.
 
         Rows of yielding nodes (n,) are distributed to their neighbours.
         """
-        d, v, count = self.on.dimension, self.corners.shape[1], len(self.nodes)
-        weight = self.psi.weight
-        total = np.bincount(self.corners.ravel(), weight.ravel(), minlength=count)
-        share = np.repeat(self.psi.sizes / v, v)
-        share = np.bincount(self.corners.ravel(), share, minlength=count)
-        given = distribute(self.corners, weight, total, yielding | (total < WEAK * share))
-        total = given @ total
+        sides, (total, weak) = self.sides, self.psi.total(self.sides)
+        given = distribute(sides.corners, self.psi.weight, total, yielding | weak)
         strong = np.flatnonzero(given.diagonal() > 0.0)
-        scale = sparse.diags(1.0 / total[strong]) @ given[strong]
+        total, given = (given @ total)[strong], given[strong]
+        scale = sparse.diags(1.0 / total) @ given
         jump, tilt = ((scale @ m).tocoo() for m in (self.jump, self.tilt))
         of_component = tilt.col % d == i  # of the result
         row = np.concatenate([jump.row, tilt.row[of_component]])
         column = np.concatenate([jump.col * d + i, tilt.col[of_component] // d])
         value = np.concatenate([jump.data, -tilt.data[of_component]])
-        summed = sparse.csr_matrix(
-            (value, (row, column)), shape=(len(strong), len(self.places) * d)
-        )
-        summed.data[np.abs(summed.data) < NEGLIGIBLE] = 0.0
-        summed.eliminate_zeros()
-        summed.sort_indices()
-        entries = summed.tocoo()
-        at, component = entries.col // d, entries.col % d
-        own = at < count
-        force = -entries.data[own, None] * np.eye(3)[component[own]]
-        arm = self.places[at[own]] - self.places[strong[entries.row[own]]]
-        moments = np.zeros((len(strong), 3))
-        np.add.at(moments, entries.row[own], np.cross(arm, force))
-        return MeanGaps(
-            nodes=self.nodes[strong],
-            points=self.places[strong],
-            areas=total[strong],
-            gaps=np.zeros(len(strong)),
-            normals=np.tile(-np.eye(d)[i], (len(strong), 1)),
-            moments=moments,
-            row=entries.row.astype(np.int64),
-            node=np.concatenate([self.nodes, self.others])[at],
-            component=component.astype(np.int64),
-            value=entries.data,
-            entry_points=self.places[at],
-        )
-
-
-def _scattered(
-    rows: NDArray[np.int64],
-    columns: NDArray[np.int64],
-    blocks: NDArray[np.float64],
-    shape: tuple[int, int],
-) -> sparse.csr_matrix:
-    """Sum of blocks (n, v, w) at rows (n, v) and columns (n, w)."""
-    row = np.broadcast_to(rows[:, :, None], blocks.shape)
-    column = np.broadcast_to(columns[:, None, :], blocks.shape)
-    return sparse.csr_matrix((blocks.ravel(), (row.ravel(), column.ravel())), shape=shape)
+        shape = len(strong), len(sides.nodes) * d
+        matrix = sparse.csr_matrix((value, (row, column)), shape=shape)
+        rows = MeanGaps.of(sides, matrix, strong, total, np.zeros(len(strong)))
+        return replace(rows, normals=np.tile(-np.eye(d)[i], (len(strong), 1)))
