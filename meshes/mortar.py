@@ -266,7 +266,7 @@ class Multipliers:
         """∫ ψ_j over all facets, and the mask of weak nodes, (n,) each."""
         v = self.weight.shape[1]
         weight, area = (
-            np.bincount(sides.corners.ravel(), values.ravel(), minlength=sides.count)
+            np.bincount(sides.corners.ravel(), values.ravel(), sides.count).astype(np.float64)
             for values in (self.weight, np.repeat(self.sizes / v, v))
         )
         return weight, weight < WEAK * area
