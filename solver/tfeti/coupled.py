@@ -27,7 +27,6 @@ from scipy.sparse.linalg import splu
 from solver.contact.row_kinds import RowKind
 from solver.tfeti.constraints.matrix import (
     ConstraintMatrix,
-    RowWeights,
     lent,
     local_rows,
     petsc_rows,
@@ -139,7 +138,7 @@ class CoupledRows:
     def on(self, rows: NDArray[np.bool_]) -> CoupledRows:
         """The coupled rows of the problem in which only some rows (dual,) are left (collective)."""
         result = copy(self)
-        result.B = self.B.scaled(RowWeights(rows.astype(np.float64)))
+        result.B = self.B.scaled(rows.astype(np.float64))
         every = np.concatenate(self.comm.allgather(rows[self._rows]))
         result._filled = self._filled & every
         return result

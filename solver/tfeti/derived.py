@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from solver.backend import Turn
 from solver.contact.row_kinds import RowKind
-from solver.tfeti.constraints.matrix import RowWeights, TurnedConstraintMatrix
+from solver.tfeti.constraints.matrix import TurnedConstraintMatrix
 from solver.tfeti.dual import DualProblem, Known
 
 
@@ -44,7 +44,7 @@ def with_active(
     own, loads = problem.system.constraints, problem.system.loads
     constraints = replace(
         own,
-        B=problem.B.scaled(RowWeights(keep)),
+        B=problem.B.scaled(keep),
         kinds=np.where(problem.conditional, np.int8(RowKind.SUPPORT), problem.kinds),
         coarse=None if own.coarse is None else own.coarse.weighted(keep),
     )

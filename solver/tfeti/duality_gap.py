@@ -11,13 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from solver.tfeti.dual import DualProblem
-from solver.tfeti.feasible import (
-    feasible_displacements,
-    follows,
-    motion_energies,
-    relaxed_energies,
-    worth_closing,
-)
+from solver.tfeti.feasible import feasible_displacements, motion_energies, worth_closing
 
 
 def nearest_admissible(
@@ -60,17 +54,8 @@ def group_gaps(
     change, opened, gaps = _nearest(problem, multiplier, interface, rest)
     if not relaxations:
         return gaps
-    comm, bodies = problem.comm, problem.bodies
-    if not follows(problem):
-        energies = motion_energies(problem, change, relaxations)
-        return np.asarray(comm.allreduce(opened + bodies.sum_by_group(energies)))
-    pressing = problem.inequality & (multiplier > 0.0)
-    candidates = [(change, opened), _candidate(problem, multiplier, interface, pressing, rest)]
-    costs = [
-        comm.allreduce(opened) + bodies.sum_by_group(relaxed_energies(problem, change, relaxations))
-        for change, opened in candidates
-    ]
-    return np.asarray(np.min(costs, axis=0))
+    energies = problem.bodies.sum_by_group(motion_energies(problem, change, relaxations))
+    return np.asarray(problem.comm.allreduce(opened + energies))
 
 
 def _nearest(

@@ -8,7 +8,6 @@ the error.
 from __future__ import annotations
 
 import numpy as np
-from mpi4py import MPI
 from numpy.typing import NDArray
 
 from solver.tfeti.dual import DualProblem
@@ -228,72 +227,6 @@ def motion_energies(
                 energy[members] -= _relaxed(cls, some, relaxations)
         energies.append(energy)
     return problem.bodies.sum_members(energies)
-
-
-def follows(problem: DualProblem) -> bool:
-    """Whether `relaxed_energies` applies (collective): Schur complements, orthonormal rows."""
-    applies = all(cls.schur_complement is not None for cls in problem.classes)
-    applies = applies and bool((problem.overlap <= 1.0 + 1e-9).all())
-    return bool(problem.comm.allreduce(applies, op=MPI.LAND))
-
-
-def relaxed_energies(
-    problem: DualProblem, motion: NDArray[np.float64], steps: int
-) -> NDArray[np.float64]:
-    """½ wᵀ K w of each body after steps of conjugate gradients to the least energy (collective).
-
-    The steps move the interface in the kernel of B, so that admissible displacements stay
-    admissible. The inside of each subdomain is in equilibrium with its interface.
-
-    Parameters
-    ----------
-    motion : (interface,)
-        Initial w.
-    """
-    motion = motion.copy()
-    forces = _schur(problem, motion)
-    residual = -_in_kernel(problem, forces)
-    direction = residual.copy()
-    square = problem.comm.allreduce(float(residual @ residual))
-    for _ in range(steps):
-        pushed = _schur(problem, direction)
-        image = _in_kernel(problem, pushed)
-        curvature = problem.comm.allreduce(float(direction @ image))
-        if not curvature > 0.0:
-            break
-        length = square / curvature
-        motion += length * direction
-        forces += length * pushed
-        residual -= length * image
-        before, square = square, problem.comm.allreduce(float(residual @ residual))
-        direction *= square / before
-        direction += residual
-    energies = [
-        0.5 * (motion[part] * forces[part]).reshape(cls.members, -1).sum(axis=1)
-        for cls, part in zip(problem.classes, interface_slices(problem.classes), strict=True)
-    ]
-    return np.asarray(problem.comm.allreduce(problem.bodies.sum_members(energies)))
-
-
-def _schur(problem: DualProblem, motion: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Forces on the interface that cause a motion of it, the Schur complement times the motion."""
-    forces = np.empty_like(motion)
-    for cls, part in zip(problem.classes, interface_slices(problem.classes), strict=True):
-        shape = cls.members, len(cls.interface)
-        assert cls.schur_complement is not None
-        cls.schur_complement.apply(motion[part].reshape(shape), forces[part].reshape(shape))
-    return forces
-
-
-def _in_kernel(problem: DualProblem, vector: NDArray[np.float64]) -> NDArray[np.float64]:
-    """The part of an interface vector in the kernel of B; the rows of B are orthonormal.
-
-    The part on rigid bodies is zero.
-    """
-    rows, in_range = np.empty(problem.size), np.empty_like(vector)
-    problem.deforming.apply(vector, rows)
-    problem.deforming.apply_transpose(rows, in_range)
-    return vector - in_range
 
 
 def _relaxed(cls: SubdomainClass, motion: NDArray[np.float64], steps: int) -> NDArray[np.float64]:

@@ -34,7 +34,7 @@ from scipy import sparse
 from solver.factors import compute_factor
 from solver.tfeti.coarse.gram import Blocks, KernelRows
 from solver.tfeti.constraints.exchange import NodeExchange
-from solver.tfeti.constraints.matrix import ConstraintMatrix, RowWeights, petsc_rows
+from solver.tfeti.constraints.matrix import ConstraintMatrix, petsc_rows
 from solver.tfeti.options import TotalFetiOptions
 from solver.vectors import largest_magnitude, on_arrays
 
@@ -375,7 +375,7 @@ class _Restriction:
         metric: NDArray[np.float64],
     ) -> None:
         self._B, self._layout, self._metric = B, layout, metric
-        self._weights = RowWeights(np.ones(B.rows)), RowWeights(metric)
+        self._weights = np.ones(B.rows), metric
         self._classes = _kernel_parts(kernels)
         self._interface = np.empty(B.columns)
         self._coarse = np.empty(layout.counts[layout.comm.rank])
@@ -384,12 +384,13 @@ class _Restriction:
     def weighted(self, weights: NDArray[np.float64]) -> _Restriction:
         """The restriction for the rows of B times weights; these are one except on contact rows."""
         result = copy(self)
-        result._weights = RowWeights(weights), RowWeights(weights * self._metric)
+        result._weights = weights, weights * self._metric
         return result
 
     def restrict(self, dual: NDArray[np.float64], out: NDArray[np.float64], metric: bool) -> None:
         """G, or G W, times a dual vector (collective)."""
-        self._B.apply_transpose(self._weights[metric].times(dual, self._dual), self._interface)
+        np.multiply(self._weights[metric], dual, out=self._dual)
+        self._B.apply_transpose(self._dual, self._interface)
         for interface, coarse, members, R in self._classes:
             forces = self._interface[interface].reshape(members, -1)
             # wide results are multiplied faster than narrow ones
@@ -403,7 +404,7 @@ class _Restriction:
             motions = self._interface[interface].reshape(members, -1)
             np.matmul(own[part].reshape(members, -1), R.T, out=motions)
         self._B.apply(self._interface, out)
-        self._weights[metric].scale(out)
+        out *= self._weights[metric]
 
     def remove(self, coarse: NDArray[np.float64], x: NDArray[np.float64], metric: bool) -> None:
         """Subtract Gᵀ, or W Gᵀ, times a coarse vector from x (collective)."""

@@ -15,9 +15,6 @@ from scipy import sparse
 from solver.backend import Turn
 from solver.vectors import on_arrays
 
-FEW = 0.1
-"""Share of weights unequal to one, up to which these are multiplied one by one."""
-
 
 @contextmanager
 def lent(comm: MPI.Intracomm, *arrays: NDArray[np.float64]) -> Iterator[list[PETSc.Vec]]:
@@ -115,8 +112,8 @@ class ConstraintMatrix:
         dual, interface = self._vectors
         on_arrays(self._transpose.mult, dual, x, interface, out)
 
-    def scaled(self, weights: RowWeights) -> ScaledConstraintMatrix:
-        """W B, for weights of this rank's rows."""
+    def scaled(self, weights: NDArray[np.float64]) -> ScaledConstraintMatrix:
+        """W B, for weights (dual,) of the rows."""
         return ScaledConstraintMatrix(self, weights)
 
 
@@ -156,42 +153,10 @@ class TurnedConstraintMatrix(ConstraintMatrix):
         self._B.apply_transpose(self._turn.back(x), out)
 
 
-class RowWeights:
-    """Weights of this rank's rows; if few differ from one, only these rows are multiplied.
-
-    Parameters
-    ----------
-    values : (dual,)
-    """
-
-    def __init__(self, values: NDArray[np.float64]) -> None:
-        self.values = values
-        self._places = np.flatnonzero(values != 1.0)
-        self._few = len(self._places) < FEW * len(values)
-        self._others = values[self._places]
-
-    def times(self, x: NDArray[np.float64], room: NDArray[np.float64]) -> NDArray[np.float64]:
-        """W x: x itself where all weights are one, otherwise `room`, which holds the product."""
-        if not self._few:
-            return np.multiply(self.values, x, out=room)
-        if not x[self._places].any():
-            return x
-        np.copyto(room, x)
-        room[self._places] *= self._others
-        return room
-
-    def scale(self, x: NDArray[np.float64]) -> None:
-        """Replace x by W x."""
-        if self._few:
-            x[self._places] *= self._others
-        else:
-            x *= self.values
-
-
 class ScaledConstraintMatrix(ConstraintMatrix):
     """W B, applied as a product of two factors: it is used too few times for a copy to pay."""
 
-    def __init__(self, B: ConstraintMatrix, weights: RowWeights) -> None:
+    def __init__(self, B: ConstraintMatrix, weights: NDArray[np.float64]) -> None:
         self._B, self._weights = B, weights
         self.comm, self.rows, self.columns, self.first = B.comm, B.rows, B.columns, B.first
         self._room = np.empty(B.rows)
@@ -203,18 +168,18 @@ class ScaledConstraintMatrix(ConstraintMatrix):
         A product with a diagonal would reverse the entries of each row.
         """
         local = self._B.local.copy()
-        local.data *= np.repeat(self._weights.values, np.diff(local.indptr))
+        local.data *= np.repeat(self._weights, np.diff(local.indptr))
         local.eliminate_zeros()
         return local
 
     def apply(self, x: NDArray[np.float64], out: NDArray[np.float64]) -> None:
         """Put W B x into out."""
         self._B.apply(x, out)
-        self._weights.scale(out)
+        out *= self._weights
 
     def apply_transpose(self, x: NDArray[np.float64], out: NDArray[np.float64]) -> None:
         """Put Bᵀ W x into out."""
-        self._B.apply_transpose(self._weights.times(x, self._room), out)
+        self._B.apply_transpose(np.multiply(self._weights, x, out=self._room), out)
 
 
 def without_columns(B: ConstraintMatrix, own: NDArray[np.bool_]) -> ConstraintMatrix:

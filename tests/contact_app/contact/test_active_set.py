@@ -21,7 +21,6 @@ from solver.tfeti.active_set_problem import ActiveSetProblem, State
 from solver.tfeti.backend import TotalFeti
 from solver.tfeti.dual import DualProblem
 from solver.tfeti.duality_gap import duality_gap
-from solver.tfeti.feasible import follows
 from solver.tfeti.recovery import interface_displacements, kernel_coefficients
 from solver.tfeti.winkler import winkler_contact
 from tests import scenes
@@ -110,8 +109,7 @@ def test_smalbe_continues_with_the_same_displacements(problem: DualProblem) -> N
 
 
 def test_the_sharper_gap_is_a_bound_still(problem: DualProblem) -> None:
-    """It lies between the error of the multiplier and the gap without a motion of the interface."""
-    assert follows(problem)
+    """It lies between the error of the multiplier and the gap without a motion inside."""
     options = scenes.build(scenes.ALL["wall"]("hexahedron", 8), [2, 2, 2]).solver
     energy = solve(problem, options, None).measures.energy
     on_set = ActiveSetProblem(

@@ -8,7 +8,7 @@ from mpi4py import MPI
 from scipy import sparse
 
 from contact_app.model.model import build_model
-from solver.tfeti.constraints.matrix import ConstraintMatrix, RowWeights
+from solver.tfeti.constraints.matrix import ConstraintMatrix
 from tests import scenes
 from tests.ranks import execute
 
@@ -30,7 +30,7 @@ def constraints_of(case: str, comm: MPI.Intracomm = MPI.COMM_SELF) -> Constraint
 def errors_of(B: ConstraintMatrix) -> float:
     """Largest difference of B, W B and their transposes from the same PETSc matrices."""
     rng = np.random.default_rng(B.comm.rank)
-    weights = RowWeights(rng.uniform(0.5, 1.0, B.rows))
+    weights = rng.uniform(0.5, 1.0, B.rows)
     worst = 0.0
     for matrix in (B, B.scaled(weights)):
         u, x = rng.standard_normal(B.columns), rng.standard_normal(B.rows)
@@ -58,7 +58,7 @@ def test_weighted_rows_stay_sorted() -> None:
     B = constraints_of("bodies that hang in springs")
     weights = np.random.default_rng(0).uniform(0.5, 1.0, B.rows)
     weights[::3] = 0.0
-    local = B.scaled(RowWeights(weights)).local
+    local = B.scaled(weights).local
     places = [local.indices[a:b] for a, b in zip(local.indptr[:-1], local.indptr[1:], strict=True)]
     assert max(map(len, places)) > 1
     assert all((np.diff(row) > 0).all() for row in places)
