@@ -50,12 +50,6 @@ class SlipLimits:
         """Whether any limit depends on contact forces: Coulomb's law (collective)."""
         return bool(self._comm.allreduce(int((self._points.coefficients > 0.0).any())))
 
-    def residual(self, multiplier: Array) -> float:
-        """Norm of s - μ λ_n of a multiplier (dual,), over that of s (collective)."""
-        wanted = self._points.slip_limits(multiplier)
-        change, size = self._norm(wanted - self.values), self._norm(wanted)
-        return change / size if size > 0.0 else change
-
     def settles(self, multiplier: Array, share: float) -> bool:
         """Whether μ λ_n has changed by less than a share of |s - μ λ_n| since the last call."""
         wanted = self._points.slip_limits(multiplier)
