@@ -49,7 +49,7 @@ SOME = 200
 
 
 @dataclass(frozen=True, eq=False)
-class Surface:
+class ClosedSurface:
     """A closed surface of segments or plane triangles.
 
     Attributes
@@ -123,8 +123,8 @@ def _near(
     some = centres[0][:: len(rows) // SOME + 1]
     mean = tree.query_ball_point(some, reach, p=np.inf, return_length=True).mean()
     for chosen in np.array_split(np.arange(len(rows)), int(mean * len(rows)) // PAIRS + 1):
-        found = cKDTree(centres[0][chosen], balanced_tree=False, compact_nodes=False)
-        table = found.sparse_distance_matrix(tree, reach, p=np.inf, output_type="ndarray")
+        part = cKDTree(centres[0][chosen], balanced_tree=False, compact_nodes=False)
+        table = part.sparse_distance_matrix(tree, reach, p=np.inf, output_type="ndarray")
         i, j = rows[chosen[table["i"]]], others[table["j"]]
         for axis in range(a.lower.shape[1]):
             touch = a.lower[i, axis] <= b.upper[j, axis]
@@ -133,10 +133,10 @@ def _near(
         yield i, j
 
 
-def segment_crossings(surface: Surface) -> NDArray[np.int64]:
+def segment_crossings(surface: ClosedSurface) -> NDArray[np.int64]:
     """Pairs of segments in the plane that cross, (pairs, 2).
 
-    The ends of both are farther from the line of the other than `Surface.depth`.
+    The ends of both are farther from the line of the other than `ClosedSurface.depth`.
     """
     places, segments = surface.places, surface.simplices
     boxes, found = Boxes.of(places, segments), [np.zeros((0, 2), np.int64)]
@@ -170,13 +170,13 @@ def _apart(
     return np.asarray((first * second < 0.0) & (np.minimum(abs(first), abs(second)) > least))
 
 
-def triangle_crossings(surface: Surface, comm: MPI.Intracomm) -> NDArray[np.int64]:
+def triangle_crossings(surface: ClosedSurface, comm: MPI.Intracomm) -> NDArray[np.int64]:
     """Pairs of triangles of which one has an edge that pierces the other, (pairs, 2).
 
     Ranks that have the same surface share the edges (collective).
 
     The ends of the edge are farther from the plane of the triangle, and the point where it pierces
-    the plane is farther inside the edges of the triangle, than `Surface.depth`.
+    the plane is farther inside the edges of the triangle, than `ClosedSurface.depth`.
     """
     places, triangles = surface.places, surface.simplices
     ends = np.sort(triangles[:, [(0, 1), (1, 2), (2, 0)]].reshape(-1, 2), axis=1)
@@ -228,7 +228,7 @@ def _pierces(
     return pierced
 
 
-def winding(x: NDArray[np.float64], surface: Surface) -> NDArray[np.int64]:
+def winding(x: NDArray[np.float64], surface: ClosedSurface) -> NDArray[np.int64]:
     """Winding numbers of a surface about points x (points, d), (points,)."""
     d, simplices = x.shape[1], surface.simplices
     centre = surface.places.mean(axis=0)
@@ -248,9 +248,7 @@ def _above(
     if x.shape[1] == 2:
         a, b = (places[simplices[:, k]] for k in range(2))
         side = (b[:, 0] <= x[:, 0]).astype(float) - (a[:, 0] <= x[:, 0])
-        up = (
-            _signed_distance(a, b, x) * side
-        )  # the normal is on the right: up where a is right of b
+        up = _signed_distance(a, b, x) * side  # the normal is on the right: up if a is right of b
         return np.asarray(np.where(up > 0.0, side, 0.0))
     side = [_left(x, places, simplices[:, k], simplices[:, (k + 1) % 3]) for k in range(3)]
     hit = np.zeros(len(x))

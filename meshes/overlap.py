@@ -45,7 +45,7 @@ from numpy.typing import NDArray
 from meshes.chords import chords, local_facets, reference_vertices
 from meshes.crossing import (
     Boxes,
-    Surface,
+    ClosedSurface,
     meeting,
     segment_crossings,
     triangle_crossings,
@@ -128,7 +128,7 @@ def refuse_overlaps(
     """
     body = CheckedBody(points, cells, cell, topology, middles, number)
     parts = chords(points, cells, cell, topology, middles)
-    surface = Surface(
+    surface = ClosedSurface(
         parts.places,
         parts.simplices,
         TOUCH * parts.size[parts.facet],
@@ -166,7 +166,7 @@ def _message(body: CheckedBody, pairs: NDArray[np.int64], fault: str, relation: 
     return f"{message}, {relation} cell {body.number[b] + 1} of the file"
 
 
-def _covered(body: CheckedBody, surface: Surface, comm: MPI.Intracomm) -> NDArray[np.int64]:
+def _covered(body: CheckedBody, surface: ClosedSurface, comm: MPI.Intracomm) -> NDArray[np.int64]:
     """Pairs of cells (collective).
 
     One on the surface, and another that contains a point just inside the first.

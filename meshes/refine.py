@@ -18,9 +18,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from meshes import dolfinx_compat
-from meshes.quadratic import node_vertices, straight_middles
+from meshes.quadratic import VERTICES, node_vertices, straight_middles
 from meshes.subdomains import vtk_order
-from meshes.unstructured import FACETS, CellMesh, Topology, matching_rows
+from meshes.unstructured import CellMesh, Topology
 
 Rows = list[list[int]]
 
@@ -40,8 +40,9 @@ def _middle(cell: str, *vertices: int) -> int:
     return [set(on) for on in node_vertices(cell)].index(set(vertices))
 
 
-def _simplex_parts(cell: str, vertices: tuple[int, ...]) -> Rows:
-    """Parts of a simplex (the cell or a facet) that keep a corner, and the middle of a triangle."""
+def _simplex_parts(cell: str) -> Rows:
+    """Parts of a simplex that keep a corner, and the middle of a triangle."""
+    vertices = range(VERTICES[cell])
     parts = [[_middle(cell, v, w) for w in vertices] for v in vertices]
     if len(vertices) == 3:
         parts.append([_middle(cell, v, w) for v, w in combinations(vertices, 2)])
@@ -60,26 +61,11 @@ def _lattice_parts(cell: str) -> Rows:
     return parts
 
 
-def _facet_parts(cell: str, facet: tuple[int, ...]) -> Rows:
-    """Parts of a facet of a cell."""
-    if cell != "hexahedron":
-        return _simplex_parts(cell, facet)
-    turned = [facet[i:] + facet[:i] for i in range(4)]
-    return [
-        [a, _middle(cell, a, b), _middle(cell, *facet), _middle(cell, a, d)]
-        for a, b, _, d in turned
-    ]
-
-
 PARTS = {
-    "triangle": np.array(_simplex_parts("triangle", (0, 1, 2))),
-    "tetrahedron": np.array(_simplex_parts("tetrahedron", (0, 1, 2, 3))),
+    "triangle": np.array(_simplex_parts("triangle")),
+    "tetrahedron": np.array(_simplex_parts("tetrahedron")),
     "quadrilateral": np.array(_lattice_parts("quadrilateral")),
     "hexahedron": np.array(_lattice_parts("hexahedron")),
-}
-FACET_PARTS = {
-    cell: np.array([_facet_parts(cell, facet) for facet in facets])
-    for cell, facets in FACETS.items()
 }
 
 
@@ -95,18 +81,16 @@ def refined(mesh: CellMesh) -> CellMesh:
     parts = cells.shape[1]
     cells = cells.reshape(-1, cells.shape[2])
     topology = Topology.of(cells, mesh.cell)
-    pieces = _surface_parts(mesh, nodes)
-    table = np.sort(topology.facets, axis=1)
-    sides = {
-        name: matching_rows(table, np.sort(pieces[rows].reshape(-1, pieces.shape[2]), axis=1))
-        for name, rows in mesh.sides.items()
-    }
+    before = _facets_before(shape.topology, topology, parts)
     return replace(
         mesh,
         points=points,
         cells=cells,
         topology=topology,
-        sides={name: np.sort(rows).astype(np.int32) for name, rows in sides.items()},
+        sides={
+            name: np.flatnonzero(np.isin(before, rows)).astype(np.int32)
+            for name, rows in mesh.sides.items()
+        },
         groups=_cell_parts(mesh.groups, parts),
         inner=_cell_parts(mesh.inner, parts),
         tags=np.repeat(mesh.tags, parts),
@@ -151,14 +135,19 @@ def _inner_middles(
     return found.reshape(-1, *found.shape[2:])
 
 
-def _surface_parts(mesh: CellMesh, nodes: NDArray[np.int64]) -> NDArray[np.int64]:
-    """Parts of the facets of the surface, (facets, parts, corners)."""
-    facets, owner = mesh.topology.facets, mesh.topology.facet_cells
-    of_owner = np.sort(mesh.cells[owner][:, np.array(FACETS[mesh.cell])], axis=2)
-    local = (of_owner == np.sort(facets, axis=1)[:, None]).all(axis=2).argmax(axis=1)
-    table = FACET_PARTS[mesh.cell][local]
-    flat = np.take_along_axis(nodes[owner], table.reshape(len(facets), -1), axis=1)
-    return flat.reshape(table.shape)
+def _facets_before(whole: Topology, parts: Topology, count: int) -> NDArray[np.int64]:
+    """The facet of a mesh of second order on which each facet of its parts lies, (facets,).
+
+    Each cell has `count` parts.
+    """
+    owner = parts.facet_cells // count
+    begin, end = (np.searchsorted(whole.facet_cells, owner, side) for side in ("left", "right"))
+    result = begin.copy()
+    for nth in range(1, int((end - begin).max(initial=0))):
+        row = np.minimum(begin + nth, end - 1)
+        within = (parts.facets[:, :, None] == whole.facets[row][:, None]).any(axis=2).all(axis=1)
+        result[within] = row[within]
+    return result
 
 
 def _octahedra(points: NDArray[np.float64], nodes: NDArray[np.int64]) -> NDArray[np.int64]:

@@ -13,7 +13,7 @@ from mpi4py import MPI
 
 from meshes import CellMesh, MeshError
 from meshes.cell_shape import folded_inside, warped
-from meshes.crossing import Boxes, Surface, meeting, triangle_crossings, winding
+from meshes.crossing import Boxes, ClosedSurface, meeting, triangle_crossings, winding
 from meshes.quadratic import VERTICES
 from meshes.read import read_file
 from meshes.repair import REVERSED, load_mesh
@@ -434,7 +434,7 @@ def test_triangles_cross_where_distances_change_sign() -> None:
     places = (places + 0.2 * random.normal(size=(90, 3, 3))).reshape(-1, 3)
     triangles = np.arange(270).reshape(-1, 3)
     none = np.zeros(90)
-    pairs = triangle_crossings(Surface(places, triangles, none, none), MPI.COMM_SELF)
+    pairs = triangle_crossings(ClosedSurface(places, triangles, none, none), MPI.COMM_SELF)
     got = {tuple(sorted(pair)) for pair in pairs.tolist()}
     x = places[triangles]
     wanted = set()
@@ -469,7 +469,7 @@ def test_winding_numbers_are_numbers_of_cells(cell: str) -> None:
     x = np.random.default_rng(2).uniform(-2.0, 2.0, (3000, 3))[:, :d]
     if d == 3:
         x[:, 2] = x[:, 2] * 0.2 + 0.2
-    w = winding(x, Surface(points, facets, none, none))
+    w = winding(x, ClosedSurface(points, facets, none, none))
     corner = points[cells]
     inverse = np.linalg.inv(corner[:, 1:] - corner[:, :1])
     weights = np.einsum("pci,cij->pcj", x[:, None] - corner[:, 0], inverse)
