@@ -135,17 +135,17 @@ def _inner_middles(
     return found.reshape(-1, *found.shape[2:])
 
 
-def _facets_before(whole: Topology, parts: Topology, count: int) -> NDArray[np.int64]:
+def _facets_before(divided: Topology, parts: Topology, count: int) -> NDArray[np.int64]:
     """The facet of a mesh of second order on which each facet of its parts lies, (facets,).
 
     Each cell has `count` parts.
     """
     owner = parts.facet_cells // count
-    begin, end = (np.searchsorted(whole.facet_cells, owner, side) for side in ("left", "right"))
+    begin, end = (np.searchsorted(divided.facet_cells, owner, side) for side in ("left", "right"))
     result = begin.copy()
     for nth in range(1, int((end - begin).max(initial=0))):
         row = np.minimum(begin + nth, end - 1)
-        within = (parts.facets[:, :, None] == whole.facets[row][:, None]).any(axis=2).all(axis=1)
+        within = (parts.facets[:, :, None] == divided.facets[row][:, None]).any(axis=2).all(axis=1)
         result[within] = row[within]
     return result
 
