@@ -9,16 +9,15 @@ little about either. The estimated squared error of the reference, η_f², is ad
 each error.
 
 The error of an answer u_h is the larger of two: its distance ‖u_f - u_h‖ in energy norm, summed by
-quadrature on the cells of both meshes together (`grid_fields`), and, with flat obstacles, the
-difference of energies, 2 (J(u_h) - J(u_f)). Both include η_f² and are relative to ‖u_h‖, as
+quadrature on the cells of both meshes together, and, with flat obstacles, the difference of
+energies, 2 (J(u_h) - J(u_f)). Both include η_f² and are relative to ‖u_h‖, as
 docs/guide/accuracy.md defines the relative error.
 """
 
 from __future__ import annotations
 
-import pickle
 from dataclasses import dataclass, replace
-from pathlib import Path
+from functools import reduce
 
 import numpy as np
 from mpi4py import MPI
@@ -30,8 +29,11 @@ from contact_app.run.solve import solve_scene
 from contact_app.scene.obstacles import Plane
 from contact_app.scene.scene import Decomposition, Scene
 from contact_app.studies.claims_scenes import ClaimScene
-from contact_app.studies.grid_fields import GridField, square_distance
+from contact_app.studies.fields_on_meshes import gradients
+from contact_app.studies.reference import Fields
+from contact_app.studies.single_run import fields_of
 from meshes.graded import graded_box
+from meshes.quadratic import VERTICES
 
 Array = NDArray[np.float64]
 
@@ -50,6 +52,12 @@ LONGEST = 4.0
 TOLERANCE = 1e-8
 """Tolerance of the reference's solve."""
 
+GAUSS, BATCH = 3, 200_000
+"""Gauss points along each axis of a cell, and points at which gradients are evaluated at once."""
+
+COORDINATE = 1e-9
+"""Distance over the size of the body below which two coordinates are the same."""
+
 EXACT = 0.02
 """Estimated relative error below which a reference is accurate enough."""
 
@@ -67,44 +75,67 @@ measured error."""
 
 @dataclass(frozen=True, eq=False)
 class FineSolution:
-    """The answer on the fine mesh.
+    """The answer on the fine mesh."""
 
-    Attributes
-    ----------
-    energy
-        J(u_f).
-    square
-        a(u_f, u_f).
-    missing
-        η_f², the estimated squared error of the fine mesh.
-    dofs, seconds
-        Its size and cost.
-    """
+    solved: SolvedScene
 
-    field: GridField
-    energy: float
-    square: float
-    missing: float
-    dofs: int
-    seconds: float
+    @property
+    def missing(self) -> float:
+        """η_f², the estimated squared error of the fine mesh."""
+        return self.solved.accuracy.discretisation**2 * self.solved.accuracy.square
 
     def judges(self, target: float) -> bool:
         """Whether it is accurate enough to judge a run to a target."""
-        return self.missing <= (TRUSTED * target) ** 2 * self.square
+        return self.missing <= (TRUSTED * target) ** 2 * self.solved.accuracy.square
 
     def relative_error(self, solved: SolvedScene) -> float:
         """Relative error of a solution of the same scene on any mesh."""
-        scene = solved.model.scene
-        (body,) = scene.bodies
-        material = body.materials[0]
-        square = solved.accuracy.square
-        found = square_distance(self.field, GridField.of(solved), material, scene.plane == "stress")
+        scene, square, known = solved.model.scene, solved.accuracy.square, self.solved
+        lame = scene.bodies[0].materials[0].lame(scene.plane)
+        found = square_distance(fields_of(known), fields_of(solved), lame)
         if all(isinstance(contact.obstacle, Plane) for contact in scene.contacts):
-            energy = float(solved.summary["solution"]["energy"])
-            found = max(found, 2.0 * (energy - self.energy))
+            energies = [of.summary["solution"]["energy"] for of in (known, solved)]
+            found = max(found, 2.0 * (energies[1] - energies[0]))
         if square == 0.0:  # obstacles carry the loads directly: the body has no strains
-            return float(np.sqrt(found / self.square)) if self.square > 0.0 else 0.0
+            square = known.accuracy.square
+            return float(np.sqrt(found / square)) if square > 0.0 else 0.0
         return float(np.sqrt((found + self.missing) / square))
+
+
+def square_distance(one: Fields | None, other: Fields | None, lame: tuple[float, float]) -> float:
+    """a(v, v) of the difference of two fields on one box, by a Gauss rule.
+
+    The meshes of a box are products of grid lines; triangles and tetrahedra cut the cells between
+    the lines. Both fields are polynomials on the cells that the lines of both make together (up to
+    the cuts).
+    """
+    assert one is not None
+    assert other is not None  # one rank
+    meshes = [fields.nodes(0) for fields in (one, other)]
+    d, (lam, mu), total = meshes[0].dimension, lame, 0.0
+    place, weight = np.polynomial.legendre.leggauss(GAUSS)
+    vertices = [m.points[np.unique(m.cells[:, : VERTICES[m.cell]])] for m in meshes]
+    axes, shares = [], []
+    for x in np.concatenate(vertices).T[:d]:
+        line = np.unique(x)
+        line = line[np.concatenate([[True], np.diff(line) > COORDINATE * np.ptp(line)])]
+        half = 0.5 * np.diff(line)[:, None]
+        axes.append((line[:-1, None] + half * (1.0 + place)).ravel())
+        shares.append((half * weight).ravel())
+    points = np.zeros((np.prod([len(x) for x in axes]), 3))
+    points[:, :d] = np.stack(np.meshgrid(*axes, indexing="ij"), -1).reshape(-1, d)
+    weights = reduce(np.multiply.outer, shares).ravel()
+    for rows in np.array_split(np.arange(len(points)), 1 + len(points) // BATCH):
+        first, second = (
+            gradients(mesh, fields.displacement, points[rows])
+            for mesh, fields in zip(meshes, (one, other), strict=True)
+        )
+        strain = 0.5 * (first - second)
+        strain = strain + np.swapaxes(strain, 1, 2)
+        density = 2.0 * mu * (strain**2).sum(axis=(1, 2))
+        density += lam * np.trace(strain, axis1=1, axis2=2) ** 2
+        total += float(density @ weights[rows])
+    return total
 
 
 def reference_lines(claim: ClaimScene, dimension: int) -> list[Array]:
@@ -130,9 +161,8 @@ def reference_lines(claim: ClaimScene, dimension: int) -> list[Array]:
     return result
 
 
-def _finer_lines(claim: ClaimScene, solved: SolvedScene) -> list[Array]:
+def _finer_lines(claim: ClaimScene, solved: SolvedScene, lines: list[Array]) -> list[Array]:
     """Half as many lines again, placed by the error of the last reference."""
-    lines = list(GridField.of(solved).lines)
     (squares,) = layer_errors(solved, [lines])
     limit = LARGEST[len(lines)] / solved.model.dofs
     more = min(MORE, max(limit, 1.0) ** (1.0 / len(lines)))
@@ -174,24 +204,13 @@ def _with(line: Array, wanted: Array, size: float) -> Array:
     return np.unique(line)
 
 
-def fine_solution(claim: ClaimScene, scene: Scene, cache: Path) -> FineSolution:
-    """The solution on the fine mesh, solved once and stored in a directory."""
-    path = cache / f"reference-{scene.dimension}d-{claim.seed}.pickle"
-    if path.is_file():
-        with path.open("rb") as file:
-            stored: FineSolution = pickle.load(file)  # written by this study
-        return stored
-    solved = _solved(scene, reference_lines(claim, scene.dimension))
+def fine_solution(claim: ClaimScene, scene: Scene) -> FineSolution:
+    """The solution on the fine mesh."""
+    lines = reference_lines(claim, scene.dimension)
+    solved = _solved(scene, lines)
     for _ in range(ROUNDS):
         if solved.accuracy.discretisation < EXACT:
             break
-        solved = _solved(scene, _finer_lines(claim, solved))
-    found = FineSolution(
-        GridField.of(solved), float(solved.summary["solution"]["energy"]), solved.accuracy.square,
-        solved.accuracy.discretisation**2 * solved.accuracy.square, solved.model.dofs,
-        float(solved.summary["timings"]["total"]),
-    )  # fmt: skip
-    cache.mkdir(parents=True, exist_ok=True)
-    with path.open("wb") as file:
-        pickle.dump(found, file)
-    return found
+        lines = _finer_lines(claim, solved, lines)
+        solved = _solved(scene, lines)
+    return FineSolution(solved)

@@ -139,6 +139,26 @@ def interpolation(mesh: BodyNodes, at: Array, first_order: bool = False) -> spar
 
     First-order functions are linear, or linear along each axis, between vertices.
     """
+    columns, place, corners = *_places(mesh, at), VERTICES[mesh.cell]
+    values = vtk_shapes(mesh.cell, mesh.degree, place)[0]
+    if first_order:
+        columns = columns[:, :corners]
+        values = vtk_shapes(mesh.cell, 1, place)[0]
+    rows = np.broadcast_to(np.arange(len(at))[:, None], columns.shape)
+    shape = (len(at), len(mesh.points))
+    return sparse.csr_matrix((values.ravel(), (rows.ravel(), columns.ravel())), shape=shape)
+
+
+def gradients(mesh: BodyNodes, field: Array, at: Array) -> Array:
+    """du_i / dx_j of a field (nodes, d) on a mesh at points (n, 3), (n, d, d)."""
+    cells, place = _places(mesh, at)
+    slopes = vtk_shapes(mesh.cell, mesh.degree, place)[1]
+    jacobian = slopes @ mesh.points[cells][..., : mesh.dimension]
+    return np.swapaxes(np.linalg.solve(jacobian, slopes @ field[cells]), 1, 2)
+
+
+def _places(mesh: BodyNodes, at: Array) -> tuple[Numbers, Array]:
+    """Nodes (n, nodes of a cell) of the cells with points (n, 3), and places in them, (n, d)."""
     d, corners = mesh.dimension, VERTICES[mesh.cell]
     vertices, local = np.unique(mesh.cells[:, :corners], return_inverse=True)
     local = local.reshape(-1, corners)
@@ -146,17 +166,8 @@ def interpolation(mesh: BodyNodes, at: Array, first_order: bool = False) -> spar
     grid = dolfinx_compat.create_mesh(
         local[:, order].astype(np.int64), mesh.points[vertices][:, :d].copy(), mesh.cell
     )
-    cell = dolfinx_compat.original_cells(grid)[dolfinx_compat.cells_at(grid, at)]
-    x = mesh.points[mesh.cells[cell]][..., :d]
-    place = vtk_places(mesh.cell, mesh.degree, x, at[:, :d])
-    values = vtk_shapes(mesh.cell, mesh.degree, place)[0]
-    columns = mesh.cells[cell]
-    if first_order:
-        columns = columns[:, :corners]
-        values = vtk_shapes(mesh.cell, 1, place)[0]
-    rows = np.broadcast_to(np.arange(len(at))[:, None], columns.shape)
-    shape = (len(at), len(mesh.points))
-    return sparse.csr_matrix((values.ravel(), (rows.ravel(), columns.ravel())), shape=shape)
+    cells = mesh.cells[dolfinx_compat.original_cells(grid)[dolfinx_compat.cells_at(grid, at)]]
+    return cells, vtk_places(mesh.cell, mesh.degree, mesh.points[cells][..., :d], at[:, :d])
 
 
 def _corners(dimension: int, nodes: int) -> int:
