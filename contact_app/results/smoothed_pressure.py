@@ -45,7 +45,7 @@ Array = NDArray[np.float64]
 
 REACH = 1.5
 """Radius of the mean over the longest edge there. In Hertz's ball (hertz_sphere.yaml) the peak is
-0.3 % too low, where single nodes are 6.7 % too high (`contact_app.studies.smoothed_peaks`)."""
+0.3 % too low, where single nodes are 6.7 % too high."""
 
 THIN = 0.05
 """Variance of the places of nodes in a direction, over the largest, below which the direction leads

@@ -15,6 +15,7 @@ from contact_app.run.solve import solve_scene
 from contact_app.scene.build import build_scene
 from contact_app.scene.configuration import load
 from contact_app.scene.material import Material
+from contact_app.scene.yaml_reader import read
 from meshes import BoxShape, decompose
 from tests import meshfiles, reference, scenes
 from tests.comparison import in_order_of, in_space, solve
@@ -155,23 +156,19 @@ def test_remedies_of_volumetric_locking(cell: str) -> None:
     assert sinking(press(cell, n, 0.4999, degree=2)) == pytest.approx(fine, rel=0.1)
 
 
+def test_the_corner_of_the_guides_block_sinks_by_a_thousandth() -> None:
+    path = Path(__file__).parents[3] / "docs" / "guide" / "confined_block.yaml"
+    found = solve_scene(build_scene(load(path, ["bodies.0.degree=2"]))).summary
+    corner = found["probes"]["corner"]["displacement"]
+    assert corner == pytest.approx([0.0, -0.001], rel=2e-3, abs=1e-9)
+
+
 @pytest.mark.parametrize("cell", scenes.CELLS_2D)
 def test_slender_beam(cell: str) -> None:
-    """A cantilever 1:100 of cells four times as long as high, against Euler and Bernoulli."""
-    beam = scenes.config(
-        cell,
-        [{
-            "name": "beam",
-            "mesh": {"box": {"lower": [0, 0], "upper": [100, 1], "cells": [25, 1], "cell": cell}},
-            "material": {"young": 1.2e5, "poisson": 0.0},
-        }],
-        [
-            {"on": "beam.x-", "displacement": [0, 0]},
-            {"on": "beam.x+", "traction": [0, -0.01]},
-        ],
-        [],
-    )  # fmt: skip
-    exact = 0.01 * 100**3 / (3 * 1.2e5 / 12)
+    """The guide's cantilever of cells four times as long as high, against Euler and Bernoulli."""
+    path, exact = Path(__file__).parents[3] / "docs" / "guide" / "slender_cantilever.yaml", 0.1
+    beam, _ = read(path)
+    beam["bodies"][0]["mesh"]["box"]["cell"] = cell
     first = solve(beam, 1, tolerance=1e-6).summary
     second = solve(quadratic(beam), 1, tolerance=1e-6).summary
     assert first["solution"]["max_displacement"] < 0.15 * exact
