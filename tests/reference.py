@@ -18,14 +18,11 @@ A step is convex and piecewise quadratic, so the primal-dual active set (semismo
 method with an exact line search solves it from any start in a finite number of sparse direct
 solves. ε makes floating bodies and free sliding harmless, δ makes repeated and dependent contact
 rows harmless; both vanish from the limit, whose optimality conditions are checked at the end.
-
-:func:`snes_reference` is a second opinion for planes whose normal is a coordinate axis: PETSc's
-SNES ``vinewtonrsls`` with a direct solver, contact being a bound on a displacement component.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -115,7 +112,6 @@ class Reference:
     multiplier: np.ndarray
     contact_force: np.ndarray
     residual: float
-    newton_steps: int = field(default=0)
 
     @property
     def points(self) -> np.ndarray:
@@ -692,93 +688,14 @@ def solve(scene: Any, tolerance: float = KKT_TOLERANCE) -> Reference:
     load = (system.load - K @ u)[free]
     gap = system.gap - system.contact @ u
     extent = float(np.ptp(system.points, axis=0).max())
-    u[free], multiplier, residual, steps = minimise(
+    u[free], multiplier, residual, _ = minimise(
         K[free][:, free], load, system.contact[:, free], gap, extent, tolerance
     )
-    return _reference(system, u, multiplier, residual, steps)
-
-
-def _reference(
-    system: System, u: np.ndarray, multiplier: np.ndarray, residual: float, steps: int
-) -> Reference:
-    force = -(system.contact.T @ multiplier).reshape(-1, system.dimension).sum(axis=0)
     return Reference(
         system=system,
         u=u.reshape(-1, system.dimension),
-        energy=float(0.5 * u @ (system.stiffness @ u) - system.load @ u),
+        energy=float(0.5 * u @ (K @ u) - system.load @ u),
         multiplier=multiplier,
-        contact_force=force,
+        contact_force=-(system.contact.T @ multiplier).reshape(-1, system.dimension).sum(axis=0),
         residual=residual,
-        newton_steps=steps,
     )
-
-
-# --- the second opinion ------------------------------------------------------------------------
-
-
-def snes_reference(scene: Any) -> Reference:
-    """Solve a scene whose planes have coordinate normals by SNES ``vinewtonrsls``."""
-    system = assemble(scene)
-    dofs = system.load.size
-    lower, upper = np.full(dofs, -np.inf), np.full(dofs, np.inf)
-    contact = sp.csr_matrix(system.contact)
-    for row, gap in enumerate(system.gap):
-        columns = contact.indices[contact.indptr[row] : contact.indptr[row + 1]]
-        values = contact.data[contact.indptr[row] : contact.indptr[row + 1]]
-        columns, values = columns[values != 0], values[values != 0]
-        if columns.size != 1:
-            raise ReferenceError("a contact row has more than one component: not a bound")
-        column, value = columns[0], values[0]
-        if value > 0:
-            upper[column] = min(upper[column], gap / value)
-        else:
-            lower[column] = max(lower[column], gap / value)
-    free = ~system.held
-    K = sp.csr_matrix(system.stiffness[free][:, free])
-    K.sort_indices()
-    load = (system.load - system.stiffness @ system.prescribed)[free]
-    scale = np.abs(load).max()
-
-    matrix = PETSc.Mat().createAIJ(
-        size=K.shape, csr=(K.indptr, K.indices, K.data / scale), comm=PETSc.COMM_SELF
-    )
-    x, residual = matrix.createVecs()
-    right, low, high = residual.duplicate(), residual.duplicate(), residual.duplicate()
-    right.array[:] = load / scale
-    low.array[:], high.array[:] = lower[free], upper[free]
-
-    def function(_snes: PETSc.SNES, at: PETSc.Vec, out: PETSc.Vec) -> None:
-        matrix.mult(at, out)
-        out.axpy(-1.0, right)
-
-    snes = PETSc.SNES().create(PETSc.COMM_SELF)
-    snes.setType("vinewtonrsls")
-    snes.setFunction(function, residual)
-    snes.setJacobian(lambda *_: None, matrix, matrix)
-    snes.setVariableBounds(low, high)
-    snes.setTolerances(rtol=1e-14, atol=1e-13, stol=0.0, max_it=100)
-    snes.getKSP().setType("preonly")
-    snes.getKSP().getPC().setType("lu")
-    # Begun with all contact closed: where nothing touches, a body that contact alone holds leaves
-    # LU a singular matrix, and only rounding decides whether Newton's method survives that step.
-    closed = np.isfinite(low.array) | np.isfinite(high.array)
-    start = np.where(np.isfinite(low.array), low.array, high.array)
-    start[~closed] = 0.0
-    start[~closed] = spla.spsolve(K[~closed][:, ~closed].tocsc(), (load - K @ start)[~closed])
-    x.array[:] = start
-    snes.solve(None, x)
-
-    u = system.prescribed.copy()
-    u[free] = x.array
-    # Contact forces are what is missing in the balance of the bounded components.
-    missing = (system.stiffness @ u - system.load) * free
-    columns = abs(contact).argmax(axis=1).A1 if contact.shape[0] else np.zeros(0, dtype=int)
-    signs = np.asarray(contact.sum(axis=1)).ravel()
-    touching = np.abs(contact @ u - system.gap) <= 1e-9 * max(np.abs(u).max(), 1e-300)
-    multiplier = np.maximum(0.0, -missing[columns] * signs) * touching
-    worst = optimality(
-        K, load, contact[:, free], system.gap - contact @ system.prescribed, u[free], multiplier
-    )
-    if worst > 1e-8:
-        raise ReferenceError(f"SNES left a residual of {worst:.1e} ({snes.getConvergedReason()})")
-    return _reference(system, u, multiplier, worst, snes.getIterationNumber())

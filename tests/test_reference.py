@@ -1,4 +1,4 @@
-"""The reference solver against exact answers, brute force and a second solver.
+"""The reference solver against exact answers and brute force.
 
 Everything the application is compared with must itself be right, so these tests know nothing of
 the application's solver.
@@ -45,24 +45,6 @@ def test_patch_in_the_plane(cell: str, plane: str) -> None:
     np.testing.assert_allclose(at(solution, 1, 1), [side * q / E, down * q / E], rtol=1e-12)
     if plane == "strain":
         assert at(solution, 1, 1)[1] == pytest.approx(-4.3333e-4, rel=1e-5)
-
-
-@pytest.mark.parametrize("cell", scenes.CELLS_3D + scenes.CELLS_2D)
-@pytest.mark.parametrize(
-    "name", ["wall", "pushed", "two_planes", "rollers_and_floor", "heavy", "no_contacts"]
-)
-def test_agrees_with_snes(name: str, cell: str) -> None:
-    scene = scenes.build(scenes.ALL[name](cell, 4))
-    ours, theirs = reference.solve(scene), reference.snes_reference(scene)
-    assert ours.energy == pytest.approx(theirs.energy, rel=1e-11)
-    scale = np.abs(ours.u).max()
-    np.testing.assert_allclose(ours.u, theirs.u, rtol=0, atol=1e-10 * scale)
-    np.testing.assert_allclose(
-        ours.multiplier,
-        theirs.multiplier,
-        rtol=0,
-        atol=1e-8 * np.abs(ours.system.load).max() + 1e-8,
-    )
 
 
 def test_every_scene_is_a_contact_problem() -> None:
