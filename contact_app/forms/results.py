@@ -18,6 +18,7 @@ from contact_app.machine.timings import Timings
 from contact_app.model.facets import between_vertices
 from contact_app.results.alternation import LINES, Lines, alternation
 from contact_app.results.friction import FrictionAtRows, dissipated_work, of_most_pressed
+from contact_app.results.pressure import NodesInContact
 from contact_app.results.reactions import add_contact
 from contact_app.results.resultants import joined, summed
 from contact_app.results.smoothed_pressure import smoothed_on
@@ -97,42 +98,16 @@ class OnSpace:
 
 
 @dataclass(frozen=True, eq=False)
-class ContactAtNodes:
+class ContactAtNodes(NodesInContact):
     """One contact at the nodes that this rank owns; zero away from it.
 
     Attributes
     ----------
-    pressure, smoothed, gap : (owned,)
-        Smoothed: without what facets make of the pressure. The gap is NaN where there is no row.
-    shares : (owned,)
-        ∫ φ_k over the boundary.
-    carriers, closed : (owned,)
-        Masks of nodes at which the contact law is enforced, and of those with a contact force.
-    areas : (owned,)
-        Area on which the force of a closed node acts.
-    forces, moments : (owned, 3)
-        Force on the side of `tag`, and its moment about the node.
-    traction, slips : (owned, 3)
-        Friction force per area on the side of `tag`, and its slip along what it touches.
-    status : (owned,)
-        0 where a node is open, 1 where it sticks, 2 where it slides.
-    rubs : (owned,)
-        Mask of nodes with a friction force of a given limit, also where they are open.
+    gap : (owned,)
+        NaN where there is no row.
     """
 
-    pressure: Array
-    smoothed: Array
     gap: Array
-    shares: Array
-    carriers: NDArray[np.bool_]
-    closed: NDArray[np.bool_]
-    areas: Array
-    forces: Array
-    moments: Array
-    traction: Array
-    slips: Array
-    status: NDArray[np.int64]
-    rubs: NDArray[np.bool_]
 
 
 def contact_at_nodes(
@@ -181,14 +156,24 @@ def contact_at_nodes(
     vectors[:, :d] += force[:, None] * rows.normals[mine]
     moments = force[:, None] * rows.moments[mine] + rough.moments[mine]
     carriers = shares > 0.0 if at_nodes else owners.on(facets.vertices(d), count)
-    status = np.where(closed | rough.rubs[mine], np.where(rough.sticks[mine], 1, 2), 0)
     smoothed = _smoothed(model, owners, number, (pressure, shares), at_nodes)
+    masks = {
+        "closed": closed, "sticks": rough.sticks[mine], "rubs": rough.rubs[mine],
+    }  # fmt: skip
     return ContactAtNodes(
-        pressure, smoothed, gap, shares, carriers,
-        at_owned(closed.astype(float)) > 0.0, at_owned(np.where(closed, area, 0.0)),
-        at_owned(vectors), at_owned(moments), traction, at_owned(rough.slips[mine]),
-        at_owned(status).astype(np.int64), at_owned(rough.rubs[mine].astype(float)) > 0.0,
-    )  # fmt: skip
+        nodes=model.exchange.first + np.arange(owners.count),
+        pressure=pressure,
+        smoothed=smoothed,
+        shares=shares,
+        carriers=carriers,
+        areas=at_owned(np.where(closed, area, 0.0)),
+        forces=at_owned(vectors),
+        moments=at_owned(moments),
+        traction=traction,
+        slips=at_owned(rough.slips[mine]),
+        gap=gap,
+        **{name: at_owned(mask.astype(float)) > 0.0 for name, mask in masks.items()},
+    )
 
 
 def _smoothed(
