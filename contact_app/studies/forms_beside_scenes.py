@@ -18,6 +18,7 @@ import sys
 import tempfile
 import time
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -42,12 +43,6 @@ FRICTION = {"coulomb": 0.3}
 
 PUSH = (0.1 * PRESSURE, 0.05 * PRESSURE, -PRESSURE)
 """Traction on the upper of two bodies, within the cone of friction."""
-
-
-def bricks(cells: int) -> Any:
-    """A regular mesh of the unit cube."""
-    kind = dolfinx.mesh.CellType.hexahedron
-    return dolfinx.mesh.create_unit_cube(MPI.COMM_WORLD, cells, cells, cells, kind)
 
 
 def form_problem(
@@ -160,25 +155,16 @@ def measure(
         return _by_turns(form_problem(mesh, degree, friction), scene, turns)
 
 
-def measure_quadratic(cells: int, turns: int = TURNS) -> dict[str, dict[str, float]]:
-    """The mesh of degree 2 with half as many cells along an edge."""
-    return measure(cells // 2, turns, degree=2)
-
-
-def measure_friction(cells: int, turns: int = TURNS) -> dict[str, dict[str, float]]:
-    """Tetrahedra with friction at the wall."""
-    return measure(cells, turns, friction=FRICTION)
-
-
 def measure_pair(cells: int, turns: int = TURNS) -> dict[str, dict[str, float]]:
     """A cube on a cube with friction; the lower one has half as many cells along an edge."""
-    upper, lower = (perturbed_cube(n) for n in (cells, max(cells // 2, 2)))
+    numbers = cells, max(cells // 2, 2)
+    upper, lower = map(perturbed_cube, numbers)
     points = np.concatenate([upper.points + [0.0, 0.0, 1.0], lower.points])
     cells_of_both = np.concatenate([upper.cells, lower.cells + len(upper.points)])
     mesh = dolfinx_compat.create_mesh(cells_of_both, points, upper.cell)
     with tempfile.TemporaryDirectory() as directory:
         files = [Path(directory) / name for name in ("upper.vtu", "lower.vtu")]
-        for file, n in zip(files, (cells, max(cells // 2, 2)), strict=True):
+        for file, n in zip(files, numbers, strict=True):
             write_cube(file, n)
         return _by_turns(pair_problem(mesh), pair_scene(*files), turns)
 
@@ -188,13 +174,10 @@ def measure_bricks(
 ) -> dict[str, dict[str, float]]:
     """The case of a regular mesh (collective)."""
     box = {"lower": [0, 0, 0], "upper": [1, 1, 1], "cells": [cells] * 3}
-    problem = form_problem(bricks(cells), friction=friction)
-    return _by_turns(problem, scene_of({"box": box}, friction=friction), turns)
-
-
-def measure_rough_bricks(cells: int, turns: int = TURNS) -> dict[str, dict[str, float]]:
-    """The regular mesh with friction at the wall (collective)."""
-    return measure_bricks(cells, turns, FRICTION)
+    kind = dolfinx.mesh.CellType.hexahedron
+    mesh = dolfinx.mesh.create_unit_cube(MPI.COMM_WORLD, cells, cells, cells, kind)
+    scene = scene_of({"box": box}, friction=friction)
+    return _by_turns(form_problem(mesh, friction=friction), scene, turns)
 
 
 def _by_turns(
@@ -204,11 +187,9 @@ def _by_turns(
         made.solve()
         return made.summary
 
-    def anew() -> dict[str, Any]:
-        return solved(ContactProblem(problem.a, problem.L, problem.bcs, problem.contacts))
-
+    parts = problem.a, problem.L, problem.bcs, problem.contacts
     ways: dict[str, Callable[[], dict[str, Any]]] = {
-        "form": anew,
+        "form": lambda: solved(ContactProblem(*parts)),
         "form, solved again": lambda: solved(problem),
         "scene": lambda: solve(scene).summary,
         "scene, multigrid": lambda: solve(scene | {"solver": {"method": "primal"}}).summary,
@@ -234,17 +215,19 @@ def _by_turns(
 def main() -> None:
     """Print all tables, or those of bricks under mpirun."""
     cells = int(sys.argv[1]) if len(sys.argv) > 1 else 28
-    comm = MPI.COMM_WORLD
-    tables = {
-        "tetrahedra": measure,
-        "quadratic tetrahedra": measure_quadratic,
-        "tetrahedra, friction": measure_friction,
-        "two bodies, friction": measure_pair,
-        "bricks": measure_bricks,
-        "bricks, friction": measure_rough_bricks,
+    bricks = {
+        "bricks": partial(measure_bricks, cells),
+        "bricks, friction": partial(measure_bricks, cells, friction=FRICTION),
     }
-    for title in tables if comm.size == 1 else ("bricks", "bricks, friction"):
-        found = tables[title](cells)
+    tetrahedra = {
+        "tetrahedra": partial(measure, cells),
+        "quadratic tetrahedra": partial(measure, cells // 2, degree=2),
+        "tetrahedra, friction": partial(measure, cells, friction=FRICTION),
+        "two bodies, friction": partial(measure_pair, cells),
+    }
+    comm = MPI.COMM_WORLD
+    for title, table in (bricks if comm.size > 1 else tetrahedra | bricks).items():
+        found = table()
         if comm.rank == 0:
             print(_as_text(title, found), flush=True)
 
