@@ -2,11 +2,6 @@
 
 from __future__ import annotations
 
-import os
-import subprocess
-import sys
-from pathlib import Path
-
 import numpy as np
 import pytest
 
@@ -74,24 +69,6 @@ def test_pushed_inside_the_support(cell: str) -> None:
     np.testing.assert_allclose(force, in_space(known.contact_force), atol=1e-6 * 25)
 
 
-@pytest.mark.parametrize(("reach", "stands"), [(0.74, False), (0.76, True), (1.0, True)])
-def test_edge_of_the_support(reach: float, stands: bool) -> None:
-    """The line of action x = 0.75 against supports that end just before and after it."""
-    cell = "quadrilateral"
-    made = free_block(cell, scenes.vector(cell, 0, 0, -50), on="right")
-    n = 50
-    made["bodies"][0]["mesh"]["box"]["cells"] = [n, 2]
-    made["bodies"][0]["boundaries"]["inner"] = {"where": f"y < 1e-9 and x < {reach} + 1e-9"}
-    made["bodies"][0]["boundaries"]["right"] = {"where": "y > 1 - 1e-9 and x > 0.5 - 1e-9"}
-    made["contacts"][0]["on"] = "block.inner"
-    if stands:
-        solution = solve(made, [2, 1])
-        assert solution.summary["certificate"]["passed"]
-        assert solution.summary["solution"]["contact_force"][1] == pytest.approx(25, rel=1e-8)
-    else:
-        expect_no_equilibrium(made, [2, 1])
-
-
 def test_names_the_body_that_leaves() -> None:
     from contact_app.errors import NoEquilibriumError
 
@@ -148,17 +125,6 @@ def test_grazing_with_a_gap_that_is_not_a_float() -> None:
     np.testing.assert_allclose(solution.summary["solution"]["contact_force"], 0, atol=1e-6)
 
 
-def test_weakly_active_rows() -> None:
-    """A plane at exactly where the free solution ends: rows touch with λ = 0."""
-    made = scenes.bar("hexahedron", 4)
-    made["contacts"][0]["obstacle"] = scenes.plane("hexahedron", (2.0, 0, 0), (-1, 0, 0))
-    solution = solve(made, [2, 2, 2])
-    found = solution.summary["solution"]
-    assert solution.summary["certificate"]["passed"]
-    assert found["max_displacement"] == pytest.approx(1.0, rel=1e-8)
-    np.testing.assert_allclose(found["contact_force"], 0, atol=1e-7)
-
-
 def test_contradicting_displacements_are_refused() -> None:
     from contact_app.errors import ContactError
 
@@ -175,40 +141,3 @@ def test_agreeing_displacements_on_one_node_are_fine() -> None:
     solution = solve(made, [2, 2, 2])
     u = in_order_of(known, solution)
     np.testing.assert_allclose(u, known.u, atol=1e-7 * np.abs(known.u).max())
-
-
-def exit_code(made: scenes.Config, directory: Path) -> tuple[int, str]:
-    """Exit code and messages of the command."""
-    path = scenes.write(made, directory / "scene.yaml")
-    done = subprocess.run(
-        [sys.executable, "-m", "contact_app", "run", str(path), "-o", str(directory / "out")],
-        capture_output=True,
-        text=True,
-        timeout=120,
-        env={**os.environ, "OPENBLAS_NUM_THREADS": "1"},
-    )
-    return done.returncode, done.stdout + done.stderr
-
-
-def test_exit_code_without_equilibrium(tmp_path: Path) -> None:
-    code, said = exit_code(free_block("quadrilateral", [0, 10]), tmp_path)
-    assert code == 3, said
-    assert "block" in said
-    assert "Traceback" not in said
-
-
-def test_exit_code_of_contradicting_data(tmp_path: Path) -> None:
-    made = scenes.wall("quadrilateral", 2)
-    made["conditions"].append({"on": "block.x-", "displacement": [0.1, None]})
-    code, said = exit_code(made, tmp_path)
-    assert code == 2, said
-    assert "Traceback" not in said
-
-
-def test_exit_code_of_a_solve_cut_short(tmp_path: Path) -> None:
-    made = scenes.wall("quadrilateral", 4)
-    made["decomposition"] = {"subdomains": [2, 2]}
-    made["solver"]["max_iterations"] = 2
-    code, said = exit_code(made, tmp_path)
-    assert code == 1, said
-    assert (tmp_path / "out" / "summary.json").exists(), "results so far are written"

@@ -16,7 +16,6 @@ from contact_app.scene.configuration import load
 from tests import meshfiles, reference, scenes
 from tests.comparison import in_order_of, solve
 from tests.rows import covering
-from tests.scenes_on_ranks import summary_of
 
 CONFIG = Path(__file__).parents[3] / "configs" / "roller_on_block.yaml"
 YOUNG, POISSON, PRESSURE = 900.0, 0.25, 10.0
@@ -225,17 +224,6 @@ def test_held_sides_of_both_bodies_that_overlap() -> None:
     ]
     with pytest.raises(NoEquilibriumError, match="into the other body"):
         solve(made)
-
-
-def test_ranks(tmp_path: Path) -> None:
-    made = placed("hexahedron", (3, 4), "overhanging", swapped=False, gap=0.0)
-    made["decomposition"] = {"subdomains": 5}
-    one, two = [summary_of(made, tmp_path, ranks) for ranks in (1, 2)]
-    assert two["decomposition"]["contact"] == one["decomposition"]["contact"]
-    for key in ("energy", "max_displacement", "max_contact_pressure"):
-        assert two["solution"][key] == pytest.approx(one["solution"][key], rel=1e-8), key
-    forces = [s["solution"]["pair_forces"]["contacts[0]"] for s in (one, two)]
-    np.testing.assert_allclose(*forces, atol=1e-8)
 
 
 def test_many_bodies_in_a_tower() -> None:

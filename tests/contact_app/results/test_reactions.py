@@ -17,7 +17,6 @@ from tests import scenes
 from tests.comparison import load_resultant
 from tests.rows import covering
 from tests.scenes import Config
-from tests.scenes_on_ranks import summary_of
 
 CASES = ["wall", "two_bodies", "rollers_and_floor", "tilted_plane"]
 
@@ -137,15 +136,6 @@ def test_symmetric_scenes_have_the_reactions_of_the_whole() -> None:
         np.testing.assert_allclose(a["force"], b["force"], atol=1e-6 * 50)
         np.testing.assert_allclose(a["moment"], b["moment"], atol=1e-6 * 50)
         np.testing.assert_allclose(a["point"], b["point"], atol=1e-12)
-
-
-@pytest.mark.mpi
-def test_two_ranks(tmp_path: Path) -> None:
-    made = scenes.ALL["two_bodies"]("hexahedron", 4)
-    made["decomposition"] = {"subdomains": 4}
-    one, two = (summary_of(made, tmp_path, ranks)["reactions"] for ranks in (1, 2))
-    for a, b in zip(one, two, strict=True):
-        np.testing.assert_allclose(a["force"], b["force"], rtol=1e-6, atol=1e-5)
 
 
 def test_the_shipped_scene_with_a_remote_load_is_in_balance() -> None:

@@ -138,15 +138,3 @@ def test_active_contacts_are_counted() -> None:
     known = reference_of("wall", "hexahedron", 4)
     solution = solve(scenes.wall("hexahedron", 4), [2, 2, 2])
     assert solution.summary["solution"]["active_contacts"] == known.active
-
-
-def test_a_repeated_obstacle_adds_no_rows() -> None:
-    """Only the tightest of parallel rows at one node is used, in any order of the rows."""
-    known = reference_of("wall", "hexahedron", 4)
-    made = scenes.wall("hexahedron", 4)
-    looser = {"on": "block.x+", "obstacle": scenes.plane("hexahedron", (1.01, 0, 0), (-2, 0, 0))}
-    rows = solve(made, [2, 2, 2]).summary["decomposition"]["contact"]
-    for contacts in ([*made["contacts"], looser], [looser, *made["contacts"]]):
-        solution = solve({**made, "contacts": contacts}, [2, 2, 2])
-        assert solution.summary["decomposition"]["contact"] == rows
-        assert solution.summary["solution"]["energy"] == pytest.approx(known.energy, rel=ENERGY)

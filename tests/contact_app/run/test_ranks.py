@@ -53,6 +53,8 @@ def test_same_answer_and_counts(case: str, tmp_path: Path) -> None:
                 assert other["solver"][key] == pytest.approx(value, abs=2), key
         for key, value in one["solution"].items():
             assert other["solution"][key] == pytest.approx(value, rel=1e-9, abs=1e-9), key
+        for record, value in zip(other["reactions"], one["reactions"], strict=True):
+            np.testing.assert_allclose(record["force"], value["force"], rtol=1e-6, atol=1e-5)
         v = displacement(tmp_path / f"out{ranks}")
         assert u.keys() == v.keys()
         for point, value in u.items():
