@@ -173,42 +173,6 @@ def test_an_incomplete_grid_is_refused(
     assert list(tmp_path.iterdir()) == []
 
 
-@pytest.mark.parametrize(
-    ("call", "message"),
-    [
-        (lambda file: file.cells(0, [[0, 1, 3]]), "outside 0 … 2"),
-        (lambda file: file.cells(0, [[0, 1]]), "a triangle has 3 vertices"),
-        (lambda file: file.point_data("u", 0, np.zeros((3, 4))), r"u has shape \(3, 4\)"),
-        (lambda file: file.points(0, np.zeros((3, 1))), "points have shape"),
-        (lambda file: file.cell_data("s", 1, [1.0]), "rows 1 to 2 of cell/s"),
-    ],
-)
-def test_arguments_that_do_not_fit_are_refused(call, message: str, tmp_path: Path) -> None:
-    with (
-        pytest.raises(XDMFError, match=message),
-        XDMFWriter(tmp_path / "solution.xdmf", "triangle", 3, 1) as file,
-    ):
-        call(file)
-
-
-def test_a_field_keeps_its_number_of_components(tmp_path: Path) -> None:
-    with (
-        pytest.raises(XDMFError, match="3 components here and 1 before"),
-        XDMFWriter(tmp_path / "solution.xdmf", "triangle", 3, 1) as file,
-    ):
-        file.point_data("u", 0, [1.0])
-        file.point_data("u", 1, [[1.0, 2.0]])
-
-
-def test_unknown_names_are_refused(tmp_path: Path) -> None:
-    with pytest.raises(XDMFError, match="'wedge' is not one of triangle"):
-        XDMFWriter(tmp_path / "solution.xdmf", "wedge", 6, 1)
-    with pytest.raises(XDMFError, match="must end in .xdmf"):
-        XDMFWriter(tmp_path / "solution.vtu", "triangle", 3, 1)
-    with pytest.raises(XDMFError, match="do not make 3 cells"):
-        XDMFWriter(tmp_path / "solution.xdmf", [("triangle", 1), ("quadrilateral", 1)], 6, 3)
-
-
 def test_pyvista_reads_one_grid_with_every_field(tmp_path: Path) -> None:
     pyvista = pytest.importorskip("pyvista", reason="pyvista is not installed")
     rng = np.random.default_rng(9)
