@@ -23,7 +23,7 @@ from scipy.linalg import block_diag
 
 from contact_app.errors import NoEquilibriumError
 from contact_app.forms.subdomains import Subdomains
-from contact_app.model.equilibrium import ContactPoints, directions_in_words, entries_on_motions
+from contact_app.model.equilibrium import ContactPoints, entries_on_motions, leaving
 from meshes.connected import connected
 from solver.contact.equilibrium import (
     balance,
@@ -341,15 +341,9 @@ def contact_motions(
 
 def _leaving(bodies: Bodies, group: NDArray[np.int64], escape: Array, rough: bool) -> str:
     """Phrase with the bodies that leave, and their directions, for an error."""
-    motions = escape.reshape(len(group), -1)
-    size = np.abs(motions).max(axis=1)
-    messages = []
-    for b, motion, s in zip(group, motions, size, strict=True):
-        if s > 1e-6 * size.max():
-            words = directions_in_words(motion[:, None])
-            messages.append(f"{bodies.name(int(b))} from leaving along {words}")
+    which = leaving(bodies.name, group, escape)
     friction = ", not even friction at its limit" if rough else ""
     return (
-        f"the problem has no equilibrium: nothing stops {' and '.join(messages)} under its loads"
-        f"{friction}; add a Dirichlet condition, a spring or a contact"
+        f"the problem has no equilibrium: nothing stops {which} under its loads{friction}; add "
+        "a Dirichlet condition, a spring or a contact"
     )

@@ -142,7 +142,7 @@ def _no_equilibrium(
         share = None if scene.in_step else carried_share(comm, *rows, load, cones)
     return (
         f"{scene.source}: the scene has no equilibrium: nothing stops "
-        f"{_leaving(scene.body_names, group, escape)} under its loads"
+        f"{leaving(scene.body_names.__getitem__, group, escape)} under its loads"
         + (", not even friction at its limit" if cones is not None else "")
         + (f"; it starts at {share:.3g} times all loads" if share is not None else "")
     )
@@ -315,12 +315,12 @@ def _moved_by_contact(scene: Scene, contact: ContactRows, group: NDArray[np.int6
     return moved.reshape(-1, len(group) * MOTIONS[d])
 
 
-def _leaving(names: Sequence[str], group: NDArray[np.int64], escape: Array) -> str:
+def leaving(name_of: Callable[[int], str], group: NDArray[np.int64], escape: Array) -> str:
     """Phrase with the bodies of a group that leave, and their directions."""
     motions = escape.reshape(len(group), -1)
     size = np.abs(motions).max(axis=1)
     directions = [
-        f"{names[b]} from leaving along {directions_in_words(motion[:, None])}"
+        f"{name_of(int(b))} from leaving along {directions_in_words(motion[:, None])}"
         for b, motion, s in zip(group, motions, size, strict=True)
         if s > 1e-6 * size.max()
     ]

@@ -15,7 +15,7 @@ force is reflected as a vector, a moment as an axial vector, and nodes on a plan
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -27,7 +27,8 @@ from contact_app.model.planes import on_planes
 from contact_app.results.fields import NodeFields
 from contact_app.results.mirror import FullMesh, Image, full_mesh
 from contact_app.results.pressure import NodesInContact
-from contact_app.results.resultants import Resultant, joined
+from contact_app.results.resultants import Resultant, joined, summed
+from solver.vectors import largest_magnitude
 
 Array = NDArray[np.float64]
 
@@ -74,30 +75,14 @@ def contact_records(model: Model, nodes: NodeFields) -> list[dict[str, Any]]:
 
 def _resultants(model: Model, nodes: NodeFields) -> list[_Contact]:
     """Sums over the nodes of each contact of the solved part (collective)."""
-    scene = model.scene
-    if not scene.touching:
-        return []
-    sums, peaks = [], []
-    centres = [_middle(scene.bodies[touching.body].mesh) for touching in scene.touching]
-    for contact, centre in zip(nodes.contacts, centres, strict=True):
-        at = contact.nodes - nodes.first
-        arm = nodes.points[at] - centre
-        turned = (np.cross(arm, contact.forces) + contact.moments).sum(axis=0)
-        sums.append([
-            contact.shares.sum(), len(at), contact.areas.sum(), *(contact.shares @ arm),
-            *arm.sum(axis=0), *contact.forces.sum(axis=0), *turned,
-        ])  # fmt: skip
-        peaks.append([contact.pressure.max(initial=0.0), contact.smoothed.max(initial=0.0)])
-    totals = model.comm.allreduce(np.array(sums, float))
-    largest = np.array(peaks)
-    model.comm.Allreduce(MPI.IN_PLACE, largest, op=MPI.MAX)
-    found = []
-    for (share, count, area, *rest), peak, centre in zip(totals, largest, centres, strict=True):
-        weighted, plain, force, moment = np.array(rest).reshape(4, 3)
-        away = weighted / share if share > 0.0 else plain / max(count, 1.0)
-        moment = moment - np.cross(away, force)
-        whole_force = Resultant(force, moment, centre + away, float(share))
-        found.append(_Contact(whole_force, float(area), *map(float, peak)))
+    scene, comm, found = model.scene, model.comm, []
+    for touching, contact in zip(scene.touching, nodes.contacts, strict=True):
+        centre, on = _middle(scene.bodies[touching.body].mesh), np.ones(len(contact.nodes), bool)
+        arm = nodes.points[contact.nodes - nodes.first] - centre
+        whole = summed(comm, arm, on, contact.forces, contact.shares, contact.moments)
+        peaks = (largest_magnitude(comm, part) for part in (contact.pressure, contact.smoothed))
+        area = comm.allreduce(float(contact.areas.sum()))
+        found.append(_Contact(replace(whole, point=centre + whole.point), area, *peaks))
     return found
 
 
