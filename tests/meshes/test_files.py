@@ -453,18 +453,6 @@ def test_a_body_in_pieces(tmp_path: Path) -> None:
         assert "falls into 2 pieces that share no facet, the smallest of 8 cells" in told
 
 
-def test_overlapping_cells(tmp_path: Path) -> None:
-    given = meshfiles.block("tetrahedron", 2)
-    more = given.cells[0].data[:1].copy()
-    outside = len(given.points)
-    more[0, 3] = outside
-    mesh = meshio.Mesh(
-        np.vstack([given.points, [[0.4, 0.45, 0.52]]]),
-        [("tetra", np.vstack([given.cells[0].data, more]))],
-    )
-    assert "its cells overlap" in refused(mesh, tmp_path, "tetrahedron")
-
-
 def test_broken_numbers(tmp_path: Path) -> None:
     given = meshfiles.block("triangle", 2)
     given.points[3, 0] = np.nan

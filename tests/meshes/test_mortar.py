@@ -275,19 +275,6 @@ def test_sides_that_never_meet_are_refused() -> None:
         mean_gaps(patch("triangle", 2, False), away)
 
 
-def test_of_two_layers_the_nearest_counts() -> None:
-    near, far = patch("triangle", 3, True, 1000), patch("triangle", 3, True, 2000, height=-9.0)
-    both = Surface(
-        3,
-        np.concatenate([near.nodes, far.nodes]),
-        np.concatenate([near.points, far.points]),
-        np.concatenate([near.normals, far.normals]),
-    )
-    rows = mean_gaps(patch("quadrilateral", 4, False, height=0.01), both)
-    assert rows.node.max() < 2000
-    np.testing.assert_allclose(rows.gaps, 0.01)
-
-
 def test_facets_of_very_different_size_find_each_other() -> None:
     rows = mean_gaps(patch("triangle", 1, False, height=0.3), patch("quadrilateral", 40, True, 10))
     np.testing.assert_allclose(rows.gaps, 0.3)

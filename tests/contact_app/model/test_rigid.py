@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import copy
-from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -339,44 +338,6 @@ def test_a_plate_rests_on_held_bodies(method: str) -> None:
     assert summary["certificate"]["passed"]
 
 
-def test_units_do_not_matter() -> None:
-    """Millimetres and newtons, metres and kilonewtons: the same body."""
-    made = ball_on_block("hexahedron", 4)
-    other = copy.deepcopy(made)
-    box = other["bodies"][0]["mesh"]["box"]
-    for corner in ("lower", "upper"):
-        box[corner] = [1e-3 * v for v in box[corner]]
-    sphere = other["bodies"][1]["rigid"]["sphere"]
-    sphere["center"], sphere["radius"] = [1e-3 * v for v in sphere["center"]], 1e-3 * RADIUS
-    other["bodies"][0]["material"]["young"] *= 1e6 * 1e-3
-    other["conditions"][2]["total_force"] = [0, 0, -FORCE * 1e-3]
-    one, two = solve(made, 2).summary, solve(other, 2).summary
-    np.testing.assert_allclose(
-        1e3 * np.array(two["rigid_bodies"]["ball"]["displacement"]),
-        one["rigid_bodies"]["ball"]["displacement"], rtol=1e-7,
-    )  # fmt: skip
-    assert 1e-3 * two["solution"]["max_contact_pressure"] == pytest.approx(
-        one["solution"]["max_contact_pressure"], rel=1e-6
-    )
-
-
-@cache
-def answer_in_two() -> Any:
-    return solve(mixed(), 2)
-
-
-@pytest.mark.parametrize("split", [1, 6, [2, 2, 1]])
-def test_decompositions_agree(split: int | list[int]) -> None:
-    """One subdomain or many: the same answer, beside a tied block and another contact."""
-    made = mixed()
-    known = answer_in_two().summary
-    found = solve(made, split).summary
-    same_contacts(found, known, 3e-6)
-    for name, body in known["rigid_bodies"].items():
-        for key, values in body.items():
-            np.testing.assert_allclose(found["rigid_bodies"][name][key], values, atol=3e-8)
-
-
 def mixed() -> scenes.Config:
     """A ball on a stack of tied blocks of which one meets a neighbour; a roller that is moved."""
     cell = "hexahedron"
@@ -442,18 +403,6 @@ def test_undecomposed_bodies_give_the_same_answer(factors: str) -> None:
     for place, other in zip(places, known, strict=True):
         np.testing.assert_allclose(place.displacement, other.displacement, atol=1e-7)
         np.testing.assert_allclose(place.rotation, other.rotation, atol=1e-7)
-
-
-def test_ranks_agree_on_undecomposed_bodies(tmp_path: Path) -> None:
-    made = mixed()
-    made["solver"] = {"method": "primal", "tolerance": 1e-9}
-    known, found = (summary_of(made, tmp_path, n) for n in (1, 2))
-    assert known["solver"]["method"] == found["solver"]["method"] == "primal"
-    for ours, theirs in zip(found["contacts"], known["contacts"], strict=True):
-        np.testing.assert_allclose(ours["force"], theirs["force"], atol=3e-6 * 60)
-    for name, body in known["rigid_bodies"].items():
-        for key, values in body.items():
-            np.testing.assert_allclose(found["rigid_bodies"][name][key], values, atol=3e-8)
 
 
 def test_load_cases_place_it_anew() -> None:
