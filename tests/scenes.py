@@ -463,6 +463,17 @@ def scaled(made: Config, factor: float) -> Config:
     return made
 
 
+def lifted_strip(length: float, cells: list[int], degree: int = 1, **solver: Any) -> Config:
+    """A strip of thickness one; its weight lays it on a floor, from which one end is lifted."""
+    box = {"lower": [0, 0], "upper": [length, 1], "cells": cells}
+    material = {"young": 1e5, "poisson": 0.3}
+    body = {"name": "strip", "mesh": {"box": box}, "degree": degree, "material": material}
+    floor = {"on": "strip.y-", "obstacle": {"plane": {"point": [0, 0], "normal": [0, 1]}}}
+    held = {"on": "strip.x-", "displacement": [0, 0.02]}
+    made = config("quadrilateral", [body], [{"in": "strip", "force": [0, -1e-3]}, held], [floor])
+    return {**made, "solver": {"tolerance": 1e-8, **solver}}
+
+
 # --- from configuration to scene ---------------------------------------------------------------
 
 

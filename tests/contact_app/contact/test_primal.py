@@ -104,33 +104,10 @@ def test_a_set_that_takes_few_steps_a_digit_keeps_its_cycle() -> None:
     assert later == alone
 
 
-def strip(degree: int) -> scenes.Config:
-    """A strip 200 times as long as thick on a floor, one end lifted."""
-    return {
-        "dimension": 2,
-        "bodies": [
-            {
-                "name": "strip",
-                "mesh": {"box": {"lower": [0, 0], "upper": [200, 1], "cells": [400, 2]}},
-                "degree": degree,
-                "material": {"young": 1e5, "poisson": 0.3},
-            }
-        ],
-        "conditions": [
-            {"in": "strip", "force": [0, -1e-3]},
-            {"on": "strip.x-", "displacement": [0, 0.02]},
-        ],
-        "contacts": [
-            {"on": "strip.y-", "obstacle": {"plane": {"point": [0, 0], "normal": [0, 1]}}}
-        ],
-        "solver": {"tolerance": 1e-8, "method": "primal"},
-    }
-
-
 @pytest.mark.ratchet
 @pytest.mark.parametrize("degree", [1, 2])
 def test_a_strip_that_lifts_off_takes_few_products(degree: int) -> None:
-    found = solve(strip(degree)).summary
+    found = solve(scenes.lifted_strip(200.0, [400, 2], degree, method="primal")).summary
     assert found["certificate"]["passed"]
     assert found["solver"]["method"] == "primal"
     assert found["solver"]["hessian_multiplications"] < 60

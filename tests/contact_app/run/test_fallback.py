@@ -86,21 +86,6 @@ def test_an_exception_of_the_solver_is_one_more_way_that_failed() -> None:
     assert summary["solution"]["energy"] == pytest.approx(loose["solution"]["energy"], rel=1e-9)
 
 
-def strip(length: float, cells: list[int]) -> scenes.Config:
-    """Clamped and lifted at one end, its weight lays the rest of it on a floor."""
-    box = {"lower": [0, 0], "upper": [length, 1], "cells": cells}
-    floor = {"plane": {"point": [0, 0], "normal": [0, 1]}}
-    return {
-        "dimension": 2,
-        "bodies": [{"name": "b", "mesh": {"box": box}, "material": {"young": 1e5, "poisson": 0.3}}],
-        "conditions": [
-            {"in": "b", "force": [0, -0.001]},
-            {"on": "b.x-", "displacement": [0, 0.02]},
-        ],
-        "contacts": [{"on": "b.y-", "obstacle": floor}],
-    }
-
-
 def test_where_the_dual_methods_fail_in_one_piece_displacements_are_solved_for(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
@@ -108,7 +93,7 @@ def test_where_the_dual_methods_fail_in_one_piece_displacements_are_solved_for(
     from contact_app.run import solve as run
     from solver.errors import UnboundedError
 
-    scene = scenes.build(strip(60.0, [120, 2]), 1)
+    scene = scenes.build(scenes.lifted_strip(60.0, [120, 2]), 1)
     known = solve_scene(scene).summary
 
     def fails(*arguments: object) -> None:
@@ -120,7 +105,7 @@ def test_where_the_dual_methods_fail_in_one_piece_displacements_are_solved_for(
     assert summary["solution"]["energy"] == pytest.approx(known["solution"]["energy"], rel=1e-6)
     assert summary["solution"]["active_contacts"] == known["solution"]["active_contacts"]
     warning = summary["certificate"]["warnings"][-1]
-    assert "b is 60 times as long as thick" in warning
+    assert "strip is 60 times as long as thick" in warning
     assert "Newton" in warning
     assert "unbounded" not in warning
 
@@ -128,7 +113,7 @@ def test_where_the_dual_methods_fail_in_one_piece_displacements_are_solved_for(
 @pytest.mark.ratchet
 def test_contact_rows_that_rounding_holds_up_are_given_up_early() -> None:
     """MPRGP would go on to the limit of steps, and the run would end without a certificate."""
-    summary = solve_scene(scenes.build(strip(500.0, [400, 2]), 1)).summary
+    summary = solve_scene(scenes.build(scenes.lifted_strip(500.0, [400, 2]), 1)).summary
     assert summary["certificate"]["passed"]
     assert summary["solver"]["method"] == "newton"
     assert summary["solver"]["hessian_multiplications"] < 2000
@@ -137,7 +122,7 @@ def test_contact_rows_that_rounding_holds_up_are_given_up_early() -> None:
 @pytest.mark.slow
 def test_a_long_strip_lifted_off_its_floor() -> None:
     """16,010 unknowns; an active set with 170 factors finds 1,408 rows and this energy."""
-    summary = solve_scene(scenes.build(strip(500.0, [1600, 4]))).summary
+    summary = solve_scene(scenes.build(scenes.lifted_strip(500.0, [1600, 4]))).summary
     assert summary["certificate"]["passed"]
     assert summary["solution"]["active_contacts"] == 1408
     assert summary["solution"]["energy"] == pytest.approx(6.50452e-4, rel=1e-5)

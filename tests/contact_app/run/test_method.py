@@ -37,26 +37,9 @@ from tests.stability.feature_scenes import feature_scene
 CONFIGS = Path(__file__).parents[3] / "configs"
 
 
-def strip(**solver: Any) -> scenes.Config:
-    """A strip 500 times as long as thick on a floor, one end lifted."""
-    return {
-        "dimension": 2,
-        "bodies": [
-            {
-                "name": "strip",
-                "mesh": {"box": {"lower": [0, 0], "upper": [500, 1], "cells": [800, 2]}},
-                "material": {"young": 1e5, "poisson": 0.3},
-            }
-        ],
-        "conditions": [
-            {"in": "strip", "force": [0, -1e-3]},
-            {"on": "strip.x-", "displacement": [0, 0.02]},
-        ],
-        "contacts": [
-            {"on": "strip.y-", "obstacle": {"plane": {"point": [0, 0], "normal": [0, 1]}}}
-        ],
-        "solver": {"tolerance": 1e-8, **solver},
-    }
+def strip() -> scenes.Config:
+    """500 times as long as thick."""
+    return scenes.lifted_strip(500.0, [800, 2])
 
 
 def test_contact_that_peels_off_is_left_to_the_undecomposed_problem() -> None:
