@@ -256,34 +256,6 @@ def test_a_block_on_a_slope_rests_up_to_the_friction_angle(
         assert float(said[1]) == pytest.approx(carried, abs=6e-4)
 
 
-def random_scene(seed: int) -> scenes.Config:
-    """A clamped block over a plane that may be tilted or apart, under a load of any direction."""
-    random = np.random.default_rng(seed)
-    cell = random.choice(["quadrilateral", "triangle", "hexahedron", "tetrahedron"])
-    block = scenes.block(cell, int(random.integers(2, 4)), poisson=float(random.uniform(0, 0.45)))
-    law = {"coulomb": float(random.choice([0.1, 0.3, 0.5]))}
-    if random.random() < 0.4:
-        law = {"tresca": float(random.uniform(1.0, 30.0))}
-    load = [float(x) for x in random.uniform([-40, -40, -80], [40, 40, 10])]
-    gap, tilt = float(random.choice([0.0, 0.0, 0.01, 0.03])), float(random.uniform(0.0, 0.1))
-    floor = scenes.plane(cell, (0, 0, -gap), (-tilt if gap else 0.0, 0, 1))
-    return scenes.config(
-        cell,
-        [block],
-        [
-            scenes.clamp(cell, "block.x-"),
-            {"on": f"block.{scenes.up(cell)}", "traction": scenes.vector(cell, *load)},
-        ],
-        [{"on": f"block.{scenes.down(cell)}", "obstacle": floor, "friction": law}],
-    )
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("seed", range(24))
-def test_random_scenes(seed: int) -> None:
-    check(random_scene(seed), 1 + seed % 4)
-
-
 def test_load_cases() -> None:
     """A case whose loads have other factors is the scene with these loads."""
     import contact_app

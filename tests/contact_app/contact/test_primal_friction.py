@@ -18,9 +18,10 @@ from solver.qp.mprgp import MPRGP
 from solver.tfeti.methods.task import Task
 from tests import friction_reference, scenes
 from tests.comparison import in_order_of, solve
-from tests.contact_app.contact.test_friction import LAWS, on_a_slope, pair, random_scene, rough
+from tests.contact_app.contact.test_friction import LAWS, on_a_slope, pair, rough
 from tests.rows import covering
 from tests.scenes_on_ranks import summary_of
+from tests.stability.fuzz_friction import judge
 
 CELLS = ("quadrilateral", "triangle", "hexahedron", "tetrahedron")
 
@@ -57,9 +58,9 @@ def test_pairs(cell: str, degree: int, law: dict[str, float]) -> None:
     check(pair(cell, law, degree))
 
 
-@pytest.mark.parametrize("seed", range(6))
+@pytest.mark.parametrize("seed", range(2, 8))
 def test_random_scenes(seed: int) -> None:
-    check(random_scene(seed))
+    assert judge(seed, "primal").kind == "agrees"
 
 
 @pytest.mark.parametrize(("cell", "along"), [("quadrilateral", 0.0), ("tetrahedron", 0.2)])

@@ -15,7 +15,6 @@ from contact_app.model.probes import locate_probes
 from contact_app.run.solve import solve_scene
 from tests import meshfiles, scenes
 from tests.scenes import Config
-from tests.scenes_on_ranks import summary_of
 
 CELLS = ["quadrilateral", "triangle", "hexahedron", "tetrahedron"]
 
@@ -119,17 +118,6 @@ def test_every_place_of_a_curved_body_is_found(tmp_path: Path) -> None:
         assert probe.subdomain is not None
         points = partition.subdomains[probe.subdomain].points()[probe.nodes]
         np.testing.assert_allclose(probe.shares @ points[:, :2], place, atol=1e-7)
-
-
-@pytest.mark.mpi
-def test_two_ranks(tmp_path: Path) -> None:
-    made = scenes.wall("hexahedron", 4)
-    made["decomposition"] = {"subdomains": [2, 2, 2]}
-    made["output"] = {"probes": {"middle": [0.5, 0.5, 0.5], "off": [0.9, 0.2, 0.7]}}
-    one, two = (summary_of(made, tmp_path, ranks)["probes"] for ranks in (1, 2))
-    for name, record in one.items():
-        expected = pytest.approx(record["displacement"], rel=1e-6, abs=1e-9)
-        assert two[name]["displacement"] == expected
 
 
 def test_wrong_points_are_refused() -> None:

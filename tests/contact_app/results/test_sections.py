@@ -13,7 +13,6 @@ import contact_app
 from contact_app.errors import ConfigurationError
 from tests import meshfiles, scenes
 from tests.rows import covering
-from tests.scenes_on_ranks import summary_of
 
 CELLS = ["triangle", "quadrilateral", "tetrahedron", "hexahedron"]
 PULL, WEIGHT, LENGTH = np.array([1.5, 0.7, -1.0]), np.array([0.1, 0.2, 0.3]), 4.0
@@ -190,16 +189,6 @@ def test_curved_cells(cell: str, name: str, tmp_path: Path) -> None:
     radius = (8 - 1) / 3 * 2 * np.sin(np.pi / 8) / (3 * np.pi / 8)
     centre = radius * np.array([np.cos(np.pi / 8), np.sin(np.pi / 8)])
     np.testing.assert_allclose(found["point"], [*centre, 0.5], rtol=2e-3)
-
-
-@pytest.mark.mpi
-def test_ranks_agree(tmp_path: Path) -> None:
-    made = cantilever("tetrahedron", 1, {"root": 0.5, "cut": 1.3})
-    made["decomposition"] = {"subdomains": 5}
-    one, two = (summary_of(made, tmp_path, ranks)["sections"] for ranks in (1, 2))
-    for name, found in one.items():
-        for key, value in found.items():
-            np.testing.assert_allclose(two[name][key], value, atol=1e-8)
 
 
 @pytest.mark.parametrize(

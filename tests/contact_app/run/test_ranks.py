@@ -39,6 +39,9 @@ def test_same_answer_and_counts(case: str, tmp_path: Path) -> None:
     name, cell, subdomains = CASES[case]
     made = scenes.ALL[name](cell, 4)
     made["decomposition"] = {"subdomains": subdomains}
+    if name == "wall":
+        cut = {"in": "block", "plane": {"point": [0.0, 0.0, 0.4], "normal": [0.0, 0.1, 1.0]}}
+        made["output"] = {"probes": {"off": [0.9, 0.2, 0.7]}, "sections": {"cut": cut}}
     one, *others = [summary_of(made, tmp_path, ranks) for ranks in (1, 2, 3)]
     assert one["environment"]["ranks"] == 1
     u = displacement(tmp_path / "out1")
@@ -55,6 +58,10 @@ def test_same_answer_and_counts(case: str, tmp_path: Path) -> None:
             assert other["solution"][key] == pytest.approx(value, rel=1e-9, abs=1e-9), key
         for record, value in zip(other["reactions"], one["reactions"], strict=True):
             np.testing.assert_allclose(record["force"], value["force"], rtol=1e-6, atol=1e-5)
+        for key in ("probes", "sections") if name == "wall" else ():
+            for record, value in zip(other[key].values(), one[key].values(), strict=True):
+                for number, known in zip(record.values(), value.values(), strict=True):
+                    np.testing.assert_allclose(number, known, rtol=1e-6, atol=1e-6)
         v = displacement(tmp_path / f"out{ranks}")
         assert u.keys() == v.keys()
         for point, value in u.items():
