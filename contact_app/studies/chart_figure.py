@@ -7,8 +7,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 
-from contact_app.studies.frontier import frontier
 from contact_app.studies.reference import QUANTITIES
 
 OURS = "contact-app"
@@ -74,3 +74,30 @@ def draw(rows: Sequence[dict[str, Any]], path: Path, title: str, sentence: str) 
     figure.suptitle(f"{title} ({shapes}{hollow}; faint: beaten)\n{sentence}", fontsize=10)
     figure.savefig(path, dpi=130)
     plt.close(figure)
+
+
+def frontier(seconds: ArrayLike, errors: ArrayLike) -> list[int]:
+    """Points of the frontier: no other point is at least as fast with a smaller error.
+
+    Of points equal in both values only the first counts; points with a value that is not finite are
+    left out.
+
+    Returns
+    -------
+    list of int
+        Their numbers, from the fastest to the most accurate.
+
+    Examples
+    --------
+    >>> frontier([1, 2, 3, 4], [0.5, 0.2, 0.3, 0.1])
+    [0, 1, 3]
+    """
+    t, e = np.asarray(seconds, float), np.asarray(errors, float)
+    order = np.lexsort((np.arange(len(t)), e, t))
+    result: list[int] = []
+    best = np.inf
+    for i in order[np.isfinite(t[order]) & np.isfinite(e[order])]:
+        if e[i] < best:
+            best = e[i]
+            result.append(int(i))
+    return result

@@ -121,13 +121,6 @@ def test_shared_nodes_are_counted_once() -> None:
         assert counted in split
 
 
-def test_a_scene_without_equilibrium_is_found_out() -> None:
-    made = scenes.floating_in_corner("hexahedron", 2)
-    made["contacts"] = made["contacts"][1:]
-    with pytest.raises(NoEquilibriumError, match="nothing stops block from leaving along .*-z"):
-        report(scenes.build(made), MPI.COMM_SELF)
-
-
 def test_an_obstacle_in_other_units_is_found_out() -> None:
     """A wall in millimetres beside a block in metres: told by `check`, and where it holds none."""
     made = scenes.wall("hexahedron", 2)

@@ -138,11 +138,6 @@ def test_logic_is_decided_by_one_side(text: str, meaning) -> None:
     assert Expression.parse(text)(POINTS).tolist() == [bool(meaning(p[0])) for p in POINTS]
 
 
-def test_z_is_unknown_in_the_plane() -> None:
-    with pytest.raises(ExpressionError, match="'z'"):
-        Expression.parse("z < 1", ("x", "y"))
-
-
 def test_messages_list_allowed_values() -> None:
     with pytest.raises(ExpressionError, match="allowed: numbers, x, y, z"):
         Expression.parse("x.real > 0")

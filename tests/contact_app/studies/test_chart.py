@@ -18,10 +18,10 @@ from contact_app.scene.build import build_scene
 from contact_app.scene.configuration import load
 from contact_app.scene.material import Material
 from contact_app.studies import chart
+from contact_app.studies.chart_figure import frontier
 from contact_app.studies.chart_meshes import PEERS, plan_meshes
 from contact_app.studies.chart_store import StoredPoints
 from contact_app.studies.fields_on_meshes import BodyNodes, PointsOfMesh
-from contact_app.studies.frontier import frontier
 from contact_app.studies.processes import RunError
 from contact_app.studies.reference import Distances, Fields, ReferenceAnswer, Sampled, extrapolate
 from contact_app.studies.tables import read

@@ -151,3 +151,11 @@ def test_the_roller_with_friction_is_that_without_to_two_percent() -> None:
     (row,) = study(case, case.levels[1:2])
     assert row.certified
     assert max(errors(row)) < 0.02, row
+
+
+def test_a_polygon_in_a_round_hole_touches_with_its_corners() -> None:
+    """Its pressure is 110.4 in the mean, not the three times as much of forces over shares."""
+    (case,) = find(["thick_ring_straight"])
+    (row,) = study(case, case.levels[:1])
+    mean = next(q for q in row.quantities if q.name == "mean pressure")
+    assert mean.ours == pytest.approx(110.41, rel=1e-3)
