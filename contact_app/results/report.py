@@ -266,7 +266,6 @@ def print_cases(
     summary: Mapping[str, Any],
     warnings: Iterable[str] = (),
     files: Iterable[Path | str] = (),
-    console: Console | None = None,
 ) -> None:
     """Print the overview of load cases as a table.
 
@@ -277,7 +276,7 @@ def print_cases(
     warnings
         Warnings of the certificates, each with its cases.
     """
-    console = console or Console(highlight=False)
+    console = Console(highlight=False)
     console.print(cases_table(summary))
     for key, name in (("von_mises", "von Mises stress"), ("contact_pressure", "contact pressure")):
         peak = summary["envelope"][key]
@@ -298,13 +297,10 @@ def print_cases(
 def print_steps(
     summary: Mapping[str, Any],
     files: Iterable[Path | str] = (),
-    console: Console | None = None,
 ) -> None:
     """Print the increments of a load history as a table, and the last one as of a single scene."""
-    console = console or Console(highlight=False)
-    console.print(steps_table(summary["steps"]))
-    tolerance = summary["solver"]["tolerance"]
-    print_summary(summary, tolerance, files, console)
+    Console(highlight=False).print(steps_table(summary["steps"]))
+    print_summary(summary, summary["solver"]["tolerance"], files)
 
 
 def steps_table(records: Sequence[Mapping[str, Any]]) -> Table:

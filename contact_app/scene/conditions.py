@@ -5,7 +5,7 @@ Conditions may have a name, by which load cases give them a factor; `scaled` app
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Any, ClassVar, Self
 
 import numpy as np
@@ -17,10 +17,19 @@ from contact_app.scene.obstacles import Obstacle
 
 @dataclass(frozen=True)
 class Scaled:
-    """A condition whose values a load case multiplies by a factor."""
+    """A condition whose values a load case multiplies by a factor.
+
+    Attributes
+    ----------
+    scales
+        Names of the fields that are multiplied.
+    name
+        Name by which load cases and steps refer to it.
+    """
 
     scales: ClassVar[tuple[str, ...]]
-    """Names of the fields that are multiplied."""
+
+    name: str | None = field(default=None, kw_only=True)
 
     def scaled(self, factor: float) -> Self:
         """The condition with its values times a factor; free components stay free."""
@@ -46,7 +55,6 @@ class DisplacementCondition(Scaled):
     boundary: str
     values: tuple[float | None, ...]
     source: str
-    name: str | None = None
 
 
 @dataclass(frozen=True)
@@ -59,7 +67,6 @@ class Traction(Scaled):
     boundary: str
     vector: tuple[float, ...]
     source: str
-    name: str | None = None
 
 
 @dataclass(frozen=True)
@@ -72,7 +79,6 @@ class Pressure(Scaled):
     boundary: str
     value: float
     source: str
-    name: str | None = None
 
 
 @dataclass(frozen=True)
@@ -95,7 +101,6 @@ class TotalLoad(Scaled):
     moment: tuple[float, float, float]
     at: tuple[float, float, float] | None
     source: str
-    name: str | None = None
 
 
 @dataclass(frozen=True)
@@ -107,7 +112,6 @@ class BodyForce(Scaled):
     body: int
     vector: tuple[float, ...]
     source: str
-    name: str | None = None
 
 
 @dataclass(frozen=True)
@@ -119,7 +123,6 @@ class Temperature(Scaled):
     body: int
     rise: FieldExpression
     source: str
-    name: str | None = None
 
 
 @dataclass(frozen=True)

@@ -64,7 +64,6 @@ class RigidMotion(Scaled):
     displacement: tuple[float | None, ...]
     rotation: tuple[float | None, ...]
     source: str
-    name: str | None = None
 
     @property
     def values(self) -> tuple[float | None, ...]:
@@ -90,7 +89,6 @@ class RigidLoad(Scaled):
     force: Vector
     moment: Vector
     source: str
-    name: str | None = None
 
 
 @dataclass(frozen=True)
