@@ -72,6 +72,8 @@ def judge(
     *,
     solve: Any = solve_scene,
     patience: float = 120.0,
+    draw: Any = friction_scene,
+    compare: Any = None,
 ) -> FrictionVerdict:
     """Solve a random scene and hold it against the reference (collective).
 
@@ -85,29 +87,23 @@ def judge(
         In place of `solve_scene`.
     patience
         Seconds of processor time after which it is said to hang.
+    draw
+        In place of `friction_scene`.
+    compare
+        Kind, detail and operator applications of a solved scene, in place of `compared`.
     """
-    made, subdomains = friction_scene(seed, variant)
+    made, subdomains = draw(seed, variant)
     made["solver"]["method"] = method
-
-    def one() -> tuple[str, str, int]:
-        scene = scenes.build(made, max(subdomains, MPI.COMM_WORLD.size))
-        with time_limit(patience):
-            solved = solve(scene)
-        kind, detail, _ = judged(condense(scene), solved)
-        return kind, detail, solved.summary["solver"]["hessian_multiplications"]
-
-    return timed(seed, one)
-
-
-def timed(seed: int, judging: Callable[[], tuple[str, str, int]]) -> FrictionVerdict:
-    """The verdict of a scene, also where it raises: kind, detail and operator applications."""
     began = time.process_time()
 
     def ended(kind: str, detail: str, products: int = 0) -> FrictionVerdict:
         return FrictionVerdict(seed, kind, detail, time.process_time() - began, products)
 
     try:
-        return ended(*judging())
+        with time_limit(patience):
+            scene = scenes.build(made, max(subdomains, MPI.COMM_WORLD.size))
+            solved = solve(scene)
+        return ended(*(compare or compared)(made, scene, solved))
     except NoEquilibriumError as error:
         kind = "contradicts" if "push held nodes" in str(error) else "denies an equilibrium"
         return ended(kind, str(error))
@@ -116,6 +112,12 @@ def timed(seed: int, judging: Callable[[], tuple[str, str, int]]) -> FrictionVer
     except Exception as error:
         where = traceback.extract_tb(error.__traceback__)[-1]
         return ended("crashes", f"{error!r} at {where}")
+
+
+def compared(_made: scenes.Config, scene: Any, solved: Any) -> tuple[str, str, int]:
+    """The verdict on an answer, what it stands on, and its operator applications (collective)."""
+    kind, detail, _ = judged(condense(scene), solved)
+    return kind, detail, solved.summary["solver"]["hessian_multiplications"]
 
 
 def judged(condensed: Condensed, solved: Any) -> tuple[str, str, np.ndarray]:

@@ -11,18 +11,18 @@ from __future__ import annotations
 
 import sys
 from dataclasses import replace
-from typing import Any
+from functools import partial
 
 import numpy as np
 from mpi4py import MPI
 
-from contact_app.machine.time_limit import time_limit
 from contact_app.run.increments import SolvedIncrement, solved_increments
 from contact_app.scene.scene import Scene
 from tests import scenes
 from tests.friction_reference import condense
+from tests.stability import fuzz_friction
 from tests.stability.friction_scenes import at_factors, history_scene
-from tests.stability.fuzz_friction import GOOD, FrictionVerdict, judged, report, timed
+from tests.stability.fuzz_friction import GOOD, judged, report
 
 
 def solve_history(scene: Scene) -> list[SolvedIncrement]:
@@ -30,41 +30,10 @@ def solve_history(scene: Scene) -> list[SolvedIncrement]:
     return list(solved_increments(scene, MPI.COMM_WORLD, lambda place: None))
 
 
-def judge(
-    seed: int,
-    method: str = "auto",
-    variant: int = 0,
-    *,
-    solve: Any = solve_history,
-    patience: float = 240.0,
-) -> FrictionVerdict:
-    """Solve a random load history and hold its increments against the reference (collective).
-
-    Parameters
-    ----------
-    method
-        As `solver.method` has it.
-    variant
-        Of its units and its decomposition.
-    solve
-        In place of `solve_history`.
-    patience
-        Seconds of processor time after which it is said to hang.
-    """
-    made, subdomains = history_scene(seed, variant)
-    made["solver"]["method"] = method
-
-    def all_increments() -> tuple[str, str, int]:
-        with time_limit(patience):
-            found = solve(scenes.build(made, max(subdomains, MPI.COMM_WORLD.size)))
-        products = sum(f.solved.summary["solver"]["hessian_multiplications"] for f in found)
-        return *_worst(made, found), products
-
-    return timed(seed, all_increments)
-
-
-def _worst(made: scenes.Config, found: list[SolvedIncrement]) -> tuple[str, str]:
-    """The verdict on the increment that agrees least."""
+def _worst(
+    made: scenes.Config, _scene: Scene, found: list[SolvedIncrement]
+) -> tuple[str, str, int]:
+    """The verdict on the increment that agrees least, and the operator applications of all."""
     before: np.ndarray | None = None
     ended: list[tuple[str, str]] = []
     for increment in found:
@@ -75,7 +44,15 @@ def _worst(made: scenes.Config, found: list[SolvedIncrement]) -> tuple[str, str]
         kind, told, u = judged(replace(whole, q=whole.q - slip_before), increment.solved)
         before = whole.C @ u.ravel()
         ended.append((kind, f"increment {increment.place.number} of {len(found)}: {told}"))
-    return max(ended, key=lambda end: GOOD.index(end[0]) if end[0] in GOOD else len(GOOD))
+    products = sum(f.solved.summary["solver"]["hessian_multiplications"] for f in found)
+    worst = max(ended, key=lambda end: GOOD.index(end[0]) if end[0] in GOOD else len(GOOD))
+    return *worst, products
+
+
+judge = partial(
+    fuzz_friction.judge, solve=solve_history, patience=240.0, draw=history_scene, compare=_worst
+)
+"""Solve a random load history and hold its increments against the reference (collective)."""
 
 
 def main() -> int:
