@@ -52,14 +52,12 @@ def _order(rows: Sequence[Row], number: int) -> str:
 
 
 def _figure(found: Sequence[tuple[Case, Sequence[Row]]], target: Path) -> Path:
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
     from matplotlib.ticker import NullFormatter
 
     columns = min(3, len(found))
     lines = -(-len(found) // columns)
     figure = Figure(figsize=(4.4 * columns, 3.6 * lines), layout="constrained")
-    FigureCanvasAgg(figure)
     panels = figure.subplots(lines, columns, squeeze=False).ravel()
     for axes, (case, rows) in zip(panels, found, strict=False):
         dofs = [row.dofs for row in rows]

@@ -62,16 +62,13 @@ def draw_contact(
         )
     if not (pressure > 0.0).any():
         raise NothingPressedError("no contact pressure: nothing touches in this result")
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=(8.0, 5.0), layout="constrained")
-    FigureCanvasAgg(figure)
     draw = _lines if stored.plane else _patches
     draw(figure, stored, pressure, name.replace("_", " "))
     if title:
         figure.suptitle(title)
-    target.parent.mkdir(parents=True, exist_ok=True)
     figure.savefig(target, dpi=150, format="png")
     return target
 

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import csr_array
 
-from contact_app.results.plot.stored import SIDES, Stored, edge_middles
+from contact_app.results.plot.stored import SIDES, Stored, edge_middles, single
 
 Integers = NDArray[np.int64]
 
@@ -66,11 +66,7 @@ def _faces(stored: Stored) -> tuple[Integers, Integers]:
     faces = np.concatenate(
         [cells[:, [*side, *edge_middles("tetrahedron", side)]] for side in SIDES["tetrahedron"]]
     )
-    _, first, count = np.unique(
-        np.sort(faces[:, :3], axis=1), axis=0, return_index=True, return_counts=True
-    )
-    once = first[count == 1]
-    return faces[once], np.tile(rows, len(SIDES["tetrahedron"]))[once]
+    return single(faces, np.tile(rows, len(SIDES["tetrahedron"])), corners=3)
 
 
 class _Weights:

@@ -48,12 +48,10 @@ def draw_friction(stored: Stored, target: Path, title: str = "") -> Path:
     status = status_shown(stored)
     if not (status > 0.0).any():
         raise NothingPressedError("no node sticks or slips: nothing touches in this result")
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
     from matplotlib.patches import Patch
 
     figure = Figure(figsize=(8.0, 5.0), layout="constrained")
-    FigureCanvasAgg(figure)
     draw = _strips if stored.plane else _zones
     draw(figure, stored, status)
     names = [Patch(color=colour, label=name) for name, colour in COLOURS.items()]

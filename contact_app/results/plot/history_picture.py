@@ -32,13 +32,11 @@ def draw_history(table: Path, target: Path, title: str = "") -> Path:
     HistoryError
         The table is incomplete.
     """
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
     columns = read_table(table)
     panels = {name: lines for name, lines in _panels(columns).items() if lines}
     figure = Figure(figsize=(8.0, 2.2 * len(panels) + 0.6), layout="constrained")
-    FigureCanvasAgg(figure)
     all_axes = figure.subplots(len(panels), 1, sharex=True, squeeze=False)[:, 0]
     for axes, (name, lines) in zip(all_axes, panels.items(), strict=True):
         _draw(axes, columns["time"], lines)

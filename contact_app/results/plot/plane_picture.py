@@ -31,14 +31,12 @@ def draw_plane(
     caption: str,
 ) -> Path:
     """Draw a panel for each field, the outline of the undeformed bodies behind."""
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.collections import LineCollection
     from matplotlib.figure import Figure
 
     size = np.ptp(stored.points[:, :2], axis=0)
     tall = min(max(size[1] / max(size[0], 1e-300), 0.4), 2.0)
     figure = Figure(figsize=(6.0 * len(fields), 6.0 * tall + 1.4), layout="constrained")
-    FigureCanvasAgg(figure)
     moved = stored.points[:, :2] + exaggeration * _moves(stored)
     triangles, rows = stored.triangles()
     (sides,) = stored.boundary()

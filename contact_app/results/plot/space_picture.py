@@ -151,7 +151,6 @@ def draw_space(
         Whether bodies touch each other: then they are translucent in pictures of pressure. They are
         also translucent if most of the contact surface is hidden.
     """
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.cm import ScalarMappable
     from matplotlib.colors import Normalize
     from matplotlib.figure import Figure
@@ -176,7 +175,6 @@ def draw_space(
     frame = Frame.of(view, (wide, tall), SHARPNESS)
     images = [_image(moved, faces, outline, panel, frame, stored.drawn) for panel in panels]
     figure = Figure(figsize=(wide * len(panels), tall + 1.3), layout="constrained")
-    FigureCanvasAgg(figure)
     places = np.ravel(figure.subplots(1, len(panels)))
     for number, (axes, panel) in enumerate(zip(places, panels, strict=True)):
         axes.imshow(images[number], interpolation="antialiased")

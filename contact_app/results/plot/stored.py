@@ -86,7 +86,7 @@ class Stored:
         """The boundary sides, and the row in `cell_data` of the cell of each side (sides,)."""
         if self.pieces is not None:
             return list(self.pieces)
-        return [_single(sides, rows) for sides, rows in self._sides() if len(sides)]
+        return [single(sides, rows) for sides, rows in self._sides() if len(sides)]
 
     def triangles(self) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
         """Cells of the plane as triangles (n, 3), and the row in `cell_data` of each (n,)."""
@@ -214,12 +214,15 @@ def edge_middles(cell: str, side: tuple[int, ...]) -> list[int]:
     return [known[pair] for pair in (pairs[:1] if len(side) == 2 else pairs)]
 
 
-def _single(
-    sides: NDArray[np.int64], rows: NDArray[np.int64]
+def single(
+    sides: NDArray[np.int64], rows: NDArray[np.int64], corners: int | None = None
 ) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Sides that occur once, in either orientation, and their rows."""
+    """Sides that occur once, in either orientation, and their rows.
+
+    `corners` is the number of first nodes that tell sides apart; all unless given.
+    """
     _, first, count = np.unique(
-        np.sort(sides, axis=1), axis=0, return_index=True, return_counts=True
+        np.sort(sides[:, :corners], axis=1), axis=0, return_index=True, return_counts=True
     )
     once = first[count == 1]
     return sides[once], rows[once]

@@ -423,11 +423,6 @@ def test_an_accuracy_is_refused_with_steps(tmp_path: Path) -> None:
         contact_app.solve(path)
 
 
-def test_functions_of_one_loading_refuse_steps() -> None:
-    with pytest.raises(ConfigurationError, match="load steps are solved by `run`"):
-        solve_scene(scenes.build(block([{"press": 1}], 3)))
-
-
 def test_slips_that_turn_aside_ask_for_more_increments() -> None:
     made = scenes.config(
         "hexahedron",
