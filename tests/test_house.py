@@ -70,7 +70,7 @@ PLAIN = {
     "meshes": VAGUE_NAMES,
     "solver/qp": VAGUE_NAMES | POINTING_NAMES,
     "solver/tfeti": VAGUE_NAMES | POINTING_NAMES | {"give", "carry", "brought"},
-    "contact_app": PRIVATE_NAMES,
+    "contact_app": {"apart", "mine", "there"},
     **{
         f"contact_app/{room}": VAGUE_NAMES | POINTING_NAMES
         for room in ("scene", "model", "run", "machine", "accuracy")

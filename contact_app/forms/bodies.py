@@ -278,15 +278,15 @@ def holding(
         group = np.flatnonzero(groups == number)
         holds_body = []
         for b in group:
-            mine = body_of_held == b
-            motions = bodies.motions(int(b), held.points[mine], d)[held.held[mine]]
+            on_body = body_of_held == b
+            motions = bodies.motions(int(b), held.points[on_body], d)[held.held[on_body]]
             holds_body.append(np.concatenate([motions, springs[b]]))
             alone[b] = holds(comm, holds_body[-1])
         columns = (group[:, None] * m + np.arange(m)).ravel()
         of_group = seen[:, columns]
-        mine = np.diff(of_group.indptr) > 0
-        of_group = of_group[mine].toarray()
-        cones = None if rough is None else rough.cones(mine, columns)
+        in_group = np.diff(of_group.indptr) > 0
+        of_group = of_group[in_group].toarray()
+        cones = None if rough is None else rough.cones(in_group, columns)
         size, holding_rows = float(scale[group].sum()), block_diag(*holds_body)
         found = balance(comm, holding_rows, of_group, work[group].ravel(), size, cones)
         if found.escape is not None:
@@ -322,8 +322,8 @@ def _moved_by_contact(
     moved = np.zeros((len(own), d, bodies.count, m))
     for side, sign in ((own, 1.0), (other, -1.0)):
         for b in np.unique(side[side >= 0]):
-            mine = side == b
-            moved[mine, :, b] += sign * bodies.motions(int(b), contact.points[mine], d)
+            at_body = side == b
+            moved[at_body, :, b] += sign * bodies.motions(int(b), contact.points[at_body], d)
     return moved.reshape(-1, bodies.count * m)
 
 

@@ -69,8 +69,8 @@ def exterior_facets(parts: Parts, among: NDArray[np.int32] | None = None) -> Fac
         entities = np.intersect1d(among, entities)
     links, offsets = dolfinx_compat.adjacency(mesh.topology.connectivity(d - 1, d))
     cell = links[offsets[entities]]
-    mine = cell < len(parts.of_cell)
-    entities, cell = entities[mine], cell[mine]
+    local = cell < len(parts.of_cell)
+    entities, cell = entities[local], cell[local]
     facets, starts = dolfinx_compat.adjacency(mesh.topology.connectivity(d, d - 1))
     of_cell = facets[starts[cell][:, None] + np.arange(starts[1] if len(starts) > 1 else 0)]
     place = (of_cell == entities[:, None]).argmax(axis=1)
@@ -84,8 +84,8 @@ def exterior_facets(parts: Parts, among: NDArray[np.int32] | None = None) -> Fac
 
 def gathered_surface(parts: Parts, facets: Facets) -> Surface:
     """The facets of all ranks, oriented (collective)."""
-    mine = (facets.numbers, facets.points, facets.inside)
+    local = (facets.numbers, facets.points, facets.inside)
     nodes, points, inside = (
-        np.concatenate(of_ranks) for of_ranks in zip(*parts.comm.allgather(mine), strict=True)
+        np.concatenate(of_ranks) for of_ranks in zip(*parts.comm.allgather(local), strict=True)
     )
     return Surface.of(parts.dimension, nodes, points, inside)

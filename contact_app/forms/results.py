@@ -123,11 +123,11 @@ def contact_at_nodes(
     problem, rows, d = model.problem, model.problem.contact, model.parts.dimension
     facets, count = model.sides[number].facets, len(model.parts.points)
     shares = owners.sums(facets.shares(d, count))
-    mine = rows.sources == number
-    at = rows.nodes[mine] - model.exchange.first
-    force = (solution.multiplier[problem.inequality] * rows.spread)[mine]
+    of_contact = rows.sources == number
+    at = rows.nodes[of_contact] - model.exchange.first
+    force = (solution.multiplier[problem.inequality] * rows.spread)[of_contact]
     jump = problem.residual(problem.on_interface(solution.displacements))[problem.inequality]
-    area = np.where(np.isnan(rows.areas[mine]), shares[at], rows.areas[mine])
+    area = np.where(np.isnan(rows.areas[of_contact]), shares[at], rows.areas[of_contact])
 
     def at_owned(values: Array, empty: float = 0.0) -> Array:
         result = np.full((owners.count, *values.shape[1:]), empty)
@@ -137,7 +137,7 @@ def contact_at_nodes(
     closed = force > 0.0
     pressure = at_owned(np.divide(force, area, out=np.zeros(len(force)), where=area > 0.0))
     gap = np.full(owners.count, np.nan)
-    np.fmin.at(gap, at, (-jump / rows.spread)[mine])
+    np.fmin.at(gap, at, (-jump / rows.spread)[of_contact])
     at_nodes = model.contacts[number].against is None and not in_the_mean(model.parts)
     of_degree_2 = facets.copies.shape[1] != FACETS[d, facets.copies.shape[1]].vertices
     if of_degree_2:
@@ -147,18 +147,20 @@ def contact_at_nodes(
             pressure = _to_middles(facets, owners, pressure, count)
             gap = _to_middles(facets, owners, gap, count)
     wide = (area > 0.0)[:, None]
-    of_area = np.divide(rough.forces[mine], area[:, None], out=np.zeros((len(area), 3)), where=wide)
+    of_area = np.divide(
+        rough.forces[of_contact], area[:, None], out=np.zeros((len(area), 3)), where=wide
+    )
     traction = at_owned(of_area)
     if of_degree_2 and not at_nodes:
         parts = [_to_middles(facets, owners, part, count) for part in traction.T]
         traction = np.stack(parts, axis=1)
-    vectors = rough.forces[mine]
-    vectors[:, :d] += force[:, None] * rows.normals[mine]
-    moments = force[:, None] * rows.moments[mine] + rough.moments[mine]
+    vectors = rough.forces[of_contact]
+    vectors[:, :d] += force[:, None] * rows.normals[of_contact]
+    moments = force[:, None] * rows.moments[of_contact] + rough.moments[of_contact]
     carriers = shares > 0.0 if at_nodes else owners.on(facets.vertices(d), count)
     smoothed = _smoothed(model, owners, number, (pressure, shares), at_nodes)
     masks = {
-        "closed": closed, "sticks": rough.sticks[mine], "rubs": rough.rubs[mine],
+        "closed": closed, "sticks": rough.sticks[of_contact], "rubs": rough.rubs[of_contact],
     }  # fmt: skip
     return ContactAtNodes(
         nodes=model.exchange.first + np.arange(owners.count),
@@ -170,7 +172,7 @@ def contact_at_nodes(
         forces=at_owned(vectors),
         moments=at_owned(moments),
         traction=traction,
-        slips=at_owned(rough.slips[mine]),
+        slips=at_owned(rough.slips[of_contact]),
         gap=gap,
         **{name: at_owned(mask.astype(float)) > 0.0 for name, mask in masks.items()},
     )
@@ -255,10 +257,10 @@ def reaction_records(
         holds = np.zeros((owners.count, 3), bool)
         held = held_components(model.parts, [condition]).astype(float)
         holds[:, :d] = owners.sums(held) > 0.0
-        mine = np.where(holds & ~taken, force, 0.0)
+        reaction = np.where(holds & ~taken, force, 0.0)
         taken |= holds
         on = holds.any(axis=1)
-        resultant = summed(comm, points, on, mine, np.zeros(owners.count))
+        resultant = summed(comm, points, on, reaction, np.zeros(owners.count))
         records.append({"on": f"bcs[{number}]", **joined([resultant], d)})
     return records
 

@@ -202,10 +202,10 @@ def subdomains_of(parts: Parts, grid: Grid | None) -> Subdomains:
         at = parts.copies(number)
         own.append((int(box), lattice[at], parts.numbers[at], parts.points[at]))
     arrived = _exchanged(comm, rank, own)
-    mine, subdomain = np.unique([box for box, *_ in arrived], return_inverse=True)
+    of_rank, subdomain = np.unique([box for box, *_ in arrived], return_inverse=True)
     starts, numbers, points = [0], [np.zeros(0, np.int64)], [np.zeros((0, 3))]
     nodes: dict[int, NDArray[np.int64]] = {}
-    for number in range(len(mine)):
+    for number in range(len(of_rank)):
         pieces = np.flatnonzero(subdomain == number)
         places, ids, at = (
             np.concatenate([arrived[k][column] for k in pieces]) for column in (1, 2, 3)
@@ -215,10 +215,10 @@ def subdomains_of(parts: Parts, grid: Grid | None) -> Subdomains:
         numbers.append(ids[first])
         points.append(at[first])
         nodes |= {int(k): np.searchsorted(every, arrived[k][1]) for k in pieces}
-    moved = Moved(comm, rank, subdomain, [nodes[k] for k in range(len(arrived))], len(mine))
+    moved = Moved(comm, rank, subdomain, [nodes[k] for k in range(len(arrived))], len(of_rank))
     return Subdomains(
         parts, np.array(starts, np.int64), np.concatenate(numbers), np.concatenate(points), moved,
-        grid, mine,
+        grid, of_rank,
     )  # fmt: skip
 
 

@@ -169,9 +169,9 @@ def _flat(contact: Contact) -> bool:
 def _bodies_at(model: FormModel, surface: Surface) -> set[int]:
     """Bodies that have the nodes of a surface (collective)."""
     first, last = model.exchange.first, model.exchange.last
-    mine = np.unique(surface.nodes)
-    mine = model.bodies.of_node[mine[(first <= mine) & (mine < last)] - first]
-    return set().union(*model.parts.comm.allgather(set(map(int, np.unique(mine)))))
+    local = np.unique(surface.nodes)
+    local = model.bodies.of_node[local[(first <= local) & (local < last)] - first]
+    return set().union(*model.parts.comm.allgather(set(map(int, np.unique(local)))))
 
 
 def _round_shapes(
@@ -223,11 +223,11 @@ def _entering(
         return
     outside = exterior_facets(parts)
     own = sorted(_bodies_at(model, model.sides[number].surfaces[0]))
-    mine = np.isin(answer.owners.copies(model.bodies.of_node.astype(float)), own)
+    of_bodies = np.isin(answer.owners.copies(model.bodies.of_node.astype(float)), own)
     free = np.zeros(len(u), bool)
     free[outside.copies] = True
     on = answer.owners.copies(answer.owners.on(tagged.copies, len(u)).astype(float)) > 0.0
-    beside = np.flatnonzero(free & mine & ~on)
+    beside = np.flatnonzero(free & of_bodies & ~on)
     entered, deep = entered_points(parts.points[beside], u[beside], gap_and_normal, ENTERED * moved)
     count, deep = parts.comm.allreduce(entered), largest_magnitude(parts.comm, np.array([deep]))
     yield beside_boundary(name, contact.on, count, deep)

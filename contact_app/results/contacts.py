@@ -186,15 +186,15 @@ class ContactsOfWhole:
             for origin in self.origins(other, number):
                 contact = self._nodes.contacts[origin]
                 at = contact.nodes - self._nodes.first
-                there = self._coincide(image, other, at)
-                result[at[there]] = np.maximum(result[at[there]], values(contact)[there])
+                same = self._coincide(image, other, at)
+                result[at[same]] = np.maximum(result[at[same]], values(contact)[same])
         return result
 
     def _coincide(self, image: Image, other: Image, at: NDArray[np.int64]) -> NDArray[np.bool_]:
         """Mask of the nodes (n,) that have the same place in both images."""
-        apart = [
+        others = [
             k
             for k, mirror in enumerate(self._scene.mirrors)
             if (mirror in image.mirrors) != (mirror in other.mirrors)
         ]
-        return np.asarray(self._on[apart][:, at].all(axis=0))
+        return np.asarray(self._on[others][:, at].all(axis=0))

@@ -103,11 +103,11 @@ def contact_loads(model: Model, solution: Solution, surface: SurfaceNodes) -> Co
     rough = friction_at_rows(problem, solution)
     friction, turned, slips = np.zeros((3, len(order), 3))
     sticks, rubs = np.zeros((2, len(order)), bool)
-    for mine, values in (
+    for target, values in (
         (friction, rough.forces), (turned, rough.moments), (slips, rough.slips),
         (sticks, rough.sticks), (rubs, rough.rubs),
     ):  # fmt: skip
-        mine[own] = values[order[own]]
+        target[own] = values[order[own]]
     loads = ContactLoads(
         rows.sources, rows.nodes, force, vectors + friction,
         force[:, None] * rows.moments + turned, rows.areas, friction, slips, sticks,
@@ -163,11 +163,11 @@ def _together(
     links = [np.zeros((0, 2), np.int64)]
     for i, j in pairs_at_nodes(some.nodes):
         cosine = np.asarray(matrix[i].multiply(matrix[j]).sum(axis=1)).ravel()
-        apart = np.maximum(
+        distance = np.maximum(
             np.sqrt(np.maximum(2.0 - 2.0 * cosine, 0.0)),
             np.linalg.norm(some.normals[i] - some.normals[j], axis=1),
         )
-        same = apart < np.where(solved[i] & solved[j], EQUAL, NEARLY_PARALLEL)
+        same = distance < np.where(solved[i] & solved[j], EQUAL, NEARLY_PARALLEL)
         same &= (np.abs(gap[i] - gap[j]) <= tied) & (of_body[i] == of_body[j])
         links.append(np.stack([i[same], j[same]], axis=1))
     ends = np.concatenate(links)
@@ -220,9 +220,9 @@ def _weights(
     members, which = _members(sources[shared], group[shared])
     every = sorted({m for rank in model.comm.allgather(members) for m in rank})
     for these in every:
-        mine = shared[which == members.index(these)] if these in members else shared[:0]
+        of_set = shared[which == members.index(these)] if these in members else shared[:0]
         for source, shares in _shares_in_turn(model, surface, these):
-            of_source = mine[sources[mine] == source]
+            of_source = of_set[sources[of_set] == source]
             weight[of_source] = shares[at[of_source]]
     return weight
 

@@ -157,9 +157,9 @@ def _in_contact(
     at_nodes = isinstance(touching, Contact) and not has_averaged_rows(body)
     boundary = _Boundary(model, surface, touching)
     on = boundary.nodes(with_single=at_nodes)
-    mine = np.flatnonzero(loads.sources == number)
-    at = np.searchsorted(surface.owned, loads.nodes[mine])
-    force, area = loads.force[mine], loads.areas[mine]
+    of_contact = np.flatnonzero(loads.sources == number)
+    at = np.searchsorted(surface.owned, loads.nodes[of_contact])
+    force, area = loads.force[of_contact], loads.areas[of_contact]
     area = np.where(np.isnan(area), boundary.shares[at], area)
     loaded = force > 0.0
     usable = loaded & (area > 0.0)
@@ -172,8 +172,8 @@ def _in_contact(
     pressure = at_owned(usable, force[usable] / area[usable])
     if body.degree == 2:
         pressure = boundary.recovered(pressure) if at_nodes else boundary.at_all_nodes(pressure)
-    every, wide = np.ones(len(mine), bool), area > 0.0
-    traction = at_owned(wide, loads.friction[mine][wide] / area[wide, None])
+    every, wide = np.ones(len(of_contact), bool), area > 0.0
+    traction = at_owned(wide, loads.friction[of_contact][wide] / area[wide, None])
     if body.degree == 2 and not at_nodes:
         traction = np.stack([boundary.at_all_nodes(part) for part in traction.T], axis=1)
     carriers = on if at_nodes else boundary.areas > 0.0
@@ -185,12 +185,12 @@ def _in_contact(
         carriers=carriers,
         closed=at_owned(loaded, force[loaded]) > 0.0,
         areas=at_owned(usable, area[usable]),
-        forces=at_owned(every, loads.vectors[mine]),
-        moments=at_owned(every, loads.moments[mine]),
+        forces=at_owned(every, loads.vectors[of_contact]),
+        moments=at_owned(every, loads.moments[of_contact]),
         traction=traction,
-        slips=at_owned(every, loads.slips[mine]),
-        sticks=at_owned(every, loads.sticks[mine].astype(float)) > 0.0,
-        rubs=at_owned(every, loads.rubs[mine].astype(float)) > 0.0,
+        slips=at_owned(every, loads.slips[of_contact]),
+        sticks=at_owned(every, loads.sticks[of_contact].astype(float)) > 0.0,
+        rubs=at_owned(every, loads.rubs[of_contact].astype(float)) > 0.0,
     )
     found = NodesInContact(**{name: values[on] for name, values in of_owned.__dict__.items()})
     smoothed = smoothed_pressure(model, number, found.nodes, found.pressure, found.shares)
@@ -218,10 +218,10 @@ def node_gaps(model: Model, solution: Solution, surface: SurfaceNodes, far: Arra
     at = np.searchsorted(surface.owned, np.concatenate([contact.nodes, left_out.nodes]))
     gap = np.full(len(surface.owned), np.nan)
     for i, touching in enumerate(scene.touching):
-        mine = sources == i
+        of_contact = sources == i
         part = np.full(len(gap), np.nan)
-        np.fmin.at(part, at[mine], distance[mine])
-        at_nodes = model.comm.allreduce(int(np.isnan(areas[mine]).sum()))
+        np.fmin.at(part, at[of_contact], distance[of_contact])
+        at_nodes = model.comm.allreduce(int(np.isnan(areas[of_contact]).sum()))
         if scene.bodies[touching.body].degree == 2 and not at_nodes:
             boundary = _Boundary(model, surface, touching)
             part = boundary.at_all_nodes(part)

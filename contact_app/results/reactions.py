@@ -75,11 +75,11 @@ def _reactions(model: Model, solution: Solution, nodes: NodeFields) -> list[Resu
         on = np.zeros(size, bool)
         on[place[exchange.to_owners(copies.on)]] = True
         holds[:, :d] = on[:, None] & [value is not None for value in condition.values]
-        mine = np.where(holds & ~assigned, force, 0.0)
+        chosen = np.where(holds & ~assigned, force, 0.0)
         assigned |= holds
         shares = exchange.to_owners(copies.weight)
         weights = np.bincount(place, shares, minlength=size).astype(float)
-        found.append(summed(model.comm, nodes.points, on, mine, weights))
+        found.append(summed(model.comm, nodes.points, on, chosen, weights))
     return found
 
 
@@ -98,8 +98,8 @@ def add_contact(
     parts.append((problem.system.means, problem.means))
     if friction is not None:
         parts.append((friction.rows, problem.tangential))
-    for rows, mine in parts:
-        of_rows, held = solution.multiplier[mine] * rows.spread, rows.held
+    for rows, chosen in parts:
+        of_rows, held = solution.multiplier[chosen] * rows.spread, rows.held
         query = exchange.among(held.node)
         at = query.to_owners(held.component), query.to_owners(of_rows[held.row] * held.value)
         np.add.at(force, (query.nodes - query.first, at[0]), at[1])

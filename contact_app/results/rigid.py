@@ -26,12 +26,12 @@ def placements_of(model: Model, solution: Solution) -> list[Placement]:
     """Placement of each rigid body after its displacement by an answer (collective)."""
     scene, comm, d = model.scene, model.comm, model.scene.dimension
     unknowns = RigidUnknowns.of(scene, model.partition)
-    mine = [
+    on_rank = [
         u[: len(unknowns.units), 0] / unknowns.units
         for cls, u in zip(model.problem.classes, solution.displacements, strict=True)
         if cls.rigid
     ]
-    moved: list[Array] = comm.bcast(mine, root=comm.size - 1)
+    moved: list[Array] = comm.bcast(on_rank, root=comm.size - 1)
     found = dict(zip(scene.moving, moved, strict=True))
     held = [scene.held_components(k)[1] for k in range(len(scene.rigid_bodies))]
     return [Placement.of(found.get(k, values), d) for k, values in enumerate(held)]

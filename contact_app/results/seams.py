@@ -78,8 +78,8 @@ def smooth_forces(
     pulls = change < 0.0
     step = min(1.0, float((f[pulls] / -change[pulls]).min(initial=np.inf)))
     result = force.copy()
-    mine = slice(int(starts[comm.rank]), int(starts[comm.rank + 1]))
-    result[chosen] = np.maximum(f + step * change, 0.0)[mine]
+    local = slice(int(starts[comm.rank]), int(starts[comm.rank + 1]))
+    result[chosen] = np.maximum(f + step * change, 0.0)[local]
     return result
 
 
@@ -89,8 +89,8 @@ def _seams(rows: ContactRows, closed: NDArray[np.bool_]) -> NDArray[np.int64]:
     means = np.flatnonzero(closed & ~np.isnan(rows.areas))
     links = [np.zeros((0, 2), np.int64)]
     for i, j in pairs_at_nodes(rows.nodes[means]):
-        apart = np.linalg.norm(rows.normals[means[i]] - rows.normals[means[j]], axis=1)
-        near = apart < NEARLY_PARALLEL
+        difference = np.linalg.norm(rows.normals[means[i]] - rows.normals[means[j]], axis=1)
+        near = difference < NEARLY_PARALLEL
         links.append(np.stack([i[near], j[near]], axis=1))
     ends = np.concatenate(links)
     group = connected(ends.T, len(means))

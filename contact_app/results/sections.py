@@ -72,8 +72,8 @@ def _outer_forces(model: Model, solution: Solution, nodes: NodeFields) -> Array:
     for i in range(d):
         result[:, i] = np.bincount(place, arrived[:, i], minlength=len(result))
     on = on_planes(model.scene, nodes.points)
-    for mirror, there in zip(model.scene.mirrors, on, strict=True):
-        result[there, mirror.axis] = 0.0
+    for mirror, on_plane in zip(model.scene.mirrors, on, strict=True):
+        result[on_plane, mirror.axis] = 0.0
     return result
 
 

@@ -49,14 +49,14 @@ def sliding_on_each_other(
     rows = contact.of(pushed & (contact.sources == source))
     entries, normals = rows.entries, rows.normals
     query = exchange.among(entries.node)
-    there = query.from_owners(u[query.nodes - exchange.first])
+    at_entries = query.from_owners(u[query.nodes - exchange.first])
     weight = entries.value * -normals[entries.row, entries.component]
     motion = np.zeros((len(rows.nodes), d))
-    np.add.at(motion, entries.row, weight[:, None] * there)
+    np.add.at(motion, entries.row, weight[:, None] * at_entries)
     motion -= np.einsum("ij,ij->i", motion, normals)[:, None] * normals
     size = np.linalg.norm(motion, axis=1)
     worst = int(np.argmax(size)) if len(size) else -1
-    mine = (
+    longest = (
         (float(size[worst]), float(rows.areas[worst] ** (1 / (d - 1)))) if len(size) else (0.0, 0.0)
     )
-    return max(problem.comm.allgather(mine))
+    return max(problem.comm.allgather(longest))

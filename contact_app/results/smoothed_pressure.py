@@ -112,8 +112,8 @@ def smoothed_on(
     found = np.zeros(len(numbers))
     found[near] = np.maximum(_twiced(points[near], radii[near], areas[near], p[near]), 0.0)
     result = np.zeros(len(nodes))
-    mine = _places(numbers, nodes)
-    result[mine >= 0] = found[mine[mine >= 0]]
+    of_node = _places(numbers, nodes)
+    result[of_node >= 0] = found[of_node[of_node >= 0]]
     before, after = comm.allreduce(np.array([shares @ pressure, shares @ result]))
     return result * (before / after) if after > 0.0 else pressure
 

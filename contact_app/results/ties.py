@@ -42,13 +42,13 @@ def tie_records(model: Model, solution: Solution) -> list[dict[str, Any]]:
     records = []
     surface = SurfaceNodes.of(model)
     for number, (tie, name) in enumerate(zip(scene.all_ties, scene.tie_names, strict=True)):
-        mine = np.flatnonzero(rows.sources == number)
-        x, f, area = rows.points[mine], force[mine], rows.areas[mine]
+        of_tie = np.flatnonzero(rows.sources == number)
+        x, f, area = rows.points[of_tie], force[of_tie], rows.areas[of_tie]
         if isinstance(tie, RigidTie):
             shares = boundary_shares(model, surface, tie)
-            area = np.maximum(shares[np.searchsorted(surface.owned, rows.nodes[mine])], 0.0)
+            area = np.maximum(shares[np.searchsorted(surface.owned, rows.nodes[of_tie])], 0.0)
         # each node has a row for each component, of one area unless its function was given away
-        nodes, at = np.unique(rows.nodes[mine], return_inverse=True)
+        nodes, at = np.unique(rows.nodes[of_tie], return_inverse=True)
         size = np.zeros(len(nodes))
         np.maximum.at(size, at.reshape(-1), area)
         tractions = np.zeros((len(nodes), 3))
@@ -59,7 +59,7 @@ def tie_records(model: Model, solution: Solution) -> list[dict[str, Any]]:
         peaks = [float(np.linalg.norm(t, axis=1).max(initial=0.0)) for t in (tractions, smoothed)]
         sums = np.concatenate([
             [area.sum(), size.sum(), len(nodes)], area @ x, f.sum(axis=0),
-            (np.cross(x, f) + turn[mine]).sum(axis=0),
+            (np.cross(x, f) + turn[of_tie]).sum(axis=0),
         ])  # fmt: skip
         weight, total, count, *rest = comm.allreduce(sums)
         weighted, resultant, moment = np.array(rest).reshape(3, 3)

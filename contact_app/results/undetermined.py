@@ -149,8 +149,8 @@ def undetermined_of(
     found = []
     for group in bodies.groups:
         rows = seen[:, (group[:, None] * m + np.arange(m)).ravel()]
-        mine = np.diff(rows.indptr) > 0
-        dense, presses = rows[mine].toarray(), force[mine] > PRESSING * largest
+        acting = np.diff(rows.indptr) > 0
+        dense, presses = rows[acting].toarray(), force[acting] > PRESSING * largest
         allowed, loose = (
             np.concatenate([some[b] for b in group])
             for some in (free.loose.allowed, free.loose.along)
@@ -159,7 +159,7 @@ def undetermined_of(
             parts = motion.reshape(len(group), m)
             speeds = [bodies.size_of(int(b), part) for b, part in zip(group, parts, strict=True)]
             most = int(np.argmax(speeds))
-            reach = speeds[most] * _reach(comm, dense @ motion, left[mine])
+            reach = speeds[most] * _reach(comm, dense @ motion, left[acting])
             if reach > SMALL_PLAY * solution.measures.displacements[group[most]]:
                 along = directions_in_words(upward(parts[most][:, None]))
                 found.append(Undetermined(bodies.names[group[most]], along, reach))

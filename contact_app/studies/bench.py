@@ -224,22 +224,22 @@ def markdown(rows: Sequence[dict[str, Any]]) -> str:
     """Seconds and memory of all methods, a table for each series, a line for each mesh."""
     lines = []
     for series in SERIES:
-        mine = {(r["dofs"], r["method"]): r for r in rows if r["series"] == series.name}
-        methods = [m for m in (OURS, *CONTACT, *LINEAR) if any(m == k[1] for k in mine)]
+        of_series = {(r["dofs"], r["method"]): r for r in rows if r["series"] == series.name}
+        methods = [m for m in (OURS, *CONTACT, *LINEAR) if any(m == k[1] for k in of_series)]
         if not methods:
             continue
         lines += [f"**{series.name}**", "", "| unknowns | " + " | ".join(methods) + " |",
                   "|---:" * (len(methods) + 1) + "|"]  # fmt: skip
-        for dofs in sorted({key[0] for key in mine}):
+        for dofs in sorted({key[0] for key in of_series}):
             cells = []
             for method in methods:
-                row = mine.get((dofs, method), {"note": "not run"})
+                row = of_series.get((dofs, method), {"note": "not run"})
                 cells.append(row["note"] or f"{row['seconds']:.3g} s, {row['peak_rss_gb']:.2g} GB")
             lines.append(f"| {dofs:,} | " + " | ".join(cells) + " |")
-        errors = [row["energy_error"] for row in mine.values() if "energy_error" in row]
+        errors = [row["energy_error"] for row in of_series.values() if "energy_error" in row]
         if errors:
             lines += ["", f"Energies differ by {max(errors):.1e} at most, relatively.", ""]
-        lines += [*slopes([row for row in mine.values() if not row["note"]]), ""]
+        lines += [*slopes([row for row in of_series.values() if not row["note"]]), ""]
     return "\n".join(lines)
 
 
@@ -250,11 +250,11 @@ def slopes(rows: Sequence[dict[str, Any]]) -> Iterator[str]:
     ['Slopes of m in the unknowns: time 1.00, memory 1.00.']
     """
     for method in dict.fromkeys(row["method"] for row in rows):
-        mine = [row for row in rows if row["method"] == method]
+        of_method = [row for row in rows if row["method"] == method]
         dofs, seconds, memory = (
-            np.log([row[key] for row in mine]) for key in ("dofs", "seconds", "peak_rss_gb")
+            np.log([row[key] for row in of_method]) for key in ("dofs", "seconds", "peak_rss_gb")
         )
-        if len(mine) > 1:
+        if len(of_method) > 1:
             time, space = (np.polyfit(dofs, value, 1)[0] for value in (seconds, memory))
             yield f"Slopes of {method} in the unknowns: time {time:.2f}, memory {space:.2f}."
 

@@ -138,9 +138,9 @@ def differences(
             [*of[:b], of[b] - _rigid_part(points[b], of[b]), *of[b + 1 :]] for of in (ours, theirs)
         )
     largest, other = (max(np.linalg.norm(u, axis=1).max() for u in of) for of in (ours, theirs))
-    apart = [u - v for u, v in zip(ours, theirs, strict=True)]
-    strained = [u - _rigid_part(x, u) for x, u in zip(points, apart, strict=True)]
-    size, every, rest = (np.linalg.norm(np.concatenate(of)) for of in (ours, apart, strained))
+    difference = [u - v for u, v in zip(ours, theirs, strict=True)]
+    strained = [u - _rigid_part(x, u) for x, u in zip(points, difference, strict=True)]
+    size, every, rest = (np.linalg.norm(np.concatenate(of)) for of in (ours, difference, strained))
     return abs(float(other / largest) - 1.0), float(every / size), float(rest / size)
 
 
@@ -170,9 +170,9 @@ def _at_nodes(points: Fields, file: Path) -> Fields:
     fields, result = np.load(file), []
     ends = [*fields["first_node"], len(fields["points"])]
     for x, begin, end in zip(points, ends[:-1], ends[1:], strict=False):
-        mine = slice(int(begin), int(end))
-        place = cKDTree(fields["points"][mine]).query(x)[1]
-        result.append(fields["displacement"][mine][place])
+        of_body = slice(int(begin), int(end))
+        place = cKDTree(fields["points"][of_body]).query(x)[1]
+        result.append(fields["displacement"][of_body][place])
     return result
 
 

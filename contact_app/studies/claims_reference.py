@@ -156,8 +156,8 @@ def reference_lines(claim: ClaimScene, dimension: int) -> list[Array]:
             for k in range(1, HALVINGS[dimension] + 1):
                 line = np.concatenate([line, [x - h * 0.5**k, x + h * 0.5**k]])
         line = np.unique(np.clip(line, 0.0, size[axis]))
-        apart = np.diff(line) > 0.3 * h * 0.5 ** HALVINGS[dimension]
-        result.append(_with(line[np.concatenate([[True], apart])], wanted, size[axis]))
+        wide = np.diff(line) > 0.3 * h * 0.5 ** HALVINGS[dimension]
+        result.append(_with(line[np.concatenate([[True], wide])], wanted, size[axis]))
     return result
 
 

@@ -283,11 +283,11 @@ def draw(found: Sequence[dict[str, Any]], name: str, path: Path) -> None:
     figure, axes = plt.subplots(figsize=(6.4, 4.4), layout="constrained")
     for k, program in enumerate((OURS, CALCULIX, GETFEM)):
         for degree in (1, 2):
-            mine = [r for r in found if (r["scene"], r["program"], r["degree"])
+            chosen = [r for r in found if (r["scene"], r["program"], r["degree"])
                     == (name, program, degree) and "displacement" in r]  # fmt: skip
-            if mine:
+            if chosen:
                 axes.loglog(
-                    [r["cpu"] for r in mine], [100.0 * r["displacement"] for r in mine],
+                    [r["cpu"] for r in chosen], [100.0 * r["displacement"] for r in chosen],
                     color=plt.get_cmap("tab10")(k), linestyle="--" if degree == 2 else "-",
                     marker="o" if program == OURS else ".", linewidth=2.4 if k == 0 else 1.4,
                     label=f"{program}, degree {degree}",

@@ -32,8 +32,8 @@ def fields_of_peer(scene: Scene, system: WholeSystem, x: PETSc.Vec) -> Fields | 
     """Fields at all nodes on rank 0, None on the others (collective)."""
     watched = np.zeros(len(system.points), bool)
     watched[system.contact // system.dimension] = True
-    mine = (system.points, system.displacement(x), system.force(x), system.areas, watched)
-    gathered = MPI.COMM_WORLD.gather(mine)
+    local = (system.points, system.displacement(x), system.force(x), system.areas, watched)
+    gathered = MPI.COMM_WORLD.gather(local)
     if gathered is None:
         return None
     points, displacement, force, area, watched = (

@@ -123,10 +123,10 @@ class Distances:
         """
         displacement, pressure = [], []
         for number, place in enumerate(self.places):
-            mine, nodes = fields.body(number), fields.nodes(number)
-            displacement.append(place.sample(nodes, fields.displacement[mine]))
-            known = fields.watched[mine] | (fields.pressure[mine] > 0.0)
-            values = np.column_stack([fields.pressure[mine], known])
+            of_body, nodes = fields.body(number), fields.nodes(number)
+            displacement.append(place.sample(nodes, fields.displacement[of_body]))
+            known = fields.watched[of_body] | (fields.pressure[of_body] > 0.0)
+            values = np.column_stack([fields.pressure[of_body], known])
             p, weight = place.sample(nodes, values, first_order=True).T
             pressure.append(p / np.where(weight > LEAST_KNOWN, weight, 1.0))
         return Sampled(displacement, pressure)

@@ -149,9 +149,9 @@ class Program:
             model.add_interpolate_transformation_from_expression(
                 "T", mesh, self.meshes[c], f"[X(1)*{RADIUS}/{height};0]"
             )
-            apart = f"(u{b}-Interpolate(u{c},T))"
-            slip = f"({apart}-(w{b}-Interpolate(w{c},T)))"
-            gap = f"X(2)*{RADIUS}/{height}-{apart}.{normal}"
+            jump = f"(u{b}-Interpolate(u{c},T))"
+            slip = f"({jump}-(w{b}-Interpolate(w{c},T)))"
+            gap = f"X(2)*{RADIUS}/{height}-{jump}.{normal}"
             test = f"(Test_u{b}-Interpolate(Test_u{c},T))"
         model.add_nonlinear_term(rule, f"-force.{test}", region)
         law = f"Coulomb_friction_coupled_projection(force,{normal},{slip},{gap},mu,r)"

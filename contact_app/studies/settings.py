@@ -5,7 +5,7 @@
 Each scene is solved unchanged and under each of the settings, in turns. Seconds are processor
 seconds, the minimum of `ROUNDS` solves, with the search for planes of symmetry and without start-up
 and writing files. "over the least" is their ratio to the fewest seconds of the scene. The last
-column is the relative difference of the energy from that of the first row. A scene with load cases
+column is the relative change of the energy from that of the first row. A scene with load cases
 is solved with its last case.
 """
 
@@ -61,9 +61,9 @@ def rows(
         if name in refused:
             yield f"| {label} | {name} | {refused[name]} |"
         else:
-            apart = found[name]["solution"]["energy"] / energies[0] - 1.0 if energies[0] else 0.0
+            change = found[name]["solution"]["energy"] / energies[0] - 1.0 if energies[0] else 0.0
             seconds = f"{least[name]:.2f} | {least[name] / fewest:.2f}"
-            yield f"| {label} | {name} | {cells(found[name])} | {seconds} | {abs(apart):.0e} |"
+            yield f"| {label} | {name} | {cells(found[name])} | {seconds} | {abs(change):.0e} |"
 
 
 def cells(summary: dict[str, Any]) -> str:

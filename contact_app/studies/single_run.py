@@ -62,12 +62,12 @@ def fields_of(solved: SolvedScene) -> Fields | None:
 def _cells(model: Model, body: int) -> tuple[NDArray, ...]:
     """Cells of a body on this rank, their tags and its contact facets; empty where it has none."""
     partition, first = model.partition, model.partition.first_node[body]
-    mine = [s for s in partition.subdomains if s.body == body]
-    if not mine:
+    of_body = [s for s in partition.subdomains if s.body == body]
+    if not of_body:
         return ()
-    cells = np.concatenate([s.nodes[s.reference.cells] for s in mine]) - first
-    tags = np.concatenate([s.reference.tags for s in mine])
-    touching = [np.zeros((0, mine[0].reference.facets.shape[1]), np.int64)]
+    cells = np.concatenate([s.nodes[s.reference.cells] for s in of_body]) - first
+    tags = np.concatenate([s.reference.tags for s in of_body])
+    touching = [np.zeros((0, of_body[0].reference.facets.shape[1]), np.int64)]
     for contact in model.scene.touching:
         if contact.body == body:
             chosen = facets_of(model.scene.bodies, partition, body, contact.boundary)

@@ -93,12 +93,12 @@ def draw(rows: Sequence[Row], figure: Figure, path: Path) -> None:
     lines: dict[str, Any] = {}
     for pair, title in zip(grid, titles, strict=True):
         for number, method in enumerate(figure.methods):
-            mine = [r for r in rows if (figure.panels(r), r["method"]) == (title, method)]
-            mine.sort(key=lambda row: row[figure.unknowns])
+            of_method = [r for r in rows if (figure.panels(r), r["method"]) == (title, method)]
+            of_method.sort(key=lambda row: row[figure.unknowns])
             for axes, key in zip(pair, ("seconds", figure.memory), strict=True):
-                if mine:
+                if of_method:
                     (lines[method],) = axes.loglog(
-                        [r[figure.unknowns] for r in mine], [r[key] for r in mine],
+                        [r[figure.unknowns] for r in of_method], [r[key] for r in of_method],
                         color=plt.get_cmap("tab10")(number % 10),
                         linewidth=2.8 if method in figure.ours else 1.3,
                         linestyle=":" if method in figure.linear else "-",
