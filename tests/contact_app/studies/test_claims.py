@@ -25,7 +25,7 @@ def on_square(cell: str, n: int) -> Fields:
 
 @pytest.mark.parametrize("cell", ["quadrilateral", "triangle"])
 def test_the_distance_of_fields_on_different_grids(cell: str) -> None:
-    """Of slopes 1/2, 3/2 on two cells and 1/3, 1, 5/3 on three."""
+    """The slopes are 1/2, 3/2 on two cells and 1/3, 1, 5/3 on three."""
     one, other = on_square("quadrilateral", 2), on_square(cell, 3)
     lam, mu = 3.0, 2.0
     exact = (lam + 2.0 * mu) * (1 / 54 + 1 / 12)
