@@ -127,6 +127,16 @@ def may_peel(scene: Scene) -> bool:
     return bool(scene.touching and small and _has_thin_body(scene.bodies))
 
 
+def may_jump(scene: Scene) -> bool:
+    """Whether active sets may move loose bodies back and forth, and multigrid can follow.
+
+    Bodies that only contact holds may roll or slide far on a set that holds them badly.
+    """
+    free = scene.solver.method == "auto" and scene.decomposition.subdomains is None
+    smooth = bool(scene.touching) and not scene.has_friction
+    return free and smooth and not _is_one_piece(scene)
+
+
 def may_stall(scene: Scene) -> bool:
     """Whether conjugate gradients of `auto` may stall with friction, and multigrid can follow."""
     free = scene.solver.method == "auto" and scene.decomposition.subdomains is None

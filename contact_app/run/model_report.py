@@ -15,6 +15,7 @@ from contact_app.model.loaded_area import loaded_facets
 from contact_app.model.method import (
     PATIENCE_WITH_FRICTION,
     is_undecomposed,
+    may_jump,
     may_peel,
     may_stall,
     patience,
@@ -268,8 +269,10 @@ def _decomposed(scene: Scene, known: Outline) -> list[str]:
         )
     elif scene.solver.method == "auto" and scene.touching:
         later = f"; after {PATIENCE_WITH_FRICTION} iterations `primal`"
-        stalls = may_stall(scene) and not scene.steps
-        lines.append(f"method: Total FETI; {why_total_feti(scene)}{later * stalls}")
+        later *= may_stall(scene) and not scene.steps
+        if may_jump(scene):
+            later = "; if its active sets do not settle, `primal`"
+        lines.append(f"method: Total FETI; {why_total_feti(scene)}{later}")
     return lines
 
 

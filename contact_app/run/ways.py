@@ -10,6 +10,8 @@ few iterations  thin, whose contact may peel off row by  multigrid, without a wa
 multigrid       the same                                 Total FETI
 many            with friction (`model.method.may_stall`) multigrid, without a warning
 iterations
+active sets     of several bodies without friction       multigrid, without a warning: it has a
+                (`model.method.may_jump`)                safeguard for sets that do not settle
 multigrid       the same                                 Total FETI
 Total FETI      all                                      the fewest subdomains there can be
 fewest          all that have fewer, and the memory      multigrid, unless it was tried before
@@ -35,6 +37,7 @@ from contact_app.model.method import (
     PATIENCE_OF_MULTIGRID,
     PATIENCE_WITH_FRICTION,
     is_undecomposed,
+    may_jump,
     may_peel,
     may_stall,
     patience,
@@ -97,7 +100,8 @@ def ways_to(scene: Scene, keeps_subdomains: bool = False) -> Iterator[Way]:
     """All methods to solve a scene, in order; parameters as of `first_certified`."""
     instead = ""
     stalls = may_stall(scene) and not keeps_subdomains
-    tried = stalls or may_peel(scene) or is_undecomposed(scene)
+    jumps = may_jump(scene)
+    tried = stalls or jumps or may_peel(scene) or is_undecomposed(scene)
     if is_undecomposed(scene):
         yield Way(scene, None if scene.has_friction else PATIENCE_OF_MULTIGRID)
         instead = "multigrid left no certified answer ({why}){cause}: solved by Total FETI instead"
@@ -111,6 +115,11 @@ def ways_to(scene: Scene, keeps_subdomains: bool = False) -> Iterator[Way]:
         yield Way(_by(scene, "active-set"), PATIENCE_WITH_FRICTION)
         slow = "friction converges slowly in subdomains: solving for the displacements instead"
         yield Way(_by(scene, "primal"), instead=slow, warns=False)
+    elif jumps:
+        yield Way(_by(scene, "active-set"), instead=instead)
+        jumping = "the active sets do not settle: solving for the displacements instead"
+        yield Way(_by(scene, "primal"), PATIENCE_OF_MULTIGRID, jumping, warns=False)
+        instead = ""
     yield Way(scene, instead=instead)
     fewest = "{where} the answer could not be certified ({why}){cause}: solved in {fewest} instead"
     yield Way(None, instead=fewest)

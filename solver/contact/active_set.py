@@ -235,6 +235,7 @@ class _Run(Generic[S]):
         statuses = start.statuses or law.initial(start.active, multiplier, ahead)
         early = EarlyReleases.none(start.active)
         turnovers, strained, counts = list[Turnover](), list[float](), self.work_before
+        on_all_rows = list[Turnover]()
         found: Outcome[S] = Outcome(None, None, statuses, counts)
         slides = 0
         for number in range(options.most_sets):
@@ -255,6 +256,10 @@ class _Run(Generic[S]):
             if found.reason is not None or found.state is None or found.released is None:
                 break
             turnovers.append(_turnover(backend, statuses, found.following))
+            if rules.update.hierarchy.finest:
+                on_all_rows.append(turnovers[-1])
+            if law.settles and options.jumps(on_all_rows):
+                break
             early = early.after(found.following.active, found.released)
             rules = rules.with_ahead(early.are_right(backend.comm, options.returning))
             multiplier, statuses = found.state.multiplier, found.following

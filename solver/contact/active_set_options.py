@@ -100,6 +100,9 @@ class ActiveSetOptions:
         Number of sets in a row without a point that sticks, after which friction is said not to
         hold a body. A belt around a drum has at most seven at 0.99 of its largest load, and
         slides on at its largest load.
+    jumping
+        Without friction, number of sets in a row with rows that join, each with at least as many
+        changed rows as an earlier one, after which the sets are said not to settle.
     looks_ahead
         Whether a law may release points before the state of a set shows that they slide
         (`solver.contact.slip_front`), and points with a gap slide in the first set. Where the sets
@@ -129,6 +132,7 @@ class ActiveSetOptions:
     unsettled: float = 0.25
     fading: float = 0.1
     sliding: int = 20
+    jumping: int = 8
     looks_ahead: bool = True
     returning: float = 0.5
 
@@ -148,6 +152,16 @@ class ActiveSetOptions:
         last = strained[-4:]
         falls = zip(last, last[1:], strict=False)
         return len(last) == 4 and all(after < self.fading * before for before, after in falls)
+
+    def jumps(self, sets: Sequence[Turnover]) -> bool:
+        """Whether the number of changed rows does not fall, and rows join in each set."""
+        changed = [t.joined + t.left for t in sets]
+        last = sets[-self.jumping :]
+        return (
+            len(sets) > self.jumping
+            and min(changed[-self.jumping :]) >= min(changed[: -self.jumping])
+            and all(t.joined for t in last)
+        )
 
     def is_unsettled(self, sets: Sequence[Turnover]) -> bool:
         """Whether contact does not settle: many rows change in each set, and many join."""

@@ -13,6 +13,7 @@ from solver.contact.active_set import Outcome, Start, StateSaver, StoppingTest, 
 from solver.contact.checkpoint import Saver, without_outer_iterations
 from solver.contact.solution import Solution
 from solver.contact.stopping import CertificateTest, StoppingRule
+from solver.primal.augmented import AugmentedLagrangian
 from solver.primal.backend import Multigrid, PrimalState, free_matrices
 from solver.primal.factor import FactorOptions
 from solver.primal.recovery import recover
@@ -121,16 +122,20 @@ def _solve(
     def save(state: PrimalState, work: Counts) -> None:
         saver(without_outer_iterations(state.multiplier, state.active, work))
 
+    stopping = StoppingTest(test.required_reduction, test.accept, task.rule.may_end_early)
     found = active_set_loop(
         backend,
         Start(active, near if problem.friction is not None else None),
-        StoppingTest(test.required_reduction, test.accept, task.rule.may_end_early),
+        stopping,
         task.inner,
         task.monitor,
         StateSaver(lambda: saver.due, save),
         options_of(problem, options),
         contact_law(problem),
     )
+    if found.reason is None and problem.friction is None:
+        lagrangian = AugmentedLagrangian(backend, stopping, task.inner, task.monitor, options)
+        found = lagrangian.solve(backend.first_set().u, found.counts)
     return _answer(test, found, before)
 
 

@@ -36,6 +36,7 @@ from petsc4py import PETSc
 from scipy import sparse
 
 from solver.factors import compute_factor
+from solver.primal.line_search import minimum_along
 from solver.qp.result import Counts, Monitor, Reason, Step
 from solver.tfeti.constraints.matrix import lent, petsc_rows, scale_rows
 from solver.tfeti.dual import DualProblem
@@ -263,7 +264,7 @@ class _System:
         return unit * float(np.sqrt(self.problem.comm.allreduce(float(self.diagonal.sum()))))
 
     def length(self, u: Array, step: Array, start: _Iterate, jump: Array, gradient: Array) -> float:
-        """The minimum along a step: the root of a piecewise linear, increasing function."""
+        """The length of the step with the least energy."""
         comm, rows = self.problem.comm, self.problem.inequality
         image, change = self.B_times(step), np.empty_like(step)
         with lent(comm, step, change) as (x, y):
@@ -272,20 +273,7 @@ class _System:
         s, w, q = (start.multiplier + self.W * jump)[rows], self.W[rows], image[rows]
         slope = float(step @ gradient) - float(q @ np.maximum(s, 0.0))
         bent, slope = (float(v) for v in comm.allreduce(np.array([bent, slope])))
-
-        def rising(t: float) -> float:
-            push = float(comm.allreduce(float(q @ np.maximum(s + t * w * q, 0.0))))
-            return slope + bent * t + push
-
-        low, high = 0.0, 1.0
-        while rising(high) < 0.0 and high < 1e6:
-            low, high = high, 4.0 * high
-        if low == 0.0 and abs(rising(1.0)) <= 1e-10 * abs(rising(0.0)):
-            return 1.0
-        for _ in range(60):
-            middle = 0.5 * (low + high)
-            low, high = (middle, high) if rising(middle) < 0.0 else (low, middle)
-        return 0.5 * (low + high)
+        return minimum_along(comm, slope, bent, s, w * q, q)
 
     def is_factored_for(self, active: NDArray[np.bool_]) -> bool:
         """Whether the last factor belongs to these rows (collective)."""

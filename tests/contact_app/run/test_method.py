@@ -206,6 +206,15 @@ def test_friction_that_converges_slowly_is_left_to_multigrid() -> None:
     assert methods(scenes.build(made, 2)) == ["primal", "auto", None]
 
 
+def test_several_bodies_whose_active_sets_do_not_settle_are_left_to_multigrid() -> None:
+    """Multigrid has a safeguard for sets that jump, which ends sooner than SMALBE-M."""
+    scene = scenes.build(scenes.ALL["two_bodies"]("hexahedron", 2))
+    methods = [way.scene.solver.method if way.scene else None for way in ways_to(scene)]
+    assert methods == ["active-set", "primal", "auto", None]
+    alone = [way.scene.solver.method if way.scene else None for way in ways_to(pillow_block(1))]
+    assert "active-set" not in alone
+
+
 def test_multigrid_is_the_last_way_of_a_method_that_is_named() -> None:
     """SMALBE left tied blocks under a rigid ball uncertified; multigrid certifies them."""
     made, subdomains = feature_scene(61458)
