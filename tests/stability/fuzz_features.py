@@ -123,7 +123,7 @@ def _judged(solved: Any) -> tuple[str, str]:
         if not passed:
             return "degraded", f"{error}; {certificate['warnings']}"
         found = _answer(solved, coupled)
-        if _at_rest(coupled.system, found):
+        if _at_rest(coupled, found):
             return "agrees", f"{error}; ours are rigid motions within the gaps, without a load"
         residual = optimality(coupled.system, found)
         if residual < OPTIMAL:
@@ -166,15 +166,17 @@ def _judged(solved: Any) -> tuple[str, str]:
     return ("agrees" if away <= ACCURATE else "certified wrongly"), detail
 
 
-def _at_rest(system: reference.System, found: np.ndarray) -> bool:
+def _at_rest(coupled: Coupled, found: np.ndarray) -> bool:
     """Whether no load acts, and displacements strain nothing and keep all rows and held values."""
-    largest = float(np.abs(found).max())
-    strained = float(found @ (system.stiffness @ found))
+    system, dofs = coupled.system, coupled.meshed * coupled.system.dimension
+    largest, K = float(np.abs(found).max()), system.stiffness[:dofs][:, :dofs]
+    strained = _without_rigid_motions(system, found[:dofs])
+    energy = float(strained @ (K @ strained))
     entered = float((system.contact @ found - system.gap).max(initial=0.0))
     moved = float(np.abs(found - system.prescribed)[system.held].max(initial=0.0))
     return (
         not system.load.any()
-        and strained <= STRAINLESS**2 * system.stiffness.diagonal().max() * largest**2
+        and energy <= STRAINLESS**2 * K.diagonal().max() * largest**2
         and max(entered, moved) <= OPTIMAL * largest
     )
 
