@@ -25,9 +25,6 @@ from mpi4py import MPI
 from numpy.typing import NDArray
 from scipy.sparse.csgraph import connected_components
 
-EQUAL = 1e-9
-"""Eigenvalues closer than this count as equal."""
-
 
 def coarse_solves_matter(
     comm: MPI.Intracomm, subdomains: NDArray[np.int64], dimension: int, many: int
@@ -65,42 +62,15 @@ def joining(adjacent: NDArray[np.bool_]) -> tuple[NDArray[np.float64], NDArray[n
 
     Returns
     -------
-    Orthonormal rows (m - 1, m) that span the complement of (1, …, 1), as sparse as is easily had,
-    and weights (m - 1,): Λ/λ, or Helmert's rows and ones where the graph is not connected or all
-    are neighbours.
+    Orthonormal rows (m - 1, m) that span the complement of (1, …, 1), and weights (m - 1,): Λ/λ, or
+    Helmert's rows and ones where the graph is not connected or all are neighbours.
     """
     m = len(adjacent)
     if m == 2 or adjacent.sum() == m * (m - 1) or connected_components(adjacent)[0] > 1:
         return helmert(m), np.ones(m - 1)
     laplacian = np.diag(adjacent.sum(axis=1)) - adjacent.astype(float)
     values, vectors = np.linalg.eigh(laplacian)
-    rows, weights = [], []
-    for of in np.split(np.arange(1, m), np.flatnonzero(np.diff(values[1:]) > EQUAL) + 1):
-        rows.append(_sparse_basis(vectors[:, of] @ vectors[:, of].T, len(of)))
-        weights.append(np.full(len(of), values[of].mean() / values[-1]))
-    return np.concatenate(rows), np.concatenate(weights)
-
-
-def _sparse_basis(projector: NDArray[np.float64], rank: int) -> NDArray[np.float64]:
-    """An orthonormal basis (rank, m) of the range of a projector, with few entries.
-
-    Each vector is the sparsest image of a unit vector, or of the sum or difference of two of them.
-    """
-    m = len(projector)
-    first, second = np.triu_indices(m, 1)
-    eye = np.eye(m)
-    candidates = np.concatenate([eye, eye[first] + eye[second], eye[first] - eye[second]])
-    rows: list[NDArray[np.float64]] = []
-    for _ in range(rank):
-        images = candidates @ projector
-        lengths = np.linalg.norm(images, axis=1)
-        images[np.abs(images) < EQUAL] = 0.0
-        entries = np.where(lengths > 0.1, np.count_nonzero(images, axis=1), m + 1)
-        best = int(np.argmin(entries))
-        row = images[best] / np.linalg.norm(images[best])
-        rows.append(row)
-        projector = projector - np.outer(row, row)
-    return np.array(rows)
+    return vectors[:, 1:].T.copy(), values[1:] / values[-1]
 
 
 class Neighbours:

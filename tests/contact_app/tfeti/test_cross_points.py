@@ -29,10 +29,6 @@ def graph(m: int, edges: list[tuple[int, int]]) -> NDArray[np.bool_]:
     return result
 
 
-CYCLE = graph(4, [(0, 1), (1, 2), (2, 3), (3, 0)])
-CUBE = graph(8, [(a, a ^ 1 << k) for a in range(8) for k in range(3)])
-
-
 def laplacian(adjacent: NDArray[np.bool_]) -> NDArray[np.float64]:
     return np.diag(adjacent.sum(axis=1)) - adjacent.astype(float)
 
@@ -60,13 +56,6 @@ def test_rows_are_orthonormal_and_join_neighbours_alone(m: int, data: st.DataObj
         return
     joined = rows.T @ (weights[:, None] * rows)
     np.testing.assert_allclose(joined, laplacian(adjacent) / values[-1], atol=1e-12)
-
-
-@pytest.mark.parametrize(("adjacent", "entries"), [(CYCLE, 8), (CUBE, 40)])
-def test_rows_of_a_regular_split_are_sparse(adjacent: NDArray[np.bool_], entries: int) -> None:
-    """They have as many entries as Helmert's rows, 9 at an edge and 35 at a corner."""
-    rows, _ = joining(adjacent)
-    assert np.count_nonzero(rows) == entries
 
 
 def test_neighbours_are_alone_at_a_node() -> None:
