@@ -95,8 +95,8 @@ class Overlaps:
         here = (on.points - on.centres[:, None]) @ axes
         there = (against.points[j] - on.centres[i][:, None]) @ axes[i]
         own = here.min(axis=1)[i], here.max(axis=1)[i]
-        apart = (own[1] < there.min(axis=1)) | (there.max(axis=1) < own[0])
-        near = ~apart[:, :-1].any(axis=1)  # by their boxes in the plane
+        separate = (own[1] < there.min(axis=1)) | (there.max(axis=1) < own[0])
+        near = ~separate[:, :-1].any(axis=1)  # by their boxes in the plane
         i, j, there = i[near], j[near], there[near]
         here = here[i]
         v, w = on.vertices.shape[1], against.vertices.shape[1]
@@ -108,13 +108,13 @@ class Overlaps:
             cut = _rectangles
         pair, x, weights = cut(flat, other, linear, curved)
         plane = here[pair, :, :-1]
-        phi, mine, slopes = on_facets(plane, x, is_curved(here, v))
+        phi, own_shapes, slopes = on_facets(plane, x, is_curved(here, v))
         vertex_shapes, node_shapes, _ = on_facets(there[pair, :, :-1], x, is_curved(there, w))
         gap = np.einsum("qv,qv->q", node_shapes, there[pair, :, -1])
-        gap -= np.einsum("qv,qv->q", mine, here[pair, :, -1])
+        gap -= np.einsum("qv,qv->q", own_shapes, here[pair, :, -1])
         gap -= on.height(i[pair], phi) + against.height(j[pair], vertex_shapes)
-        apart = tilted and bool((np.abs(gap) > TOUCHING * on.radii[i[pair]]).any())
-        if apart:
+        tilts = tilted and bool((np.abs(gap) > TOUCHING * on.radii[i[pair]]).any())
+        if tilts:
             slopes = np.linalg.solve(slopes @ plane, slopes)
         distinct, start = np.unique(pair, return_index=True)
 
@@ -123,13 +123,13 @@ class Overlaps:
             return np.add.reduceat(weighted, start) if len(start) else weighted[:0]
 
         tilt = np.zeros((len(distinct), v, slopes.shape[1] if tilted else 0, slopes.shape[2]))
-        if apart:
+        if tilts:
             tilt = integrate(phi[:, :, None, None] * (gap[:, None, None] * slopes)[:, None])
         return cls(
             i=i[distinct],
             j=j[distinct],
             area=integrate(np.ones(len(weights))),
-            own=integrate(phi[:, :, None] * mine[:, None, :]),
+            own=integrate(phi[:, :, None] * own_shapes[:, None, :]),
             shared=integrate(phi[:, :, None] * node_shapes[:, None, :]),
             weight=integrate(phi),
             gap=integrate(phi * gap[:, None]),

@@ -100,12 +100,12 @@ def _real(
     deep = depth > SHALLOW * on.radii[found.i]
     if not deep.any():
         return found
-    mine = np.unique(found.i[deep])
+    rows = np.unique(found.i[deep])
     reach = np.zeros(len(on.nodes))
     np.maximum.at(reach, found.i[deep], depth[deep])
     least = np.zeros(len(on.nodes))
-    least[mine] = cKDTree(against.centres).query(on.centres[mine])[0] + on.radii[mine]
-    own_i, own_k = facets_along_normals(on, on, mine, reach[mine])
+    least[rows] = cKDTree(against.centres).query(on.centres[rows])[0] + on.radii[rows]
+    own_i, own_k = facets_along_normals(on, on, rows, reach[rows])
     nearest = np.minimum(
         _nearest_behind(on, on, own_i, own_k, exits=True),
         _nearest_behind(on, against, i, j, exits=False),

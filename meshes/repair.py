@@ -245,10 +245,10 @@ def _curved(
     places, nodes = with_middles(points, cells, cell)
     places[nodes[:, v:]] = middles
     away = np.linalg.norm(places[nodes[:, v:]] - middles, axis=2).max(axis=1)
-    apart = away > APART * np.ptp(points[cells], axis=1).max(axis=1)
-    if apart.any():
+    differs = away > APART * np.ptp(points[cells], axis=1).max(axis=1)
+    if differs.any():
         fault = f"{cell}s that have nodes amid an edge or face elsewhere than their neighbours"
-        raise MeshError(first_of(points, cells, apart, fault, number))
+        raise MeshError(first_of(points, cells, differs, fault, number))
     folded = np.zeros(len(cells), bool)
     rows = np.flatnonzero(bulge > STRAIGHT)
     folded[rows] = folded_inside(places, nodes[rows], cell, 2)

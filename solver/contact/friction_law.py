@@ -60,7 +60,7 @@ class FrictionOptions:
         overshoot where the slips are no larger than those that the tractions themselves cause.
     round_off
         Changes of tractions that count as zero, over the largest multiplier.
-    soft, hardly
+    soft, least_slip
         Where no point sticks: compliance of a sliding point over its slip, which is at least this
         share of the largest slip, per force.
     turns_about
@@ -75,7 +75,7 @@ class FrictionOptions:
     turn: float = 1.5
     round_off: float = 1e-13
     soft: float = 1.5
-    hardly: float = 0.5
+    least_slip: float = 0.5
     turns_about: float = 0.5
     least_share: float = 0.3
 
@@ -155,7 +155,7 @@ class Friction(Frictionless):
         length, limit = points.sizes(before), points.sizes(given)
         sliding = ~statuses.active[points.rows[points.first]] & (limit > 0.0)
         longest = self.comm.allreduce(float(length.max(initial=0.0)), op=MPI.MAX)
-        length = self.options.soft * np.maximum(length, self.options.hardly * longest)
+        length = self.options.soft * np.maximum(length, self.options.least_slip * longest)
         stiffness = np.divide(limit, length, out=np.zeros(len(limit)), where=length > 0.0)
         stretched = sliding & (stiffness > 0.0)
         springs = stretched[points.point]
@@ -341,9 +341,9 @@ class Friction(Frictionless):
         after = replace(after, tractions=tractions)
         if after.turn is None or before.turn is None:
             return after
-        mine = unchanged[points.planar]
+        unchanged_planar = unchanged[points.planar]
         cosine, sine = (
-            np.where(mine, getattr(before.turn, name), getattr(after.turn, name))
+            np.where(unchanged_planar, getattr(before.turn, name), getattr(after.turn, name))
             for name in ("cosine", "sine")
         )
         return replace(after, turn=replace(after.turn, cosine=cosine, sine=sine))
