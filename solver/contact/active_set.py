@@ -29,7 +29,7 @@ from solver.contact.active_set_update import (
     SetRules,
     changed_rows,
 )
-from solver.contact.law import ContactLaw, Found, Frictionless
+from solver.contact.law import ContactLaw, Frictionless, StateData
 from solver.contact.monitoring import on_active_set
 from solver.errors import QPError
 from solver.qp.iterate import Iterate, Watch
@@ -218,7 +218,7 @@ class _Run(Generic[S]):
         if found.reason is not Reason.ACCEPTED or state is None:
             return found, None
         error = self.options.significant * self.options.first_reduction
-        data = Found.of(self.backend.comm, state, before.active, error)
+        data = StateData.of(self.backend.comm, state, before.active, error)
         return found, law.following(before.active, data, before, False)[0]
 
     def sets(self, start: Start, law: ContactLaw) -> tuple[Outcome[S], _Failure]:

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from solver.backend import Backend, Hierarchy, S, SetSolve, Statuses
 from solver.contact.active_set_options import ActiveSetOptions, Turnover
-from solver.contact.law import ContactLaw, Found
+from solver.contact.law import ContactLaw, StateData
 
 Mask = NDArray[np.bool_]
 
@@ -45,14 +45,14 @@ class ActiveSetUpdate(Generic[S]):
         backend, before = self.backend, on_set.statuses
         active = before.active & backend.contact_rows
         error = self.options.significant * on_set.error(state.strained)
-        found = Found.of(backend.comm, state, before.active, error)
-        stays = self.law.may_stay_active(state.multiplier, found.zero_force)
+        data = StateData.of(backend.comm, state, before.active, error)
+        stays = self.law.may_stay_active(state.multiplier, data.zero_force)
         for _ in range(2):
             joins = self.hierarchy.allowed & self.law.closes(state.distance, error)
             if not backend.comm.allreduce(int(active.sum())):
                 joins &= self._first_to_close(state, joins)
             normals = backend.contact_rows & np.where(active, stays, joins)
-            following, early = self.law.following(normals, found, before, self.looks_ahead)
+            following, early = self.law.following(normals, data, before, self.looks_ahead)
             if self.hierarchy.finest or changed_rows(backend.comm, before, following):
                 break
             self.hierarchy.refine()

@@ -35,7 +35,7 @@ from numpy.typing import NDArray
 
 from solver.backend import Relaxation, Statuses, Turn
 from solver.contact.friction_points import AT_LIMIT, FrictionPoints
-from solver.contact.law import Found, Frictionless
+from solver.contact.law import Frictionless, StateData
 from solver.contact.slip_front import SlipFront
 
 Array = NDArray[np.float64]
@@ -171,26 +171,26 @@ class Friction(Frictionless):
         return Statuses(active, tractions, None, compliance, stretched)
 
     def following(
-        self, normals: Mask, found: Found, before: Statuses, ahead: bool
+        self, normals: Mask, state: StateData, before: Statuses, ahead: bool
     ) -> tuple[Statuses, Mask]:
         """The points that stick from now on, and the tractions of sliding points (collective)."""
-        points, multiplier = self.points, found.multiplier
+        points, multiplier = self.points, state.multiplier
         springs = np.zeros(len(points.first), bool) if before.springs is None else before.springs
         stuck = before.active[points.rows[points.first]] & ~springs
-        forces, slips = points.forces(multiplier), points.slips(found.jumps)
+        forces, slips = points.forces(multiplier), points.slips(state.jumps)
         size, length = points.sizes(forces), points.sizes(slips)
         touching = normals[points.normals[points.first]]
         limit = points.coefficients * np.where(touching, points.pressing(multiplier), 0.0)
         limit = limit + points.limits
         spread = points.spread[points.first]
-        slack = found.zero_force * spread
+        slack = state.zero_force * spread
 
         direction = self._units(forces)
-        relative = found.distance[points.rows]
+        relative = state.distance[points.rows]
         slid = np.where(springs[points.point], self._units(self._prescribed(before)), direction)
         back = points.dots(relative, slid)
         sticks_again = np.where(
-            size > 0.0, back < -found.zero_distance, points.sizes(relative) <= found.zero_distance
+            size > 0.0, back < -state.zero_distance, points.sizes(relative) <= state.zero_distance
         )
         sticks = (limit > 0.0) & np.where(stuck, size <= limit + slack, sticks_again)
         early = np.zeros(len(sticks), bool)
@@ -204,7 +204,7 @@ class Friction(Frictionless):
         turning = np.where(stuck, 0.0, self._rho(limit, length, stuck))
         wanted = self._at_limits(wanted + turning[points.point] * slips, limit)
         given = self._prescribed(before)
-        least = self.options.round_off * found.strongest * spread
+        least = self.options.round_off * state.strongest * spread
         wanted = np.where(sticks[points.point], forces, wanted)
         unchanged = (stuck == sticks) & (points.sizes(wanted - given) <= np.maximum(slack, least))
         if self._changes_set(~unchanged, touching, before):

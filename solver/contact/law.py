@@ -24,7 +24,7 @@ Mask = NDArray[np.bool_]
 
 
 @dataclass(frozen=True, eq=False)
-class Found:
+class StateData:
     """Data of a state that a law needs.
 
     Attributes
@@ -45,7 +45,7 @@ class Found:
     strongest: float
 
     @classmethod
-    def of(cls, comm: MPI.Intracomm, state: SetState, active: Mask, error: float) -> Found:
+    def of(cls, comm: MPI.Intracomm, state: SetState, active: Mask, error: float) -> StateData:
         """The data of a state with a relative error (collective).
 
         Parameters
@@ -108,7 +108,7 @@ class ContactLaw(Protocol):
         """
 
     def following(
-        self, normals: Mask, found: Found, before: Statuses, ahead: bool
+        self, normals: Mask, state: StateData, before: Statuses, ahead: bool
     ) -> tuple[Statuses, Mask]:
         """Statuses of the next set, given its active normal rows (collective).
 
@@ -154,7 +154,7 @@ class Frictionless:
         return statuses
 
     def following(
-        self, normals: Mask, found: Found, before: Statuses, ahead: bool
+        self, normals: Mask, state: StateData, before: Statuses, ahead: bool
     ) -> tuple[Statuses, Mask]:
         """The active rows; the others carry no force."""
         return Statuses(normals), np.zeros_like(normals)
