@@ -76,10 +76,13 @@ class FrictionPoints:
         """Friction forces λ_t (k,) from multipliers (dual,)."""
         return np.asarray(multiplier[self.rows] * self.spread)
 
+    def normal_forces(self, multiplier: Array) -> Array:
+        """Normal forces λ_n (points,), negative where tensile, from multipliers (dual,)."""
+        return np.asarray(multiplier[self.normals[self.first]] * self.normal_spread[self.first])
+
     def pressing(self, multiplier: Array) -> Array:
         """Normal forces λ_n (points,), zero where tensile, from multipliers (dual,)."""
-        own = multiplier[self.normals[self.first]] * self.normal_spread[self.first]
-        return np.maximum(own, 0.0)
+        return np.maximum(self.normal_forces(multiplier), 0.0)
 
     def slip_limits(self, multiplier: Array) -> Array:
         """The largest friction forces that multipliers (dual,) allow, (points,)."""
