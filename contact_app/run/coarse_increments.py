@@ -5,14 +5,19 @@ the path where
 
 * slips turn aside from one increment to the next, or
 * points with Coulomb friction close or open within the increment: a point that closes and sticks is
-  held where it was at the start of the increment, not where it touched. The last increment of a
-  step is tested: if a step begins without contact, points close in its first increments, however
-  small these are, and little of their error remains at the end.
+  held where it was at the start of the increment, not where it touched.
 
 Neither determines the size of the error: if every point closes, it is anything from zero to 40 % of
-the slip limits (`python -m tests.stability.increments`). So in either case the increment is solved
-once more in two halves, and a warning follows if this changes the answer. It costs about as much as
-the increment itself, and is done once per step.
+the slip limits (`python -m tests.stability.increments`). So in either case the answer is compared
+with one in other increments:
+
+* A step of one increment is solved once more in two halves, which costs about as much as itself.
+* A step of several increments is solved beside its increments in half as many, each twice as long,
+  from the first of them on in which either is seen. A coarse increment begins with the multipliers
+  of the answer. Since the error is of first order in the size of increments, halving them changes
+  the end of the step by about half as much as doubling them did.
+
+A warning follows if halving changes, or would change, the answer.
 """
 
 from __future__ import annotations
@@ -20,7 +25,7 @@ from __future__ import annotations
 import logging
 import math
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from mpi4py import MPI
@@ -33,6 +38,8 @@ from contact_app.results.percent import percent
 from contact_app.run.increment_models import IncrementModels
 from contact_app.run.progress import together
 from contact_app.scene.scene import Scene
+from solver.contact.options import SolverOptions
+from solver.contact.solution import Solution
 from solver.driver import solve
 from solver.qp.result import Monitor, Step
 
@@ -56,13 +63,18 @@ Of friction forces over their limits, and of displacements over the largest.
 """
 
 TOLERANCE = 1e-3
-"""Tolerance of the halves: it only has to show changes of a hundredth."""
+"""Tolerance of the other increments: it only has to show changes of a hundredth."""
 
 LEAST, TIMES = 60, 1.5
-"""Iterations that the halves may take.
+"""Iterations that both halves, or one increment of twice the length, may take.
 
 The larger of this number and this factor times those of the increment.
 """
+
+UNFINISHED = (
+    "the friction forces may depend on the size of {of} ({reasons}). The test with {other} "
+    "did not finish within its limit of iterations: solve the step with more increments and compare"
+)
 
 log = logging.getLogger("contact_app")
 
@@ -82,14 +94,53 @@ class Change:
     forces: float
     displacements: float
 
+    def __str__(self) -> str:
+        return (
+            f"friction forces by {percent(self.forces)} of their limits and displacements by "
+            f"{percent(self.displacements)} of the largest"
+        )
+
     @property
     def matters(self) -> bool:
         """Whether the change causes a warning."""
         return self.forces > FORCES or self.displacements > MOVED
 
 
+@dataclass
+class _Coarser:
+    """The part of a step that is also solved in increments of twice the length.
+
+    Attributes
+    ----------
+    step
+        Number of the step.
+    number
+        Number of its increments so far.
+    last, displacements
+        Scene and displacements at the begin of the present increment of twice the length; the scene
+        is None before the first load.
+    differs
+        Whether these displacements are not those of the answer.
+    reasons
+        Phrases on increments in which the answer depends on the path.
+    failed
+        Whether an increment of twice the length has no answer.
+    multiplications
+        Hessian multiplications of the increments of twice the length.
+    """
+
+    step: int = 0
+    number: int = 0
+    last: Scene | None = None
+    displacements: list[NDArray[np.float64]] | None = None
+    differs: bool = False
+    reasons: list[str] = field(default_factory=list)
+    failed: bool = False
+    multiplications: int = 0
+
+
 class CoarseIncrements:
-    """Finds increments that are too coarse, at most one per step; methods are collective.
+    """Finds steps whose increments are too coarse; methods are collective.
 
     Parameters
     ----------
@@ -99,53 +150,105 @@ class CoarseIncrements:
 
     def __init__(self, models: IncrementModels) -> None:
         self._models = models
-        self._checked: set[int] = set()
+        self._coarser = _Coarser()
 
     def warning(
         self,
         step: int,
+        is_single: bool,
         at_end: bool,
         middle: Callable[[], Scene],
         solved: tuple[SolvedScene | None, SolvedScene],
         monitor: Callable[[], Monitor | None],
     ) -> str:
-        """A warning if the last increment is too coarse; otherwise empty.
+        """A warning at the end of a step with too coarse increments; otherwise empty.
 
         Parameters
         ----------
-        step, at_end
-            Step of the increment, and whether it is the last increment of the step.
+        step, is_single, at_end
+            Step of the last increment, whether it is the whole step, and whether it ends the step.
         middle
             Returns the scene with the loads half-way through the increment.
         solved
             The increment before, if there is one, and the last one.
         monitor
-            Returns the monitor of the halves.
+            Returns the monitor of the other increments.
         """
         before, now = solved
-        done = step in self._checked or not now.solution.converged
-        if done or not now.model.scene.has_friction:
+        if not now.solution.converged or not now.model.scene.has_friction:
             return ""
-        closing = _closing(self._models, now) if at_end else ""
-        suspicions = [s for s in (_turning(before, now), closing) if s]
-        if not suspicions:
+        reasons = [s for s in (_turning(before, now), _closing(self._models, now)) if s]
+        if not is_single:
+            return self._along_step(step, at_end, reasons, now, monitor)
+        if not reasons:
             return ""
-        self._checked.add(step)
-        reasons = "; ".join(suspicions)
-        text = f"the friction forces may depend on the size of this increment ({reasons})"
+        why = "; ".join(reasons)
         change = halved(self._models, middle(), now, monitor())
         if change is None:
-            return (
-                f"{text}. The test with two half increments did not finish within its limit of "
-                "iterations: solve the step with more increments and compare"
+            return UNFINISHED.format(of="this increment", other="two half increments", reasons=why)
+        if not change.matters:
+            return ""
+        return f"halving this increment changes {change} ({why}): give the step more increments"
+
+    def _along_step(
+        self,
+        step: int,
+        at_end: bool,
+        reasons: list[str],
+        now: SolvedScene,
+        monitor: Callable[[], Monitor | None],
+    ) -> str:
+        """The same for an increment that is not the whole step."""
+        coarser, models = self._coarser, self._models
+        if coarser.step != step:
+            coarser = self._coarser = _Coarser(step)
+        if coarser.number % 2 == 0:
+            coarser.last = models.last
+            if not coarser.differs:
+                coarser.displacements = models.displacements
+        coarser.number += 1
+        coarser.reasons += reasons
+        if coarser.failed or not coarser.reasons or not (at_end or coarser.number % 2 == 0):
+            return ""
+        found = self._in_twice_the_length(now, monitor())
+        if found is None:
+            coarser.failed = True
+            return UNFINISHED.format(
+                of="the increments", other="half as many", reasons=coarser.reasons[0]
             )
+        coarser.displacements, coarser.differs = found.displacements, True
+        coarser.multiplications += found.counts.hessian
+        if not at_end:
+            return ""
+        change = _change(now, found.multiplier, found.displacements)
+        if now.model.comm.rank == 0:
+            log.info(
+                "step %d in half as many increments, %d Hessian multiplications: changes %s",
+                step, coarser.multiplications, change,
+            )  # fmt: skip
+        change = Change(change.forces / 2.0, change.displacements / 2.0)
         if not change.matters:
             return ""
         return (
-            f"halving this increment changes friction forces by {percent(change.forces)} of "
-            f"their limits and displacements by {percent(change.displacements)} of the "
-            f"largest ({reasons}): give the step more increments"
+            f"by estimate, halving the increments of this step changes {change}, half as much as "
+            f"doubling them does ({coarser.reasons[0]}): give the step more increments"
         )
+
+    def _in_twice_the_length(self, now: SolvedScene, monitor: Monitor | None) -> Solution | None:
+        """The answer of one increment in place of the last two; None if it is unknown."""
+        coarser, model, comm = self._coarser, now.model, now.model.comm
+        begin = coarser.displacements
+        if begin is None:
+            begin = [np.zeros_like(u) for u in now.solution.displacements]
+        if model.scene.rigid_bodies:
+            moved = self._models.after(coarser.last, begin)
+            problem = moved.model(model.scene, Timings(), model.needed, None).problem
+        else:
+            problem = model.problem.with_slip_from(begin)
+        if not comm.allreduce(int(problem.size == model.problem.size), op=MPI.MIN):
+            return None
+        found = solve(problem, *_loosely(now, monitor), start=now.solution.multiplier)
+        return found if found.converged else None
 
 
 def _turning(before: SolvedScene | None, now: SolvedScene) -> str:
@@ -198,8 +301,7 @@ def halved(
     same = rigid or model.problem.B is model_now.problem.B
     if not comm.allreduce(int(same), op=MPI.MIN):
         return None
-    options = replace(model_now.scene.solver, tolerance=max(TOLERANCE, now.solution.tolerance))
-    limited = together(monitor, _Patience(max(LEAST, int(TIMES * now.solution.counts.hessian))))
+    options, limited = _loosely(now, monitor)
     first = solve(model.problem, options, limited, start=models.on(model))
     if not first.converged:
         return None
@@ -216,12 +318,17 @@ def halved(
     found = _change(now, second.multiplier, second.displacements)
     if comm.rank == 0:
         log.info(
-            "%s in halves, %d Hessian multiplications: friction forces change by %.2g %% of their "
-            "limits, displacements by %.2g %% of the largest",
-            now.model.scene.case, first.counts.hessian + second.counts.hessian,
-            100 * found.forces, 100 * found.displacements,
+            "%s in halves, %d Hessian multiplications: changes %s",
+            now.model.scene.case, first.counts.hessian + second.counts.hessian, found,
         )  # fmt: skip
     return found
+
+
+def _loosely(now: SolvedScene, monitor: Monitor | None) -> tuple[SolverOptions, Monitor | None]:
+    """Options with the tolerance of the test, and a monitor with its limit of iterations."""
+    options = replace(now.model.scene.solver, tolerance=max(TOLERANCE, now.solution.tolerance))
+    iterations = max(LEAST, int(TIMES * now.solution.counts.hessian))
+    return options, together(monitor, _Patience(iterations))
 
 
 class _Patience:

@@ -49,6 +49,11 @@ class IncrementModels:
         return self._displacements
 
     @property
+    def last(self) -> Scene | None:
+        """The scene with the loads of the last increment; None before the first one."""
+        return self._last
+
+    @property
     def keeps_subdomains(self) -> bool:
         """Whether slip is measured from an earlier answer."""
         earlier = self._displacements is not None or self._earlier is not None
@@ -82,7 +87,7 @@ class IncrementModels:
     def _moved(self, model: Model) -> NDArray[np.float64] | None:
         """Slips (dual,) from held components of rigid bodies in this increment."""
         problem, friction = model.problem, model.problem.system.friction
-        if self._last is None or friction is None or not self._last.rigid_bodies:
+        if friction is None or not model.scene.rigid_bodies:
             return None
         unknowns, moved = RigidUnknowns.of(model.scene, model.partition), np.zeros(problem.size)
         added = slips_of_held(friction.rows, unknowns, self._last)
@@ -103,13 +108,13 @@ class IncrementModels:
         self._rows = SameRows(solved.solution.multiplier)
         self._models.add(solved.model, solved.solution)
 
-    def after(self, scene: Scene, displacements: Displacements) -> IncrementModels:
+    def after(self, scene: Scene | None, displacements: Displacements) -> IncrementModels:
         """Models of the increment that follows another state; these models stay as they are.
 
         Parameters
         ----------
         scene
-            With the loads of that state.
+            With the loads of that state; None for no loads.
         """
         found = copy(self)
         found._last, found._displacements = scene, displacements

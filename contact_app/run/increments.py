@@ -154,7 +154,7 @@ def solved_increments(
                 raise solved
             half_way = Place(step, (part[0] + part[1]) / 2, place.number)
             message = coarse.warning(
-                step, part[1] == 1, partial(_loaded, scene, half_way),
+                step, part[1] - part[0] == 1, part[1] == 1, partial(_loaded, scene, half_way),
                 (last.solved if last else None, solved), partial(monitor_of, place),
             )  # fmt: skip
             solved = warned(solved, [message]) if message else solved

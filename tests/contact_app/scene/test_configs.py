@@ -69,6 +69,7 @@ def test_runs_and_is_certified(
         "are stiff in bending; use degree: 2 or a finer mesh",
         "are round there and meet by flat facets",
         "halving this increment changes",
+        "halving the increments of this step",
         "Tresca friction acts on",
         "with a coefficient of friction of 1 the answer need not be unique",
         "grows without limit",
