@@ -27,6 +27,10 @@ CHANGE = 1e-13
 motion over the largest motion. Where a node is in several contacts W is singular, and rounding
 errors move forces that leave all points in place by about 1e-12 a sweep without end."""
 
+SETTLED = 1e-9
+"""Residual of the conditions up to which forces that leave all points in place are the answer. Such
+forces may also change by the same amount in each sweep until one of them reaches its limit."""
+
 
 @dataclass(frozen=True)
 class FrictionReference:
@@ -220,7 +224,8 @@ def sweep(
             force[own] = local
         if change <= CHANGE * max(np.abs(force).max(), 1e-3 * scale):
             return force
-        if np.abs(W @ (force - before)).max() <= CHANGE * np.abs(q).max():
+        still = np.abs(W @ (force - before)).max() <= CHANGE * np.abs(q).max()
+        if still and condensed.residual(force) <= SETTLED:
             return force
     raise ReferenceError("the sweeps did not settle")
 
