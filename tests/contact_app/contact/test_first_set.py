@@ -8,8 +8,11 @@ import numpy as np
 import pytest
 from mpi4py import MPI
 from scipy import sparse
+from scipy.sparse.linalg import spsolve
 
-from solver.primal.spring_levels import DenseLevel, FirstSetOptions, Rows
+from solver.primal.hierarchy import Hierarchy, MultigridOptions
+from solver.primal.spring_levels import CycleLevel, DenseLevel, FirstSetOptions, Rows
+from solver.tfeti.constraints.matrix import petsc_rows
 
 
 @pytest.mark.parametrize("full", [0.0, 1.0])
@@ -31,3 +34,31 @@ def test_a_dense_level_is_solved_to_its_minimum(full: float) -> None:
     tensions = stiff * np.where(pressed, 1.0, options.faint) * jump
     np.testing.assert_allclose(A @ x + level.near * x + Q.T @ tensions, load, atol=1e-9)
     np.testing.assert_array_equal(level.pressed(x), pressed & ~equality)
+
+
+def test_a_cycle_has_the_springs_of_rows_on_all_levels() -> None:
+    """Twenty bars, held by nothing but the rows between them, take nine conjugate gradients."""
+    bars, nodes, each = 20, 40, 4
+    bar = sparse.diags([-1.0, 2.0, -1.0], [-1, 0, 1], (nodes, nodes)).tolil()
+    bar[0, 0] = bar[-1, -1] = 1.0
+    A = sparse.block_diag([bar] * bars, format="csr")
+    n, m = A.shape[0], bars - 1
+    ends = nodes * np.arange(1, bars)
+    Q = sparse.csr_matrix(
+        (np.tile([1.0, -1.0], m), np.stack([ends - 1, ends], 1).ravel(), 2 * np.arange(m + 1)),
+        (m, n),
+    )
+    A[0, 0] += 1.0  # the first bar is held
+    P = sparse.kron(sparse.identity(n // each), np.ones((each, 1)), format="csr")
+    comm, load = MPI.COMM_SELF, np.random.default_rng(2).standard_normal(n)
+    stiff, every = np.full(m, 0.5), np.ones(m, bool)
+    rows = Rows(comm, np.zeros(m), ~every, every, stiff)
+    operators = petsc_rows(comm, A, n), petsc_rows(comm, sparse.csr_matrix(P.T @ A @ P), n // each)
+    hierarchy = Hierarchy((petsc_rows(comm, P, n // each),), operators, MultigridOptions())
+    levels = petsc_rows(comm, Q, n), petsc_rows(comm, sparse.csr_matrix(Q @ P), n // each)
+    options = replace(FirstSetOptions(), reduction=1e-9, iterations=9)
+    level = CycleLevel(rows, hierarchy, levels, load, options)
+    K = sparse.csc_matrix(A + Q.T @ sparse.diags(stiff) @ Q)
+    exact = spsolve(K, load)
+    error = level.newton_step(stiff, load) - exact
+    assert error @ (K @ error) < 1e-4 * (exact @ (K @ exact))
