@@ -39,7 +39,8 @@ def refuse_hanging(points: NDArray[np.float64], topology: Topology, comm: MPI.In
         raise MeshError(
             f"has {len(hanging)} hanging nodes: they lie on an edge or face of a cell "
             f"that does not have them as corners, the first at ({place}); make the mesh conforming "
-            "(in Gmsh: BooleanFragments or Coherence before meshing)"
+            "(in Gmsh: BooleanFragments or Coherence before meshing), or make parts that were "
+            "meshed apart bodies of their own, whose cells `group` names"
         )
 
 

@@ -115,11 +115,11 @@ def sharp_peaks(model: Model, nodes: NodeFields) -> list[str]:
         pressure, point, size = peak(model.comm, at_nodes.pressure, points, at_nodes.shares, d)
         if pressure <= 0.0:
             continue
-        sides = [_skin(model, touching.body, touching.boundary, point, REACH * size)]
+        sides = [skin_near(model, touching.body, touching.boundary, point, REACH * size)]
         end = ""
         if isinstance(touching, BodyContact):
             other = touching.other, touching.other_boundary
-            sides.append(_skin(model, *other, point, REACH * size))
+            sides.append(skin_near(model, *other, point, REACH * size))
         elif touching.obstacle.curvature_radius is None:
             end = touching.boundary
         edge = sharp_edge(point, sides, end)
@@ -174,11 +174,11 @@ def sharp_edge(point: Array, sides: Sequence[Skin | None], end: str) -> str:
     across = other.joints
     opposite = (across.turns > SHARP) & across.pressed.any(axis=1)
     opposite &= across.distances(point) <= 1.01 * facet
-    together = _parallel(own.joints.ends[sharp], across.ends[opposite])
-    if not together.size:
-        alone = sharp.any(), opposite.any()
-    else:  # a corner may have an edge along one of the other body, and another one across it
-        alone = not together.any(axis=1).all(), not together.any(axis=0).all()
+    close = own.joints.distances(point) <= 1.01 * facet
+    close &= (own.joints.turns > SHARP) & own.joints.pressed.any(axis=1)
+    of_own = ~_parallel(own.joints.ends[sharp], across.ends[opposite]).any(axis=1)
+    of_other = ~_parallel(own.joints.ends[close], across.ends[opposite]).any(axis=0)
+    alone = of_own.any(), of_other.any()  # an edge along which the other body does not end
     if not any(alone):
         return ""
     pressing, pressed = (other, own) if alone[1] else (own, other)
@@ -202,7 +202,7 @@ def _parallel(one: Array, two: Array) -> NDArray[np.bool_]:
     return np.asarray(np.abs(along[0] @ along[1].T) > np.cos(SHARP))
 
 
-def _skin(model: Model, body: int, boundary: str, point: Array, reach: float) -> Skin | None:
+def skin_near(model: Model, body: int, boundary: str, point: Array, reach: float) -> Skin | None:
     """Facets of a body near a point and the edges between them (collective).
 
     Facets that are held along one axis only are left out: they lie on planes of symmetry.

@@ -1,7 +1,7 @@
 """Warnings where the answer of forms violates assumptions of the model, as those of scenes.
 
-What needs the material's moduli or an estimate of the error is left to scenes: locking, the error
-of the mesh, the yield stress.
+What needs the material's moduli or an estimate of the error is left to scenes: locking near ν =
+0.5, the error of the mesh, the yield stress.
 """
 
 from __future__ import annotations
@@ -28,6 +28,7 @@ from contact_app.accuracy.sharp_edges import REACH, Skin, peak, sentence, sharp_
 from contact_app.forms.bodies import contact_motions
 from contact_app.forms.boundary import exterior_facets, gathered_surface
 from contact_app.forms.contacts import Contact
+from contact_app.forms.locking import varying_strains
 from contact_app.forms.model import FormModel
 from contact_app.forms.results import ContactAtNodes, Owners
 from contact_app.forms.rows import held_components, in_the_mean
@@ -43,6 +44,8 @@ from contact_app.run.warning_texts import (
     curving_away,
     flat_facets,
     large_deformations,
+    locking_in_bending,
+    moved_beyond_size,
     rubbing_where_open,
     several_answers,
     sliding_far,
@@ -51,6 +54,7 @@ from contact_app.run.warning_texts import (
 from contact_app.scene.obstacles import Plane
 from meshes import dolfinx_compat
 from meshes.contact_surface import Surface, is_curved
+from solver.contact.sizes import STRAINLESS
 from solver.contact.solution import Solution
 from solver.vectors import largest_magnitude
 
@@ -107,18 +111,35 @@ def _large_deformations(answer: FormAnswer) -> list[str]:
 
 
 def _of_bodies(answer: FormAnswer) -> Iterator[str]:
-    """Bodies that slide along facets, or that can be moved without any change of energy."""
+    """Bodies that slide along facets, move beyond their size, or can be moved at no energy."""
     model, solution = answer.model, answer.solution
     bodies, problem = model.bodies, model.problem
     fixes = "a Dirichlet condition, a spring or friction"
     for found in sliding_bodies(problem, solution, bodies.size_of):
         yield found.sentence(bodies.name(found.body), f"{fixes} prevents the motion")
+    for b, share in enumerate(_varying_strains(answer)):
+        if text := locking_in_bending(share, "squared strain", "", "a space of degree 2"):
+            yield f"{bodies.name(b)}: {text}"
+    for b, moved in enumerate(solution.measures.deformations[: bodies.count]):
+        size = 2.0 * float(np.linalg.norm(bodies.halves[b]))
+        yield moved_beyond_size(bodies.name(b), float(moved), size)
     label = problem.bodies.groups
     groups = [np.flatnonzero(label == k) for k in np.unique(label)]
     names = [bodies.name(b) for b in range(bodies.count)]
     seen = contact_motions(bodies, model.exchange, problem.contact, problem.dimension)
     movable = Movable(groups, names, bodies.size_of)
     yield from play_warnings(undetermined_of(problem, solution, seen, movable), fixes)
+
+
+def _varying_strains(answer: FormAnswer) -> Array:
+    """Share of the squared strain of each body that varies within cells, (bodies,) (collective)."""
+    model, measures = answer.model, answer.solution.measures
+    parts, bodies = model.parts, model.bodies
+    body = answer.owners.copies(bodies.of_node.astype(float))[parts.cells[:, 0]].astype(np.int64)
+    u = answer.owners.copies(answer.displacement)
+    shares = varying_strains(parts, u, body, bodies.count)
+    strained = measures.strains > STRAINLESS * measures.roundings
+    return np.where(strained[: bodies.count], shares, 0.0)
 
 
 def _of_contact(answer: FormAnswer, number: int, contact: Contact) -> Iterator[str]:

@@ -7,10 +7,12 @@ the scene file, from 1; a node that no case presses has pressure and case 0.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from mpi4py import MPI
 from numpy.typing import NDArray
 
 from contact_app.model.model import Model
@@ -21,23 +23,23 @@ from contact_app.results.result_size import file_names
 Array = NDArray[np.float64]
 
 
+ROUNDED = 1e-9
+"""Distance of equal nodes in two decompositions over the largest coordinate: rounding errors."""
+
+
 class _Largest:
     """Largest of non-negative values, entry by entry, and the number of its case, from 1."""
 
     def __init__(self, count: int) -> None:
         self.values, self.cases = np.zeros(count), np.zeros(count)
+        self.peaks: dict[int, float] = {}
 
-    def add(self, number: int, values: Array) -> None:
-        """Add the values of a case."""
-        more = values > self.values
-        self.values[more], self.cases[more] = values[more], number
-
-    def peak(self) -> tuple[float, int]:
-        """The largest value on this rank, and its case."""
-        if not len(self.values):
-            return 0.0, 0
-        at = int(np.argmax(self.values))
-        return float(self.values[at]), int(self.cases[at])
+    def add(self, number: int, values: Array | None, peak: float) -> None:
+        """Add a case: its values where the entries are the same, and the largest of all ranks."""
+        self.peaks[number] = peak
+        if values is not None:
+            more = values > self.values
+            self.values[more], self.cases[more] = values[more], number
 
 
 class Envelope:
@@ -46,7 +48,7 @@ class Envelope:
     Parameters
     ----------
     model, nodes, cells
-        Model, nodes and cells of the first case; other cases must have the same nodes and cells.
+        Model, nodes and cells of the first case.
     """
 
     def __init__(self, model: Model, nodes: NodeFields, cells: CellFields) -> None:
@@ -55,24 +57,47 @@ class Envelope:
         self._pressure = _Largest(len(nodes.contact_pressure))
 
     def add(self, number: int, model: Model, nodes: NodeFields, cells: CellFields) -> bool:
-        """Add a case; return False if its nodes or cells differ (collective)."""
-        alike = model.partition is self._model.partition or (
-            np.array_equal(nodes.points, self._nodes.points)
-            and len(cells.cells) == len(self._cells.cells)
-            and all(map(np.array_equal, cells.cells, self._cells.cells))
-        )
-        if not all(model.comm.allgather(alike)):
-            return False
-        self._stress.add(number, cells.von_mises)
-        self._pressure.add(number, nodes.contact_pressure)
-        return True
+        """Add a case; return False if a rank has other nodes or cells in it (collective).
+
+        The fields then lack the case; its largest values count.
+        """
+        comm, stress = model.comm, cells.von_mises
+        peaks = [float(values.max(initial=0.0)) for values in (stress, nodes.contact_pressure)]
+        alike = model.partition is self._model.partition
+        if not alike:
+            places = self._places(nodes, cells)
+            alike, stress = places is not None, stress if places is None else stress[places]
+        alike = all(comm.allgather(alike))
+        for largest, values, peak in (
+            (self._stress, stress, peaks[0]),
+            (self._pressure, nodes.contact_pressure, peaks[1]),
+        ):
+            largest.add(number, values if alike else None, comm.allreduce(peak, op=MPI.MAX))
+        return alike
+
+    def _places(self, nodes: NodeFields, cells: CellFields) -> NDArray[np.int64] | None:
+        """Places of the first case's cells among those of another decomposition of the mesh.
+
+        None where this rank has other nodes or cells.
+        """
+        points, others = self._nodes.points, nodes.points
+        size = ROUNDED * np.abs(points).max(initial=0.0)
+        if points.shape != others.shape or np.abs(points - others).max(initial=0.0) > size:
+            return None
+        (first, order), (other, place) = (_sorted_cells(c.cells) for c in (self._cells, cells))
+        if not np.array_equal(first, other):
+            return None
+        found = np.empty(len(order), np.int64)
+        found[order] = place
+        return found
 
     def peaks(self, names: list[str]) -> dict[str, Any]:
-        """The largest values of all, by the names of the cases (collective)."""
+        """The largest values of all cases, and the names of their cases."""
         found = {}
         for key, largest in (("von_mises", self._stress), ("contact_pressure", self._pressure)):
-            value, number = max(self._model.comm.allgather(largest.peak()))
-            found[key] = {"value": value, "case": names[number - 1] if number else None}
+            number = max(largest.peaks, key=largest.peaks.__getitem__)
+            value = largest.peaks[number]
+            found[key] = {"value": value, "case": names[number - 1] if value > 0.0 else None}
         return found
 
     def write(self, directory: Path) -> list[Path]:
@@ -89,3 +114,17 @@ class Envelope:
         if files:
             write_grid(self._model, self._nodes, files, lambda image: at_nodes, in_cells)
         return files
+
+
+def _sorted_cells(
+    cells: Sequence[NDArray[np.int64]],
+) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """The nodes of cells in ascending order, cell by cell in lexical order, and their places."""
+    width = max((part.shape[1] for part in cells), default=1)
+    rows = np.full((sum(map(len, cells)), width), -1, np.int64)
+    start = 0
+    for part in cells:
+        rows[start : start + len(part), : part.shape[1]] = np.sort(part, axis=1)
+        start += len(part)
+    order = np.lexsort(rows.T)
+    return rows[order], order

@@ -16,6 +16,7 @@ from typing import Any, TextIO
 
 import numpy as np
 from rich.console import Console
+from rich.measure import Measurement
 from rich.table import Table
 from rich.text import Text
 
@@ -23,9 +24,12 @@ from contact_app.machine.atomic_file import atomic
 from contact_app.machine.exits import is_own_failure, mark_logged, message_of, print_message
 from contact_app.results.percent import percent
 from contact_app.results.repeated_sentences import shortened
-from contact_app.results.report_rows import named_rows, number, vector
+from contact_app.results.report_rows import MOST, contact_force, force_of, named_rows, number
 
 log = logging.getLogger("contact_app")
+
+WIDEST = 1000
+"""Largest number of characters in a line of a table."""
 
 
 class _LogFile(logging.FileHandler):
@@ -277,7 +281,7 @@ def print_cases(
         Warnings of the certificates, each with its cases.
     """
     console = Console(highlight=False)
-    console.print(cases_table(summary))
+    _print_whole(console, cases_table(summary))
     for key, name in (("von_mises", "von Mises stress"), ("contact_pressure", "contact pressure")):
         peak = summary["envelope"][key]
         if peak["case"] is not None:
@@ -299,7 +303,7 @@ def print_steps(
     files: Iterable[Path | str] = (),
 ) -> None:
     """Print the increments of a load history as a table, and the last one as of a single scene."""
-    Console(highlight=False).print(steps_table(summary["steps"]))
+    _print_whole(Console(highlight=False), steps_table(summary["steps"]))
     print_summary(summary, summary["solver"]["tolerance"], files)
 
 
@@ -317,7 +321,7 @@ def steps_table(records: Sequence[Mapping[str, Any]]) -> Table:
             str(record["step"]),
             f"{record['factor']:.4g}",
             number(solution["max_displacement"]),
-            vector(force_of_case(record)),
+            contact_force(record),
             str(sum(count.get("stick", 0) for count in nodes)),
             str(sum(count.get("slip", 0) for count in nodes)),
             "" if work is None else number(work),
@@ -326,11 +330,13 @@ def steps_table(records: Sequence[Mapping[str, Any]]) -> Table:
     return table
 
 
-def force_of_case(case: Mapping[str, Any]) -> Sequence[float]:
-    """The force of the contact of a case; with several contacts, that of all obstacles."""
-    contacts = case.get("contacts", [])
-    force = contacts[0]["force"] if len(contacts) == 1 else case["solution"]["contact_force"]
-    return list(force)
+def _print_whole(console: Console, table: Table) -> None:
+    """Print a table as wide as it is: a narrow terminal breaks its lines and cuts no number."""
+    options = console.options.update(max_width=WIDEST)
+    width = console.width
+    console.width = max(width, Measurement.get(console, options, table).maximum)
+    console.print(table)
+    console.width = width
 
 
 def cases_table(summary: Mapping[str, Any]) -> Table:
@@ -342,15 +348,20 @@ def cases_table(summary: Mapping[str, Any]) -> Table:
     for head in (*heads, "certificate"):
         table.add_column(head, no_wrap=True)
     for name, case in summary["cases"].items():
-        solution = case["solution"]
+        solution, contacts = case["solution"], case.get("contacts", [])
         table.add_row(
             Text(name),
             number(solution["max_displacement"]),
             number(solution["max_von_mises"]),
             number(solution["max_contact_pressure"]),
-            f"({', '.join(number(component) for component in force_of_case(case))})",
+            contact_force(case) if len(contacts) < 2 else "",
             _verdict(bool(case["certificate"]["passed"])),
         )
+        for contact in contacts[:MOST] if len(contacts) > 1 else ():
+            name, pressure = f"  {contact['on']} on {contact['with']}", contact["max_pressure"]
+            table.add_row(Text(name), "", "", number(pressure), force_of(contact))
+        if len(contacts) > MOST:
+            table.add_row(f"  and {len(contacts) - MOST} more in summary.json")
     return table
 
 

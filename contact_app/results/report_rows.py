@@ -26,9 +26,8 @@ def named_rows(summary: Mapping[str, Any]) -> Iterator[Row]:
     """Contacts, supports, sections and probes."""
     solution, contacts = summary["solution"], summary.get("contacts", [])
     if summary["decomposition"]["contact"]:
-        force = contacts[0]["force"] if len(contacts) == 1 else solution["contact_force"]
         if len(contacts) < 2 or any(contact["with"] in SHAPES for contact in contacts):
-            yield "contact force", vector(force)
+            yield "contact force", contact_force(summary)
         yield "largest contact pressure", number(solution["max_contact_pressure"])
         yield from _contacts(contacts)
     reactions = summary.get("reactions", [])
@@ -47,6 +46,23 @@ def named_rows(summary: Mapping[str, Any]) -> Iterator[Row]:
     )
 
 
+def contact_force(record: Mapping[str, Any]) -> str:
+    """The force of the contact of a record; with several contacts, that of all obstacles."""
+    contacts = record.get("contacts", [])
+    force = contacts[0]["force"] if len(contacts) == 1 else record["solution"]["contact_force"]
+    return vector(force, sum(map(_size, contacts)))
+
+
+def force_of(contact: Mapping[str, Any]) -> str:
+    """The force of one contact; rounding errors beside its pressure, as on a ring, are 0."""
+    return vector(contact["force"], _size(contact))
+
+
+def _size(contact: Mapping[str, Any]) -> float:
+    """Largest pressure times area."""
+    return float((contact.get("max_pressure") or 0.0) * (contact.get("area") or 0.0))
+
+
 def _contacts(contacts: Sequence[Mapping[str, Any]]) -> Iterator[Row]:
     """Force and largest pressure of each contact, if there are several."""
     if len(contacts) > 1:
@@ -55,7 +71,7 @@ def _contacts(contacts: Sequence[Mapping[str, Any]]) -> Iterator[Row]:
             [
                 (
                     f"{contact['on']} on {contact['with']}",
-                    f"{vector(contact['force'])}, {number(contact['max_pressure'])}",
+                    f"{force_of(contact)}, {number(contact['max_pressure'])}",
                 )
                 for contact in contacts
             ],

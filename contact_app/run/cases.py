@@ -109,7 +109,7 @@ class Overview:
             self._envelope = Envelope(model, solved.nodes, solved.cells)
         if not self._envelope.add(len(self._cases), model, solved.nodes, solved.cells):
             warnings.append(
-                "the case has other subdomains than the first and is not in the envelope"
+                "the case has cells on other ranks than the first and is not in envelope.xdmf"
             )
         for sentence in warnings:
             self._warnings.setdefault(sentence, []).append(name)

@@ -48,6 +48,8 @@ from contact_app.run.warning_texts import (
     curving_away,
     flat_facets,
     large_deformations,
+    locking_in_bending,
+    moved_beyond_size,
     rubbing_where_open,
     several_answers,
     sliding_far,
@@ -78,12 +80,6 @@ SMALL_PART = 0.05
 HELD_LOAD = 0.05
 """Share of the load on a body that its `hold` may carry without a warning. Flat facets of round
 surfaces drive a held rotation with up to a hundredth."""
-
-VARYING_ENERGY = 0.3
-"""Largest admissible share of the energy in strains that vary within first-order cells.
-
-In bending the share is 1/n² for n cells of equal sides across the thickness.
-"""
 
 
 def model_warnings(answer: SolvedScene) -> list[str]:
@@ -193,13 +189,10 @@ def _locking_in_bending(answer: SolvedScene) -> Iterator[str]:
     """First-order cells whose strains vary within them."""
     shares = _varying_energy(answer)
     for body, share in zip(answer.model.scene.bodies, shares, strict=True):
-        if body.degree == 1 and share > VARYING_ENERGY:
-            near = " or near ν = 0.5" if body.plain else ""
-            yield (
-                f"{body.name}: {100.0 * share:.0f} % of its strain energy lies in strains that "
-                f"vary within cells: first-order cells lock in bending{near}, and displacements "
-                "come out too small; use degree: 2 or several times as many cells across"
-            )
+        near = " or near ν = 0.5" if body.plain else ""
+        text = locking_in_bending(share, "strain energy", near, "degree: 2")
+        if body.degree == 1 and text:
+            yield f"{body.name}: {text}"
 
 
 def _coarse_meshes(answer: SolvedScene) -> Iterator[str]:
@@ -369,6 +362,14 @@ def _yielding(answer: SolvedScene) -> list[str]:
     ]
 
 
+def _moved_beyond_sizes(answer: SolvedScene) -> Iterator[str]:
+    """Bodies that move farther than they are large, but for motions that nothing resists."""
+    bodies, moved = answer.model.scene.bodies, answer.solution.measures.deformations
+    for body, largest in zip(bodies, moved, strict=False):
+        size = float(np.linalg.norm(np.subtract(body.mesh.upper, body.mesh.lower)))
+        yield moved_beyond_size(body.name, float(largest), size)
+
+
 def _moved_far(answer: SolvedScene) -> list[str]:
     """Bodies whose strains or contact forces are comparable with rounding errors."""
     model, measures, sentences = answer.model, answer.solution.measures, []
@@ -405,8 +406,8 @@ def _varying_energy(answer: SolvedScene) -> NDArray[np.float64]:
 CHECKS: tuple[Callable[[SolvedScene], Iterable[str]], ...] = (
     _large_deformations, _yielding, _straight_edges, _straight_facets, _beside_obstacles,
     _between_nodes, _coarse_pressures, _sharp_edges, _sliding_bodies, _locking_in_volume,
-    _locking_in_bending, _moved_far, _coarse_meshes, _stresses_beside_expansion, _straddled_facets,
-    _without_facets, _certificates, _cautions, _slides, _loaded_holds, _rubs_where_open,
-    _closes_at_once, _several_answers, _plays,
+    _locking_in_bending, _moved_beyond_sizes, _moved_far, _coarse_meshes,
+    _stresses_beside_expansion, _straddled_facets, _without_facets, _certificates, _cautions,
+    _slides, _loaded_holds, _rubs_where_open, _closes_at_once, _several_answers, _plays,
 )  # fmt: skip
 """The tests of an answer, in the order of their warnings."""

@@ -11,6 +11,12 @@ from contact_app.accuracy.faceted_curves import compared
 SMALL_STRAIN, SMALL_ROTATION = 0.05, 0.1
 """Strain, and rotation in radians, above which a warning follows: they are not small."""
 
+VARYING = 0.3
+"""Largest admissible share of the energy in strains that vary within first-order cells.
+
+In bending the share is 1/n² for n cells of equal sides across the thickness.
+"""
+
 SMALL_SAGITTA = 0.01
 """Error of a gap by sliding along a curved obstacle, over the displacement, that is warned of."""
 
@@ -42,6 +48,36 @@ def large_deformations(strain: float, rotation: float) -> list[str]:
             "normals are those of the undeformed shape"
         )
     return found
+
+
+def locking_in_bending(share: float, quantity: str, near: str, remedy: str) -> str:
+    """First-order cells whose strains vary within them.
+
+    Parameters
+    ----------
+    share
+        Of a quantity of the body, in strains that vary within cells.
+    near
+        Further cause.
+    """
+    if share <= VARYING:
+        return ""
+    return (
+        f"{100.0 * share:.0f} % of its {quantity} lies in strains that vary within cells: "
+        f"first-order cells lock in bending{near}, and displacements come out too small; use "
+        f"{remedy} or several times as many cells across"
+    )
+
+
+def moved_beyond_size(name: str, moved: float, size: float) -> str:
+    """A body that moves farther than it is large, as with lengths in two units."""
+    if not moved > size:
+        return ""
+    return (
+        f"{name} moves by {moved:.3g}, farther than it is large ({size:.3g}): displacements are "
+        "assumed to be small; compare the units of mesh, obstacles, loads and moduli, and the "
+        "places of obstacles"
+    )
 
 
 def straight_edges(name: str, sagitta: float, moved: float, gap: float, degree: int) -> str:

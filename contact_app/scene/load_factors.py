@@ -33,7 +33,7 @@ def names_of_conditions(keys: Keys) -> list[str]:
             keys.fail(
                 ("conditions", i, "name"),
                 f"is {condition.name!r}, the name of conditions[{first[condition.name]}] already; "
-                "each name is given once",
+                "each condition has its own: give the factors of both in cases and steps",
             )
         first[condition.name] = i
     return list(first)

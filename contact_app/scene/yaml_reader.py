@@ -118,6 +118,8 @@ def parse(text: str, name: str) -> tuple[Any, dict[Key, int]]:
             problem += "; indent with spaces, not tabs"
         if "mapping values are not allowed" in problem:
             problem += "; put text that contains a colon in quotes, and indent keys alike"
+        if "<block end>" in problem:
+            problem += "; begin all entries of a list, and all keys of a mapping, in one column"
         if "expected ',' or" in problem or "<stream end>" in problem:
             problem += "; a bracket or a quote is not closed, or a comma is missing"
         if "another document" in problem:

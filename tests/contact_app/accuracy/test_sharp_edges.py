@@ -10,11 +10,14 @@ import numpy as np
 import pytest
 from mpi4py import MPI
 
+from contact_app.accuracy.sharp_edges import sharp_edge, skin_near
 from contact_app.run.solve import solve_scene
 from contact_app.scene.build import build_scene
 from contact_app.scene.configuration import from_mapping, load
 
 CONFIGS = Path(__file__).parents[3] / "configs"
+
+SIDES = ((0, "y+"), (1, "y-"))
 
 STEEL = {"young": 1000.0, "poisson": 0.3}
 
@@ -85,6 +88,15 @@ def test_an_edge_at_a_clamped_side_causes_a_warning_and_one_at_a_plane_of_symmet
 def test_blocks_that_end_together_and_soft_blocks_have_no_infinite_pressure() -> None:
     assert peak(blocks(1, base=(-2.0, 2.0)))[1] == []
     assert peak(blocks(1, young=50.0))[1] == []
+
+
+def test_a_peak_one_facet_from_the_common_end_of_two_blocks_is_at_no_edge() -> None:
+    for base, expected in (((-2.0, 2.0), ""), ((-8.0, 8.0), "at a sharp edge of punch")):
+        solved = solve_scene(build_scene(from_mapping(blocks(1, base=base))), MPI.COMM_SELF)
+        point = np.array([1.6, 0.0, 0.0])
+        sides = [skin_near(solved.model, body, name, point, 2.0) for body, name in SIDES]
+        assert sharp_edge(point, sides[::-1], "") == ""
+        assert sharp_edge(point, sides, "") == expected
 
 
 @pytest.mark.parametrize(("slope", "warned"), [(1.0, True), (0.0, False)])

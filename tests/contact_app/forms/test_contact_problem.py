@@ -244,52 +244,6 @@ def test_a_coarse_ball_gives_the_warnings_of_a_scene(cell: str) -> None:
     assert any("the pressure varies within single facets" in text for text in found)
 
 
-@pytest.mark.parametrize("order", [(2, 1), (1, 2)])
-def test_a_corner_in_a_facet_of_another_body_causes_a_warning(order: tuple[int, int]) -> None:
-    """A square on its corner over the middle of a facet enters it by what it is moved down."""
-    mesh = problems.stacked("triangle", MPI.COMM_WORLD)
-    x = mesh.geometry.x
-    above = x[:, 1] > 0.995
-    turn = np.array([[1.0, -1.0], [1.0, 1.0]]) / np.sqrt(2.0)
-    x[above, :2] = (x[above, :2] - [0.15, 1.0]) @ turn.T + [0.375, 0.99]
-    V = problems.vector_space(mesh, 1)
-
-    def upper(x: np.ndarray) -> np.ndarray:
-        return (x[1] > 0.9901) | np.isclose(x[0], 0.375)
-
-    flanks = {
-        2: lambda x: np.isclose(x[1], 0.99) & ~np.isclose(x[0], 0.375),
-        1: lambda x: np.isclose(np.abs(x[0] - 0.375), x[1] - 0.99) & (x[1] < 1.4),
-    }
-    tags = problems.facet_tags(mesh, flanks)
-    u, v = ufl.TrialFunction(V), ufl.TestFunction(V)
-    a = ufl.inner(problems.isotropic(u, 1.0, 0.3), problems.strain(v)) * ufl.dx
-    L = ufl.inner(fem.Constant(mesh, np.zeros(2)), v) * ufl.dx
-    bcs = [problems.held(V, problems.bottom)]
-    bcs += [problems.held(V, upper, i, -0.01 * i) for i in range(2)]
-    on, against = order
-    problem = ContactProblem(a, L, bcs, [Contact(tags, on, against=against)])
-    problem.solve()
-    assert problem.certificate.passed
-    entered = "enter each other by up to 0.01 at vertices"
-    assert any(entered in text for text in problem.certificate.warnings)
-
-
-def test_a_warning_names_a_play() -> None:
-    """A block between two walls that do not touch it stands anywhere between them."""
-    forms = problems.block("quadrilateral", 1)
-    tags = problems.facet_tags(forms.space.mesh, {3: problems.bottom, 4: problems.left,
-                                                  5: problems.right})  # fmt: skip
-    v = forms.L.arguments()[0]
-    down = ufl.inner(fem.Constant(forms.space.mesh, np.array([0.0, -0.1])), v) * ufl.dx
-    contacts = [Contact(tags, 3, Plane((0, 0), (0, 1))), Contact(tags, 4, Plane((-0.1, 0), (1, 0))),
-                Contact(tags, 5, Plane((1.2, 0), (-1, 0)))]  # fmt: skip
-    problem = ContactProblem(forms.a, down, [], contacts)
-    problem.solve()
-    told = problem.certificate.warnings
-    assert any("the body has a play of 0.299 along +x" in text for text in told), told
-
-
 @pytest.mark.parametrize("method", ["primal", "active-set"])
 def test_springs_hold_some_motions_and_none_others(method: str) -> None:
     forms = problems.block("hexahedron", 1)

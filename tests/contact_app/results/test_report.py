@@ -13,7 +13,14 @@ import pytest
 from rich.console import Console
 
 from contact_app.errors import ConfigurationError
-from contact_app.results.report import force_of_case, print_summary, run_log, write_summary
+from contact_app.results.report import (
+    cases_table,
+    print_steps,
+    print_summary,
+    run_log,
+    write_summary,
+)
+from contact_app.results.report_rows import contact_force
 
 SUMMARY = {
     "scene": {"title": "a cube [bold] beside a wall", "dimension": 3},
@@ -240,6 +247,53 @@ def test_the_force_of_a_case_is_that_of_its_contact() -> None:
     """Two bodies press each other and no obstacle: the table shows their force, not zero."""
     pair = {"on": "a.z+", "with": "b.z-", "force": [0.0, 0.0, -36.0]}
     case = {"solution": {"contact_force": [0.0, 0.0, 0.0]}, "contacts": [pair]}
-    assert force_of_case(case) == [0.0, 0.0, -36.0]
+    assert contact_force(case) == "(0, 0, -36)"
     both = {"solution": {"contact_force": [1.0, 0.0, 2.0]}, "contacts": [pair, pair]}
-    assert force_of_case(both) == [1.0, 0.0, 2.0]
+    assert contact_force(both) == "(1, 0, 2)"
+    ring = {**pair, "force": [1e-12, 0.0, 3e-13], "max_pressure": 8.0, "area": 5.0}
+    assert contact_force({**case, "contacts": [ring]}) == "(0, 0, 0)"
+
+
+def test_the_table_of_cases_has_the_force_of_each_contact() -> None:
+    contacts = [
+        {"on": "eye.bore", "with": "pin.skin", "force": [0.0, 0.0, -900.0], "max_pressure": 7.5},
+        {"on": "fork.bore", "with": "pin.skin", "force": [0.0, 0.0, 900.0], "max_pressure": 6.5},
+    ]
+    case = {**SUMMARY, "solution": {**SUMMARY["solution"], "max_von_mises": 3.0}}
+    cases = {"one": {**case, "contacts": contacts[:1]}, "two": {**case, "contacts": contacts}}
+    text = io.StringIO()
+    table = cases_table({"scene": SUMMARY["scene"], "cases": cases})
+    Console(file=text, width=120).print(table)
+    rows = [line.rstrip() for line in text.getvalue().splitlines()][2:]
+    assert rows[0].startswith("one")
+    assert "(0, 0, -900)" in rows[0]
+    assert rows[1].startswith("two")
+    assert "(" not in rows[1]
+    for row, contact in zip(rows[2:], contacts, strict=True):
+        assert row.startswith(f"  {contact['on']} on pin.skin")
+        assert f"{contact['max_pressure']}" in row
+        assert f"(0, 0, {contact['force'][2]:g})" in row
+
+
+def test_a_narrow_terminal_cuts_no_number_of_the_table_of_increments(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setenv("COLUMNS", "40")
+    pair = {"on": "a.z+", "with": "b.z-", "force": [-1234.5, 2345.6, -36.125], "nodes": {"slip": 3}}
+    record = {
+        "step": 1, "factor": 0.3333, "contacts": [pair],
+        "solution": {"max_displacement": 0.12345, "dissipated_work": 12.345},
+        "certificate": {"passed": True},
+    }  # fmt: skip
+    summary = {**SUMMARY, "solver": {**SUMMARY["solver"], "tolerance": 1e-6}, "steps": [record]}
+    print_steps(summary)
+    lines = capsys.readouterr().out.splitlines()
+    assert line_with(lines, "1 ").split()[:6] == [
+        "1",
+        "0.3333",
+        "0.1235",
+        "(-1234,",
+        "2346,",
+        "-36.12)",
+    ]
+    assert not any("…" in line for line in lines[:2])

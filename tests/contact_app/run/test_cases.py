@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import copy
 import json
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -14,6 +15,7 @@ from mpi4py import MPI
 
 import contact_app
 from contact_app.errors import ConfigurationError, NoEquilibriumError
+from contact_app.results.envelope import Envelope
 from contact_app.run.case_models import CaseModels, outlines_of_cases
 from contact_app.run.cases import solved_cases
 from contact_app.run.run import run
@@ -346,6 +348,30 @@ def test_each_case_has_a_directory_and_the_run_an_overview_and_an_envelope(tmp_p
         peak = summary["envelope"][key]
         assert peak["value"] == pytest.approx(largest.max())
         assert peak["case"] == list(made["cases"])[int(case[largest.argmax()]) - 1]
+
+
+def test_the_envelope_has_cases_in_other_subdomains(tmp_path: Path) -> None:
+    """A case that a second method solved in other subdomains has its cells in another order."""
+    made = slot()
+    first, other = (solve_scene(scenes.build(single(made, "right"), n)) for n in (4, 1))
+    whole, less = other.cells.von_mises, 0.5 * first.cells.von_mises
+    envelope = Envelope(first.model, first.nodes, first.cells)
+    assert envelope.add(1, first.model, first.nodes, replace(first.cells, von_mises=less))
+    assert envelope.add(2, other.model, other.nodes, other.cells)
+    found = envelope.peaks(["small", "large"])["von_mises"]
+    assert found == {"value": pytest.approx(whole.max()), "case": "large"}
+    envelope.write(tmp_path)
+    largest = fields(tmp_path / "envelope.xdmf")[1]["largest_von_mises"].ravel()
+    np.testing.assert_allclose(largest, first.cells.von_mises, rtol=1e-5)
+
+
+def test_the_largest_values_of_a_case_with_another_mesh_count() -> None:
+    one, other = (solve_scene(scenes.build(single(slot(n), "right"))) for n in (4, 6))
+    envelope = Envelope(one.model, one.nodes, one.cells)
+    assert envelope.add(1, one.model, one.nodes, one.cells)
+    assert not envelope.add(2, other.model, other.nodes, other.cells)
+    largest = float(other.cells.von_mises.max())
+    assert envelope.peaks(["a", "b"])["von_mises"] == {"value": largest, "case": "b"}
 
 
 def test_the_next_run_removes_the_cases_of_the_last(tmp_path: Path) -> None:

@@ -32,6 +32,18 @@ def test_stress_above_yield(subdomains: int) -> None:
     assert "yield" not in warnings_of(made, subdomains)
 
 
+def test_a_body_that_moves_farther_than_it_is_large() -> None:
+    """A block above a floor whose place is in another unit."""
+    made = scenes.wall("quadrilateral", 3)
+    made["conditions"] = [{"in": "block", "force": [0.0, -1.0]}]
+    for place, told in ((-1000.0, True), (-0.5, False)):
+        floor = scenes.plane("quadrilateral", (0, 0, place), (0, 0, 1))
+        made["contacts"] = [{"on": "block.y-", "obstacle": floor}]
+        found = warnings_of(made)
+        assert ("block moves by 1e+03, farther than it is large (1.41)" in found) == told
+        assert ("compare the units" in found) == told
+
+
 @pytest.mark.parametrize("cell", ["quadrilateral", "tetrahedron"])
 def test_contact_that_leaves_its_boundary(cell: str) -> None:
     """A block pulled against a wide ball that is watched on a part of the face, or on all of it."""

@@ -1,0 +1,98 @@
+"""Warnings of `ContactProblem` that need no scene beside it."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+import ufl
+from dolfinx import fem
+from mpi4py import MPI
+
+from contact_app import Contact, ContactProblem, Plane
+from tests import form_problems as problems
+
+
+@pytest.mark.parametrize("order", [(2, 1), (1, 2)])
+def test_a_corner_in_a_facet_of_another_body_causes_a_warning(order: tuple[int, int]) -> None:
+    """A square on its corner over the middle of a facet enters it by what it is moved down."""
+    mesh = problems.stacked("triangle", MPI.COMM_WORLD)
+    x = mesh.geometry.x
+    above = x[:, 1] > 0.995
+    turn = np.array([[1.0, -1.0], [1.0, 1.0]]) / np.sqrt(2.0)
+    x[above, :2] = (x[above, :2] - [0.15, 1.0]) @ turn.T + [0.375, 0.99]
+    V = problems.vector_space(mesh, 1)
+
+    def upper(x: np.ndarray) -> np.ndarray:
+        return (x[1] > 0.9901) | np.isclose(x[0], 0.375)
+
+    flanks = {
+        2: lambda x: np.isclose(x[1], 0.99) & ~np.isclose(x[0], 0.375),
+        1: lambda x: np.isclose(np.abs(x[0] - 0.375), x[1] - 0.99) & (x[1] < 1.4),
+    }
+    tags = problems.facet_tags(mesh, flanks)
+    u, v = ufl.TrialFunction(V), ufl.TestFunction(V)
+    a = ufl.inner(problems.isotropic(u, 1.0, 0.3), problems.strain(v)) * ufl.dx
+    L = ufl.inner(fem.Constant(mesh, np.zeros(2)), v) * ufl.dx
+    bcs = [problems.held(V, problems.bottom)]
+    bcs += [problems.held(V, upper, i, -0.01 * i) for i in range(2)]
+    on, against = order
+    problem = ContactProblem(a, L, bcs, [Contact(tags, on, against=against)])
+    problem.solve()
+    assert problem.certificate.passed
+    entered = "enter each other by up to 0.01 at vertices"
+    assert any(entered in text for text in problem.certificate.warnings)
+
+
+def test_a_body_that_moves_farther_than_it_is_large_causes_a_warning() -> None:
+    forms = problems.block("quadrilateral", 1)
+    tags = problems.facet_tags(forms.space.mesh, {3: problems.bottom})
+    v = forms.L.arguments()[0]
+    down = ufl.inner(fem.Constant(forms.space.mesh, np.array([0.0, -0.1])), v) * ufl.dx
+    for place, told in ((-500.0, True), (-0.5, False)):
+        floor = Contact(tags, 3, Plane((0, place), (0, 1)))
+        problem = ContactProblem(forms.a, down, [], [floor])
+        problem.solve()
+        moves = "the body moves by 500, farther than it is large (1.17)"
+        assert any(moves in text for text in problem.certificate.warnings) == told
+
+
+@pytest.mark.parametrize(
+    ("cell", "cells", "degree", "told"),
+    [
+        ("quadrilateral", (25, 1), 1, True),
+        ("quadrilateral", (100, 4), 1, False),
+        ("quadrilateral", (25, 1), 2, False),
+        ("hexahedron", (25, 1, 1), 1, True),
+    ],
+)
+def test_bricks_that_lock_in_bending_cause_a_warning(
+    cell: str, cells: tuple[int, ...], degree: int, told: bool
+) -> None:
+    d = len(cells)
+    mesh = problems.box(cell, cells, (10.0, 0.4, 0.4)[:d], MPI.COMM_WORLD)
+    V = problems.vector_space(mesh, degree)
+    tags = problems.facet_tags(mesh, {3: problems.bottom})
+    u, v = ufl.TrialFunction(V), ufl.TestFunction(V)
+    a = ufl.inner(problems.isotropic(u, 1000.0, 0.3), problems.strain(v)) * ufl.dx
+    down = fem.Constant(mesh, np.array([0.0, -1e-3, 0.0][:d]))
+    floor = Contact(tags, 3, Plane((0.0, -0.5, 0.0)[:d], (0.0, 1.0, 0.0)[:d]))
+    bcs = [problems.held(V, problems.left)]
+    problem = ContactProblem(a, ufl.inner(down, v) * ufl.dx, bcs, [floor])
+    problem.solve()
+    found = [text for text in problem.certificate.warnings if "lock in bending" in text]
+    assert [text.startswith("the body: ") for text in found] == [True] * told
+
+
+def test_a_warning_names_a_play() -> None:
+    """A block between two walls that do not touch it stands anywhere between them."""
+    forms = problems.block("quadrilateral", 1)
+    tags = problems.facet_tags(forms.space.mesh, {3: problems.bottom, 4: problems.left,
+                                                  5: problems.right})  # fmt: skip
+    v = forms.L.arguments()[0]
+    down = ufl.inner(fem.Constant(forms.space.mesh, np.array([0.0, -0.1])), v) * ufl.dx
+    contacts = [Contact(tags, 3, Plane((0, 0), (0, 1))), Contact(tags, 4, Plane((-0.1, 0), (1, 0))),
+                Contact(tags, 5, Plane((1.2, 0), (-1, 0)))]  # fmt: skip
+    problem = ContactProblem(forms.a, down, [], contacts)
+    problem.solve()
+    told = problem.certificate.warnings
+    assert any("the body has a play of 0.299 along +x" in text for text in told), told
