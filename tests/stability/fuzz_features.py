@@ -147,13 +147,16 @@ def _judged(solved: Any) -> tuple[str, str]:
         [system.load[: n * d].reshape(-1, d), system.load[n * d :].reshape(-1, 2, d)[:, 0]]
     )
     least = AT_REST * float(np.abs(forces).max() / K.diagonal().max())
-    if max(np.abs(found).max(), np.abs(known).max()) < least:
+    still = max(np.abs(found[: n * d]).max(), np.abs(right).max()) < least
+    if still and max(np.abs(found).max(), np.abs(known).max()) < least:
         return "agrees", "nothing moves"
-    scale = float(right @ (K @ right)) or 1.0
+    scale = abs(_energy(system, known.ravel())) if still else float(right @ (K @ right))
+    scale = scale or 1.0
     strained = _without_rigid_motions(system, error)
-    away = abs(float(strained @ (K @ strained))) / scale
+    away = 0.0 if still else abs(float(strained @ (K @ strained))) / scale
     largest = max(float(np.abs(right).max()), float(np.abs(found[: n * d]).max()), 1e-300)
-    largest = max(largest, AT_REST * float(np.abs(known[n:]).max(initial=0.0)))
+    rigid = float(np.abs(known[n:]).max(initial=0.0))
+    largest = rigid if still else max(largest, AT_REST * rigid)
     turned = _rigid_error(solved, found[n * d :].reshape(-1, d), known[n:]) / largest
     detail = f"squared error {away:.1e}, rigid bodies off by {turned:.1e}"
     if away <= ACCURATE and turned > MOVED:  # what no active contact decides has many answers
