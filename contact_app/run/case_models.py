@@ -29,6 +29,7 @@ from contact_app.accuracy.estimate.stress_recovery import Patches
 from contact_app.errors import NoEquilibriumError
 from contact_app.machine.timings import Timings
 from contact_app.model.candidates import Needed
+from contact_app.model.method import is_undecomposed
 from contact_app.model.model import Model, build_model, model_of_case, model_of_outline
 from contact_app.model.outline import Outline, Report, outline, outline_of_case
 from contact_app.run.step_equilibrium import leaving_in_step
@@ -153,7 +154,9 @@ class CaseModels:
             if not self._outlines:
                 self._outlines = outlines_of_cases(self._scene, self._comm, timings)
             known = self._outline(scene, timings)
-        if known is None or scene.rigid_bodies or scene.decomposition != self._scene.decomposition:
+        others = scene.decomposition != self._scene.decomposition
+        others |= is_undecomposed(scene) != is_undecomposed(self._scene)
+        if known is None or scene.rigid_bodies or others:
             return build_model(scene, self._comm, timings, needed, report)
         with timings.measure("setup"):
             return self._shared(scene, known, timings, needed, report)

@@ -19,6 +19,7 @@ from contact_app.accuracy.estimate.error_estimate import ErrorEstimator
 from contact_app.accuracy.solved_scene import SolvedScene
 from contact_app.machine.timings import Timings
 from contact_app.model.candidates import Needed
+from contact_app.model.method import chosen, is_undecomposed
 from contact_app.model.model import Model
 from contact_app.model.outline import Report
 from contact_app.model.rigid import RigidUnknowns, slips_of_held
@@ -36,7 +37,7 @@ class IncrementModels:
     """Makes the models of increments, and stores the last answer; methods are collective."""
 
     def __init__(self, scene: Scene, comm: MPI.Intracomm) -> None:
-        self._models = CaseModels(scene, comm)
+        self._comm, self._models = comm, CaseModels(chosen(scene), comm)
         self._rough = scene.has_friction
         self._displacements: Displacements | None = None
         self._earlier: Callable[[list[tuple[int, int]]], Displacements] | None = None
@@ -101,6 +102,26 @@ class IncrementModels:
     def estimator(self, model: Model) -> ErrorEstimator:
         """The estimator of errors of answers to a model."""
         return self._models.estimator(model)
+
+    def following(self, scene: Scene, solved: Scene) -> Scene:
+        """The scene of a history in the subdomains of its first answer.
+
+        Slip is measured from the displacements of subdomains. If the first increment was certified
+        by another method only, the next ones have the subdomains of that method.
+
+        Parameters
+        ----------
+        solved
+            The scene of an answer.
+        """
+        equal = solved.decomposition == scene.decomposition
+        if not self._rough or (equal and is_undecomposed(solved) == is_undecomposed(scene)):
+            return scene
+        method = solved.solver.method
+        options = replace(scene.solver, method="active-set" if method == "auto" else method)
+        scene = replace(scene, decomposition=solved.decomposition, solver=options)
+        self._models = CaseModels(scene, self._comm)
+        return scene
 
     def add(self, solved: SolvedScene) -> None:
         """Store an answer: the next increment begins with it."""

@@ -152,6 +152,7 @@ def solved_increments(
                 continue
             if isinstance(solved, NoWayLeftError):
                 raise solved
+            scene = models.following(scene, solved.model.scene)
             half_way = Place(step, (part[0] + part[1]) / 2, place.number)
             message = coarse.warning(
                 step, part[1] - part[0] == 1, part[1] == 1, partial(_loaded, scene, half_way),

@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import hashlib
 import json
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from fractions import Fraction
 from pathlib import Path
 from typing import Any
@@ -27,8 +27,9 @@ from contact_app.machine.ranks import on_first
 from contact_app.results.report import log, plain
 from contact_app.run.increments import Position
 from contact_app.run.step_records import Record
-from contact_app.scene.scene import CONDITIONS, Scene
+from contact_app.scene.scene import CONDITIONS, Decomposition, Scene
 from solver.contact.checkpoint import CHECKPOINT, remove_checkpoint
+from solver.contact.options import Method
 from solver.contact.vector_file import read_vectors, write_vectors
 
 Displacements = list[NDArray[np.float64]]
@@ -42,6 +43,8 @@ class Reached:
     ----------
     vectors
         File of the displacements.
+    subdomains, method
+        Decomposition and method of the model that the displacements belong to.
     last
         The summary of the last increment.
     """
@@ -50,6 +53,15 @@ class Reached:
     records: list[Record]
     last: Record
     vectors: Path
+    subdomains: None | int | list[int]
+    method: Method
+
+    def scene(self, scene: Scene) -> Scene:
+        """A scene with the decomposition and the method of that state."""
+        several = self.subdomains
+        subdomains = tuple(several) if isinstance(several, list) else several
+        options = replace(scene.solver, method=self.method)
+        return replace(scene, decomposition=Decomposition(subdomains), solver=options)
 
     def displacements(self, shapes: list[tuple[int, int]], comm: MPI.Intracomm) -> Displacements:
         """The displacements of that state, (n, members) for each class (collective).
@@ -110,16 +122,28 @@ class StepCheckpoint:
                     "another directory"
                 )
             vectors = self._path.with_name(saved["vectors"])
-            return Reached(at, saved["records"], saved["last"], vectors)
+            model = saved["subdomains"], saved["method"]
+            return Reached(at, saved["records"], saved["last"], vectors, *model)
         except (OSError, KeyError, TypeError, ValueError) as error:
             raise ConfigurationError(
                 f"{self._path}: no readable checkpoint: {error}; run without --resume"
             ) from error
 
     def write(
-        self, at: Position, records: list[Record], last: Record, displacements: Displacements
+        self,
+        at: Position,
+        records: list[Record],
+        last: Record,
+        scene: Scene,
+        displacements: Displacements,
     ) -> None:
-        """Write the checkpoint; a failure to write is logged and does not end the run."""
+        """Write the checkpoint; a failure to write is logged and does not end the run.
+
+        Parameters
+        ----------
+        scene, displacements
+            Of the last increment.
+        """
         vectors = self._path.with_name(f"checkpoint-{at.number}.vectors")
         flat = np.concatenate([np.zeros(0), *(u.ravel() for u in displacements)])
         saved = {
@@ -127,6 +151,8 @@ class StepCheckpoint:
             "ranks": self._comm.size,
             "scene": digest(self._scene, at.step),
             "vectors": vectors.name,
+            "subdomains": scene.decomposition.subdomains,
+            "method": scene.solver.method,
             "last": last,
             "records": records,
         }

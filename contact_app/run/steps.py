@@ -105,7 +105,8 @@ class _Files:
         if solved.solution.converged:
             place = increment.place
             at = Position(place.step, place.share, place.number, increment.dissipated)
-            self._checkpoint.write(at, self.records, last, solved.solution.displacements)
+            scene, displacements = solved.model.scene, solved.solution.displacements
+            self._checkpoint.write(at, self.records, last, scene, displacements)
 
     def finish(self) -> None:
         """Remove the checkpoint: the history has reached its end."""
@@ -137,6 +138,7 @@ def _solve_and_write(files: _Files, run: Attended, history: History) -> int:
             f"going on after step {files.position.step}, factor {float(files.position.share):.6g}"
         )
         reached = files.reached
+        scene = models.following(scene, reached.scene(scene))
         at = scene.loading_at(files.position.step - 1, float(files.position.share))
         models.go_on(scene.under(at), lambda shapes: reached.displacements(shapes, comm))
     report = partial(log_model_that_fits, directory=files.directory)

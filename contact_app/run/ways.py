@@ -104,6 +104,8 @@ def ways_to(scene: Scene, keeps_subdomains: bool = False) -> Iterator[Way]:
     tried = stalls or jumps or may_peel(scene) or is_undecomposed(scene)
     if is_undecomposed(scene):
         yield Way(scene, None if scene.has_friction else PATIENCE_OF_MULTIGRID)
+        if keeps_subdomains:
+            return
         instead = "multigrid left no certified answer ({why}){cause}: solved by Total FETI instead"
         scene = _by(scene, "auto")
     if may_peel(scene):

@@ -127,6 +127,8 @@ class DualProblem:
         displacements : one (n, members) array per class
             Displacements of a problem with the same subdomains.
         """
+        if [u.shape for u in displacements] != [f.shape for f in self.forces]:
+            raise ValueError("slip is measured from displacements of other subdomains")
         moved = np.empty(self.size)
         self.B.apply(self.on_interface(displacements), moved)
         loads = replace(self.system.loads, c=np.where(self.tangential, moved, self.c))

@@ -9,6 +9,7 @@ import re
 import signal
 import subprocess
 import sys
+from itertools import chain, repeat
 from pathlib import Path
 from typing import Any
 
@@ -19,11 +20,13 @@ from mpi4py import MPI
 import contact_app
 from contact_app.errors import ConfigurationError, NoEquilibriumError
 from contact_app.machine.exits import Exit
+from contact_app.run import solve
 from contact_app.run.answer import StepAnswers
 from contact_app.run.cases import solved_cases
 from contact_app.run.run import run
 from contact_app.run.solve import solve_scene
 from contact_app.run.step_equilibrium import leaving_in_step
+from solver.contact.solution import Solution
 from tests import scenes
 from tests.scenes import Config
 from tests.scenes_on_ranks import summary_of
@@ -229,9 +232,9 @@ class Interrupts(logging.Handler):
             signal.raise_signal(self.number)
 
 
-def interrupted(directory: Path) -> Config:
+def interrupted(directory: Path, changes: Config | None = None) -> Config:
     """A run that is interrupted after its third increment; its scene."""
-    made = block(PRESS_AND_PUSH)
+    made = block(PRESS_AND_PUSH) | (changes or {})
     made["output"]["vtu"] = True
     handler = Interrupts("step 2, factor 0.666667:")
     logging.getLogger("contact_app").addHandler(handler)
@@ -252,6 +255,38 @@ def test_increments_without_an_answer_are_halved() -> None:
     assert found.summary["steps"][-1]["time"] == 3.0
     made["solver"]["max_iterations"] = 1
     assert not solved(made).converged
+
+
+def first_solve_fails(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The first solve ends without an answer, and the scene is solved in fewer subdomains."""
+    solves = chain([None], repeat(solve.solve))
+
+    def solved_or_not(*arguments: Any) -> Solution:
+        one = next(solves)
+        if one is None:
+            raise ArithmeticError("no digit is right")
+        return one(*arguments)
+
+    monkeypatch.setattr(solve, "solve", solved_or_not)
+
+
+def test_increments_follow_a_first_one_in_other_subdomains(
+    history: StepAnswers, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    """Their slip is measured from its displacements, also in a run that goes on."""
+    first_solve_fails(monkeypatch)
+    made = {**block(PRESS_AND_PUSH), "decomposition": {"subdomains": 6}}
+    found = solved(made)
+    assert "solved in 1 instead" in str(found.summary["steps"][0]["certificate"]["warnings"])
+    energies = [[r["solution"]["energy"] for r in h.summary["steps"]] for h in (history, found)]
+    np.testing.assert_allclose(energies[1], energies[0], rtol=1e-5)
+
+    first_solve_fails(monkeypatch)
+    made = interrupted(tmp_path, {"decomposition": {"subdomains": 6}})
+    assert run(scenes.build(made), tmp_path, resume=True) == Exit.CERTIFIED
+    summary = json.loads((tmp_path / "summary.json").read_text())
+    energies = [[r["solution"]["energy"] for r in s["steps"]] for s in (history.summary, summary)]
+    np.testing.assert_allclose(energies[1], energies[0], rtol=1e-5)
 
 
 def test_an_interrupted_run_goes_on(history: StepAnswers, tmp_path: Path) -> None:
