@@ -16,7 +16,7 @@ import numpy as np
 from mpi4py import MPI
 
 from contact_app.forms.contacts import Contact
-from solver.tfeti.constraints.conditions import ContactRows, HeldRows
+from solver.tfeti.constraints.conditions import ContactEntries, ContactRows, HeldRows
 
 
 def fingerprint_of_form(form: Any, mesh: Any, contacts: Sequence[Contact] = ()) -> bytes:
@@ -69,7 +69,7 @@ def _arrays_of(tags: Any) -> Iterator[Any]:
 def _values_of_rows(held: HeldRows, contact: ContactRows) -> Iterator[Any]:
     yield from (held.nodes, held.held)
     for name, value in vars(contact).items():
-        if name in ("entries", "held", "rigid"):
+        if isinstance(value, ContactEntries):
             yield from vars(value).values()
         elif name != "gaps":
             yield value
