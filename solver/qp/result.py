@@ -29,9 +29,7 @@ class Reason(Enum):
         "The iterates kept growing along a direction of next to no curvature while the cost fell: "
         "it seems to be unbounded below."
     )
-    UNSETTLED = (
-        "The active sets did not settle; with solver.method auto the run goes on with SMALBE-M."
-    )
+    UNSETTLED = "The active sets did not settle."
     SLIDES = (
         "Friction does not hold a body: in one active set after the other no contact point sticks, "
         "and the body slides on. Smaller loads or more friction may hold it."
