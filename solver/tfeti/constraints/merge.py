@@ -24,10 +24,10 @@ from solver.tfeti.constraints.conditions import (
 from solver.tfeti.constraints.exchange import NodeExchange
 
 MOSTLY_HELD = 0.1
-"""Length of the free part of a row in the mean, over that of the row, below which the row is as
-good as held. Where two bodies are held along a common edge, the mean gap about its nodes depends on
-free nodes with factors down to rounding errors, and the force of the row would be their inverse
-times what acts on those nodes."""
+"""Sum of the coefficients of free components of a row in the mean, over that of all, below which
+the row is as good as held. Where two bodies are held along a common edge, the mean gap about its
+nodes depends on free nodes with factors down to rounding errors, and the force of the row would be
+their inverse times what acts on those nodes."""
 
 PARALLEL = 1e-10
 """Unit directions closer than this count as parallel."""
@@ -209,8 +209,10 @@ def cut_held(
     left = np.bincount(entries.row, np.where(fixed, 0.0, entries.value**2), minlength=count)
     decided = (left < 1e-18) & ~rows.on_rigid
     if sides == 1:
-        square = np.bincount(entries.row, entries.value**2, minlength=count)
-        decided |= rows.wide & (left < MOSTLY_HELD**2 * square) & (gaps >= 0.0) & ~rows.on_rigid
+        size = np.abs(entries.value)
+        every = np.bincount(entries.row, size, minlength=count)
+        free_part = np.bincount(entries.row, np.where(fixed, 0.0, size), minlength=count)
+        decided |= rows.wide & (free_part < MOSTLY_HELD * every) & (gaps >= 0.0) & ~rows.on_rigid
     excess = np.where(decided, np.abs(gaps) if sides == 2 else -gaps, -np.inf)
     problem = None
     if sides and excess.max(initial=-np.inf) > 1e-9 * length:

@@ -358,3 +358,26 @@ def test_bodies_clamped_at_a_common_edge_have_no_force_there() -> None:
         return contact["force"][1], contact["max_pressure"]
 
     np.testing.assert_allclose(forces(1e-4), forces(0.0), rtol=1e-3)
+
+
+def test_a_fine_body_stands_on_a_coarse_one_that_is_held() -> None:
+    """Rows of two nodes spread over hundreds of free nodes, each with a small coefficient."""
+    made = {
+        "dimension": 2,
+        "bodies": [
+            {"name": "base", "material": {"young": 1e3, "poisson": 0.3},
+             "mesh": {"box": {"lower": [0, -1], "upper": [1, 0], "cells": [1, 1]}}},
+            {"name": "body", "material": {"young": 1e3, "poisson": 0.3},
+             "mesh": {"box": {"lower": [0, 0], "upper": [1, 0.02], "cells": [400, 4]}}},
+        ],
+        "conditions": [
+            {"on": "base.y-", "displacement": [0, 0]},
+            {"on": "base.y+", "displacement": [0, 0]},
+            {"on": "body.x-", "displacement": [0, None]},
+            {"on": "body.y+", "traction": [0, -1]},
+        ],
+        "contacts": [{"on": "base.y+", "against": "body.y-"}],
+    }  # fmt: skip
+    summary = solve_scene(scenes.build(made)).summary
+    assert summary["certificate"]["passed"]
+    assert summary["contacts"][0]["force"][1] == pytest.approx(-1.0)
