@@ -207,15 +207,16 @@ def cut_held(
     count = len(rows.nodes)
     gaps = rows.gaps - np.bincount(entries.row, entries.value * value, minlength=count)
     left = np.bincount(entries.row, np.where(fixed, 0.0, entries.value**2), minlength=count)
-    decided = (left < 1e-18) & ~rows.on_rigid
+    decided, rounding = (left < 1e-18) & ~rows.on_rigid, 1e-9 * length
     if sides == 1:
         size = np.abs(entries.value)
         every = np.bincount(entries.row, size, minlength=count)
         free_part = np.bincount(entries.row, np.where(fixed, 0.0, size), minlength=count)
-        decided |= rows.wide & (free_part < MOSTLY_HELD * every) & (gaps >= 0.0) & ~rows.on_rigid
+        weak = rows.wide & (free_part < MOSTLY_HELD * every) & ~rows.on_rigid
+        decided |= weak & (gaps >= -rounding)
     excess = np.where(decided, np.abs(gaps) if sides == 2 else -gaps, -np.inf)
     problem = None
-    if sides and excess.max(initial=-np.inf) > 1e-9 * length:
+    if sides and excess.max(initial=-np.inf) > rounding:
         worst = int(np.argmax(excess))
         problem = (
             "held in contact", int(rows.sources[worst]), -1, int(rows.nodes[worst]),

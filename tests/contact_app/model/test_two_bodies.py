@@ -333,17 +333,18 @@ def test_sliding_over_more_than_a_facet_causes_a_warning(shift: float, warned: b
     assert any("slide along each other by up to 0.4" in w for w in warnings) == warned
 
 
-def test_bodies_clamped_at_a_common_edge_have_no_force_there() -> None:
+@pytest.mark.parametrize(("y", "top"), [(0.0, 0.1), (0.2, 0.3)])
+def test_bodies_clamped_at_a_common_edge_have_no_force_there(y: float, top: float) -> None:
     """Meshes that differ by 1e-4 leave a row at the clamp whose free part is its square."""
 
     def forces(stretch: float) -> tuple[float, float]:
-        sides = (("lower", 0.0, 1.0), ("upper", 0.1, 1.0 + stretch))
+        sides = (("lower", y, 1.0), ("upper", top, 1.0 + stretch))
         made = {
             "dimension": 2,
             "bodies": [
                 {"name": name, "material": {"young": 1e3, "poisson": 0.3},
-                 "mesh": {"box": {"lower": [0.0, y], "upper": [x, y + 0.1], "cells": [10, 2]}}}
-                for name, y, x in sides
+                 "mesh": {"box": {"lower": [0.0, b], "upper": [x, b + 0.1], "cells": [10, 2]}}}
+                for name, b, x in sides
             ],
             "conditions": [
                 {"on": "lower.x-", "displacement": [0.0, 0.0]},
