@@ -68,6 +68,11 @@ class _Joints:
     ends: Array
     pressed: NDArray[np.bool_]
 
+    @property
+    def sharp(self) -> NDArray[np.bool_]:
+        """Mask (joints,) of the sharp edges of the contact boundary."""
+        return np.asarray((self.turns > SHARP) & self.pressed.any(axis=1))
+
     def distances(self, point: Array) -> Array:
         """Distances from a point, (joints,)."""
         start, along = self.ends[:, 0], self.ends[:, -1] - self.ends[:, 0]
@@ -161,8 +166,9 @@ def sharp_edge(point: Array, sides: Sequence[Skin | None], end: str) -> str:
     if own is None:
         return ""
     facet = _facet_edge(own.surface, point)
-    near = own.joints.distances(point) <= NEAR * facet
-    sharp = near & (own.joints.turns > SHARP) & own.joints.pressed.any(axis=1)
+    away = own.joints.distances(point)
+    near = away <= NEAR * facet
+    sharp = near & own.joints.sharp
     if len(sides) == 1:
         if (sharp & (own.joints.turns < BLUNT)).any():
             return f"at a sharp edge of {own.name}"
@@ -172,10 +178,8 @@ def sharp_edge(point: Array, sides: Sequence[Skin | None], end: str) -> str:
     if other is None:
         return ""
     across = other.joints
-    opposite = (across.turns > SHARP) & across.pressed.any(axis=1)
-    opposite &= across.distances(point) <= 1.01 * facet
-    close = own.joints.distances(point) <= 1.01 * facet
-    close &= (own.joints.turns > SHARP) & own.joints.pressed.any(axis=1)
+    opposite = across.sharp & (across.distances(point) <= 1.01 * facet)
+    close = own.joints.sharp & (away <= 1.01 * facet)
     of_own = ~_parallel(own.joints.ends[sharp], across.ends[opposite]).any(axis=1)
     of_other = ~_parallel(own.joints.ends[close], across.ends[opposite]).any(axis=0)
     alone = of_own.any(), of_other.any()  # an edge along which the other body does not end
@@ -192,14 +196,11 @@ def _parallel(one: Array, two: Array) -> NDArray[np.bool_]:
 
     Edges in the plane are points, which are.
     """
-    along = []
-    for ends in (one, two):
-        direction = ends[:, -1] - ends[:, 0]
-        length = np.linalg.norm(direction, axis=1, keepdims=True)
-        along.append(direction / np.where(length > 0.0, length, 1.0))
     if one.shape[1] == 1:
         return np.ones((len(one), len(two)), bool)
-    return np.asarray(np.abs(along[0] @ along[1].T) > np.cos(SHARP))
+    along = [ends[:, -1] - ends[:, 0] for ends in (one, two)]
+    lengths = [np.linalg.norm(direction, axis=1) for direction in along]
+    return np.asarray(np.abs(along[0] @ along[1].T) > np.cos(SHARP) * np.outer(*lengths))
 
 
 def skin_near(model: Model, body: int, boundary: str, point: Array, reach: float) -> Skin | None:
