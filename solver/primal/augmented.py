@@ -51,15 +51,14 @@ class AugmentedOptions:
     Attributes
     ----------
     stiffness
-        W over the stiffness of K against a row. A bearing of eight balls (12,270 unknowns) takes
-        379 applications; with three times the stiffness 1,233, since conjugate gradients converge
+        W over the stiffness of K against a row. With stiffer springs conjugate gradients converge
         more slowly.
     reduction
-        Reduction of the residual in a Newton step; with 0.1 the bearing takes 416 applications.
+        Reduction of the residual in a Newton step.
     faint
         Stiffness over W of the springs that hold open rows in their last position: a proximal term.
-        Without it steps of half a bearing reach 7e9, and leave no digits. With 1e-6 the bearing of
-        eight balls does not end in 200 steps.
+        Without it steps along nearly free motions are so long that they leave no digits; with
+        stiffer springs bodies need many steps to their places.
     full
         Largest distance of a step length from one at which the set of the step counts as settled.
     least
