@@ -1,24 +1,19 @@
-"""Make the sample meshes with Gmsh: ``python meshes/samples/make.py [NAME …] [--size FACTOR]``.
+"""Make the sample meshes with Gmsh: ``python meshes/samples/make.py [NAME …] [--size SIZE]``.
 
 The meshes in ``coarse``, which `contact-app verify` refines, are made with ``sphere_eighth --size
 2.8``, ``disc_quarter`` and ``roller_on_block --size 4``, and ``ring_quarter --size 1 --order 1``.
 
 ``--order 2`` gives cells with nodes on their edges, which follow the round boundaries.
 
-Needs Gmsh's Python module (Debian: python3-gmsh; elsewhere: pip install gmsh), which nothing else
-in this project needs. Lengths are in millimetres.
+Lengths are in millimetres.
 """
 
 from __future__ import annotations
 
-import argparse
 import math
-from collections.abc import Callable
-from pathlib import Path
 
 import gmsh
-
-HERE = Path(__file__).parent
+from drawing import Shapes, run  # type: ignore[import-not-found]
 
 
 def bushing(size: float) -> None:
@@ -234,7 +229,7 @@ def shaft_and_hub(size: float) -> None:
     gmsh.model.mesh.generate(2)
 
 
-SAMPLES: dict[str, tuple[Callable[[float], None], float, int]] = {
+SAMPLES: Shapes = {
     "bushing": (bushing, 1.0, 1),
     "bracket": (bracket, 1.0, 1),
     "disc_quarter": (disc_quarter, 1.0, 1),
@@ -246,25 +241,5 @@ SAMPLES: dict[str, tuple[Callable[[float], None], float, int]] = {
 """The function that draws each sample, with size and order of the mesh in this directory."""
 
 
-def main() -> None:
-    """Make the samples named on the command line, or all of them."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("names", nargs="*", help=f"of {', '.join(SAMPLES)}; all unless given")
-    parser.add_argument("--size", type=float, help="factor of all cell sizes")
-    parser.add_argument("--order", type=int, choices=(1, 2), help="of the cells")
-    parser.add_argument("--to", type=Path, default=HERE, help="directory to write to")
-    given = parser.parse_args()
-    for name in given.names or SAMPLES:
-        make, size, order = SAMPLES[name]
-        gmsh.initialize()
-        gmsh.option.setNumber("General.Terminal", 0)
-        gmsh.option.setNumber("Mesh.MshFileVersion", 4.1)
-        gmsh.model.add(name)
-        make(given.size or size)
-        gmsh.model.mesh.setOrder(given.order or order)
-        gmsh.write(str(given.to / f"{name}.msh"))
-        gmsh.finalize()
-
-
 if __name__ == "__main__":
-    main()
+    run(__doc__, SAMPLES, {})

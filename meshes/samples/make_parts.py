@@ -3,21 +3,18 @@
 The meshes in this directory are as coarse as a tutorial allows. ``--size`` is the size of cells
 near contact, and ``--factor`` gives it as a multiple of the default size of the part. ``--order 2``
 gives cells with nodes on their edges, which follow the round boundaries. ``--fused`` draws the two
-bodies of a part as one. Needs Gmsh's Python module, as ``make.py`` does. Lengths are in
-millimetres.
+bodies of a part as one. Lengths are in millimetres.
 """
 
 from __future__ import annotations
 
-import argparse
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from functools import partial
-from pathlib import Path
 
 import gmsh
+from drawing import Shapes, run  # type: ignore[import-not-found]
 
-HERE = Path(__file__).parent
 Box = tuple[float, float, float, float, float, float]
 
 
@@ -255,7 +252,7 @@ def make_mesh(fields: list[int]) -> None:
     gmsh.model.mesh.generate(3)
 
 
-PARTS: dict[str, tuple[Callable[[float], None], float, int]] = {
+PARTS: Shapes = {
     "ball_in_grooves": (ball_in_grooves, 0.2, 1),
     "bolted_flange": (bolted_flange, 5.5, 1),
     "hub_on_shaft": (hub_on_shaft, 6.0, 2),
@@ -272,44 +269,5 @@ FUSED = {
 """Parts that can be drawn as one body, without play and with one mesh through both."""
 
 
-def draw_with(make: Callable[[float], None], size: float, order: int, file: Path) -> int:
-    """Draw a part by a function, write its mesh and return its number of nodes."""
-    gmsh.initialize()
-    gmsh.option.setNumber("General.Terminal", 0)
-    gmsh.option.setNumber("Mesh.MshFileVersion", 4.1)
-    gmsh.model.add(file.stem)
-    make(size)
-    gmsh.model.mesh.setOrder(order)
-    if order == 2:
-        gmsh.model.mesh.optimize("HighOrder")
-    gmsh.write(str(file))
-    count = len(gmsh.model.mesh.getNodes()[0])
-    gmsh.finalize()
-    return count
-
-
-def main() -> None:
-    """Draw the parts named on the command line, or all of them."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("names", nargs="*", help=f"of {', '.join(PARTS)}; all unless given")
-    sizes = parser.add_mutually_exclusive_group()
-    sizes.add_argument("--size", type=float, help="size of the cells near contact")
-    sizes.add_argument("--factor", type=float, default=1.0, help="multiple of the part's own size")
-    parser.add_argument("--order", type=int, choices=(1, 2), help="of the cells")
-    parser.add_argument("--fused", action="store_true", help="two bodies as one, of first order")
-    parser.add_argument("--to", type=Path, default=HERE, help="directory to write to")
-    given = parser.parse_args()
-    given.to.mkdir(parents=True, exist_ok=True)
-    for name in given.names or PARTS:
-        file = given.to / f"{name}.msh"
-        make, size, order = PARTS[name]
-        if given.fused:
-            if name not in FUSED:
-                parser.error(f"{name} has no fused form; these have: {', '.join(FUSED)}")
-            make, order = FUSED[name], 1
-        nodes = draw_with(make, given.size or given.factor * size, given.order or order, file)
-        print(f"{file}: {nodes:,} nodes")
-
-
 if __name__ == "__main__":
-    main()
+    run(__doc__, PARTS, FUSED)
