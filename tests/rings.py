@@ -12,28 +12,41 @@ YOUNG, POISSON = 2.0e5, 0.3
 INNER, MIDDLE, OUTER = 5.0, 10.0, 20.0
 
 
-def quarter(path: Path, inner: float, outer: float, counts: int = 6) -> str:
-    """A quarter of a ring about the origin, of round quadrilaterals: x- inside, x+ outside."""
+def quarter(path: Path, inner: float, outer: float, counts: int = 6, straight: bool = False) -> str:
+    """A quarter of a ring about the origin: x- inside, x+ outside.
+
+    Its quadrilaterals have round edges, or straight ones.
+    """
 
     def bent(x: np.ndarray) -> np.ndarray:
         radius, angle = inner + (outer - inner) * x[:, 0], 0.5 * np.pi * x[:, 1]
         return np.column_stack([radius * np.cos(angle), radius * np.sin(angle), 0.0 * x[:, 2]])
 
     block = meshfiles.block("quadrilateral", counts, 0.0)
+    if straight:
+        block.points = bent(block.points)
+        return str(meshfiles.write(block, path))
     mesh = meshfiles.second_order(block, "quadrilateral", "quad9", bent)
     return str(meshfiles.write(mesh, path))
 
 
 def fit(
-    directory: Path, plane: str, radius: float = MIDDLE, counts: tuple[int, int] = (8, 12)
+    directory: Path,
+    plane: str,
+    radius: float = MIDDLE,
+    counts: tuple[int, int] = (8, 12),
+    straight: bool = False,
 ) -> scenes.Config:
-    """A ring of an outer radius in a ring; held at their two planes of symmetry alone."""
+    """A ring of an outer radius in a ring; held at their two planes of symmetry alone.
+
+    The cells are of degree 2 with round edges, or of degree 1 with straight ones.
+    """
     sizes = {"shaft": (INNER, radius), "hub": (MIDDLE, OUTER)}
     bodies = [
         {
             "name": name,
-            "mesh": {"file": quarter(directory / f"{name}-{radius}.msh", *size, count)},
-            "degree": 2,
+            "mesh": {"file": quarter(directory / f"{name}-{radius}.msh", *size, count, straight)},
+            "degree": 1 if straight else 2,
             "material": {"young": YOUNG, "poisson": POISSON},
         }
         for (name, size), count in zip(sizes.items(), counts, strict=True)

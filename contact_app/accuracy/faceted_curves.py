@@ -13,12 +13,14 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from contact_app.model.model import Model
+from contact_app.model.pairs import sides_of
 from contact_app.results.fields import NodeFields
 from contact_app.results.percent import percent
 from contact_app.scene.bodies import Body
 from contact_app.scene.conditions import Contact
 from contact_app.scene.scene import Scene
 from meshes import CellMesh
+from meshes.contact_surface import Surface
 from solver.contact.solution import Solution
 
 SMOOTH = np.deg2rad(30.0)
@@ -33,6 +35,10 @@ FITTED = 0.05
 
 FLAT = 1e-6
 """Angle below which facets lie in one plane."""
+
+MATCHING = 0.05
+"""Offset of opposite vertices along the surface, over the radius of a facet, up to which facets
+match. The gap between them then varies by at most a tenth of the sagitta."""
 
 
 def sagittas(model: Model, nodes: NodeFields) -> list[float]:
@@ -105,7 +111,8 @@ def compared(sagitta: float, moved: float, gap: float) -> str:
 def pair_sagittas(model: Model, nodes: NodeFields) -> list[float]:
     """Largest sagitta of straight facets that meet in each pair of bodies (collective).
 
-    Both sides count at any degree: facets of one surface press into facets of the other.
+    Both sides count at any degree: facets of one surface press into facets of the other. It is zero
+    if the facets of both sides match, since flat facets that coincide have a constant gap.
     """
     scene = model.scene
     sides = [
@@ -116,13 +123,46 @@ def pair_sagittas(model: Model, nodes: NodeFields) -> list[float]:
     if not any(sides):
         return [0.0] * len(sides)
     found = []
-    for both, contact in zip(sides, nodes.contacts[len(scene.contacts) :], strict=True):
+    contacts = nodes.contacts[len(scene.contacts) :]
+    for pair, both, contact in zip(scene.pairs, sides, contacts, strict=True):
         at = contact.nodes - nodes.first
         known = at[np.isfinite(nodes.gap[at])]
         parts = model.comm.allgather((nodes.points[known], nodes.gap[known]))
         points, gaps = (np.concatenate(part) for part in zip(*parts, strict=True))
-        found.append(max((_sagitta(*side, points, gaps) for side in both), default=0.0))
+        sagitta = max((_sagitta(*side, points, gaps) for side in both), default=0.0)
+        if sagitta > 0.0:
+            surfaces = sides_of(scene, model.partition, pair)
+            sagitta *= not facets_match(*surfaces, points[gaps <= sagitta])
+        found.append(sagitta)
     return found
+
+
+def facets_match(on: Surface, against: Surface, closing: NDArray[np.float64]) -> bool:
+    """Whether vertices of both sides near contact lie opposite each other.
+
+    Parameters
+    ----------
+    on, against
+        The facets of both sides.
+    closing : (n, 3)
+        Places of contact.
+    """
+    return _vertices_match(on, against, closing) and _vertices_match(against, on, closing)
+
+
+def _vertices_match(side: Surface, other: Surface, closing: NDArray[np.float64]) -> bool:
+    """Whether vertices of one side near contact have vertices of the other one opposite."""
+    if len(closing) == 0:
+        return False
+    facets, v = side.vertices.shape[:2]
+    vertices, facet = side.vertices.reshape(-1, 3), np.repeat(np.arange(facets), v)
+    near = cKDTree(closing).query(vertices)[0] < side.radii[facet]
+    vertices, facet = vertices[near], facet[near]
+    others = other.vertices.reshape(-1, 3)
+    jump = others[cKDTree(others).query(vertices)[1]] - vertices
+    normal = side.normals[facet]
+    along = jump - np.einsum("ij,ij->i", jump, normal)[:, None] * normal
+    return bool((np.linalg.norm(along, axis=1) <= MATCHING * side.radii[facet]).all())
 
 
 def _has_straight_facets(body: Body) -> bool:

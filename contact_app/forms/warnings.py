@@ -23,7 +23,7 @@ from contact_app.accuracy.contact_limits import (
     entered_points,
 )
 from contact_app.accuracy.entered_pairs import depth_in_each_other, entering_each_other
-from contact_app.accuracy.faceted_curves import largest_sagitta
+from contact_app.accuracy.faceted_curves import facets_match, largest_sagitta
 from contact_app.accuracy.sharp_edges import REACH, Skin, peak, sentence, sharp_edge, within
 from contact_app.forms.bodies import contact_motions
 from contact_app.forms.boundary import exterior_facets, gathered_surface
@@ -211,7 +211,8 @@ def _round_shapes(
         v = side.vertices.shape[1]
         if not is_curved(side.points, v):
             sagitta = max(sagitta, largest_sagitta(side.nodes[:, :v], side.vertices, watched, gaps))
-    if sagitta == 0.0:
+    closing = watched[gaps <= sagitta]
+    if sagitta == 0.0 or (contact.against is not None and facets_match(*surfaces, closing)):
         return
     rows = [(own.sources, np.abs(own.gaps)) for own in (model.problem.contact, model.merged)]
     pieces = sum(comm.allgather(rows), [])

@@ -33,7 +33,7 @@ from contact_app.accuracy.faceted_curves import median_gaps, pair_sagittas, sagi
 from contact_app.accuracy.sharp_edges import sharp_peaks
 from contact_app.accuracy.solved_scene import SolvedScene
 from contact_app.accuracy.trust import few_cells
-from contact_app.model.equilibrium import motion_size
+from contact_app.model.equilibrium import body_frame, motion_size
 from contact_app.model.loaded_area import loaded_facets, straddled_area
 from contact_app.results.free_motions import free_motions
 from contact_app.results.friction import approach_of_held, closing_points
@@ -60,8 +60,10 @@ from contact_app.scene.conditions import Pressure, Traction
 from solver.contact.certificate import EQUILIBRIUM_FLOOR
 from solver.contact.sizes import STRAINLESS
 from solver.driver import reason_text
+from solver.qp.result import Reason
 from solver.tfeti.constraints.exchange import NodeExchange
 from solver.tfeti.dual import DualProblem
+from solver.tfeti.subdomain.kernels import MOTIONS
 
 SIMPLICES = ("triangle", "tetrahedron")
 
@@ -80,6 +82,13 @@ SMALL_PART = 0.05
 HELD_LOAD = 0.05
 """Share of the load on a body that its `hold` may carry without a warning. Flat facets of round
 surfaces drive a held rotation with up to a hundredth."""
+
+
+UNFINISHED = (
+    Reason.MAX_ITERATIONS, Reason.MAX_OUTER_ITERATIONS, Reason.UNSETTLED, Reason.SLIDES,
+    Reason.STOPPED,
+)  # fmt: skip
+"""Reasons after which displacements say nothing about the scene: bodies may be far away."""
 
 
 def model_warnings(answer: SolvedScene) -> list[str]:
@@ -318,11 +327,12 @@ def _loaded_holds(answer: SolvedScene) -> Iterator[str]:
     numbers = {body.name: number for number, body in enumerate(scene.bodies)}
     for record in hold_records(answer.model, answer.solution):
         number = numbers[record["on"]]
-        turn = np.zeros(3 if scene.dimension == 2 else 6)
-        turn[-1] = 1.0
+        length = body_frame(scene.bodies[number])[1]
+        turns = np.eye(MOTIONS[scene.dimension])[scene.dimension :]
+        levers = [length * motion_size(scene, number, turn) for turn in turns]
         force, moment = (float(np.linalg.norm(record[key])) for key in ("force", "moment"))
-        lever = motion_size(scene, number, turn)
-        if max(force, moment / lever) > HELD_LOAD * loads[number]:
+        turning = float(np.linalg.norm(np.divide(record["moment"], levers)))
+        if max(force, turning) > HELD_LOAD * loads[number]:
             yield (
                 f"`hold` on {record['on']} carries a force of {force:.3g} and a moment of "
                 f"{moment:.3g}, since loads drive the held motions ({', '.join(record['hold'])}): "
@@ -362,8 +372,15 @@ def _yielding(answer: SolvedScene) -> list[str]:
     ]
 
 
+def _is_unfinished(answer: SolvedScene) -> bool:
+    """Whether the displacements are those of an iteration that other causes than rounding ended."""
+    return not answer.solution.converged and answer.solution.reason in UNFINISHED
+
+
 def _moved_beyond_sizes(answer: SolvedScene) -> Iterator[str]:
     """Bodies that move farther than they are large, but for motions that nothing resists."""
+    if _is_unfinished(answer):
+        return
     bodies, moved = answer.model.scene.bodies, answer.solution.measures.deformations
     for body, largest in zip(bodies, moved, strict=False):
         size = float(np.linalg.norm(np.subtract(body.mesh.upper, body.mesh.lower)))
@@ -372,6 +389,8 @@ def _moved_beyond_sizes(answer: SolvedScene) -> Iterator[str]:
 
 def _moved_far(answer: SolvedScene) -> list[str]:
     """Bodies whose strains or contact forces are comparable with rounding errors."""
+    if _is_unfinished(answer):
+        return []
     model, measures, sentences = answer.model, answer.solution.measures, []
     elastic, every = model.scene.bodies, slice(len(model.scene.bodies))
     for body, moved, scale, rounding, force in zip(

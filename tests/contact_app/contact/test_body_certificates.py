@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from solver.qp.result import Reason
 from solver.tfeti.certify import certify
 from tests import scenes
 from tests.comparison import solve
@@ -178,6 +179,14 @@ def test_results_without_correct_digits_are_not_certified() -> None:
     assert certificate["duality_gap"] > 1e-3
     assert any("rounding errors of its displacements" in w for w in certificate["warnings"])
     assert summary["accuracy"]["total"] is None
+
+
+def test_an_unfinished_iteration_causes_no_warning_on_its_displacements() -> None:
+    """They are no answer: units, places and rounding errors of the scene are not to blame."""
+    solved = solve(moved(3e-13), [2, 2, 2], max_iterations=1)
+    assert solved.solution.reason is Reason.MAX_ITERATIONS
+    (warning,) = solved.summary["certificate"]["warnings"]
+    assert warning.startswith("not certified: The limit of inner iterations was reached")
 
 
 def test_contact_forces_of_rounding_errors_cause_a_warning() -> None:

@@ -56,6 +56,29 @@ def test_the_hold_carries_the_driving_force(cell: str, subdomains: int) -> None:
     assert floor["force"][up] == pytest.approx(7.0, rel=1e-6)
 
 
+@pytest.mark.parametrize("size", [1.0, 100.0])
+@pytest.mark.parametrize("share", [0.03, 0.08])
+def test_the_lever_of_a_held_turn_is_that_about_its_axis(size: float, share: float) -> None:
+    """A long bar lies on a floor, and forces at its ends turn it about the floor's normal."""
+    bar = scenes.block("hexahedron", 1, "bar", upper=(size, size, 10.0 * size))
+    bar["mesh"]["box"]["cells"] = [1, 1, 5]
+    bar["hold"] = ["x", "z", "ry"]
+    turning = 0.5 * share * 10.0  # the area of the side is ten times that of an end
+    conditions = [
+        {"on": "bar.y+", "traction": [0.0, -1.0, 0.0]},
+        {"on": "bar.z+", "traction": [turning, 0.0, 0.0]},
+        {"on": "bar.z-", "traction": [-turning, 0.0, 0.0]},
+    ]
+    floor = scenes.plane("hexahedron", (0.0, 0.0, 0.0), (0.0, 1.0, 0.0))
+    contacts = [{"on": "bar.y-", "obstacle": floor}]
+    made = scenes.config("hexahedron", [bar], conditions, contacts)
+    summary = solve_scene(scenes.build(made, 1)).summary
+    moment = summary["reactions"][0]["moment"]
+    assert abs(moment[1]) == pytest.approx(10.0 * turning * size**3, rel=1e-6)
+    warnings = " ".join(summary["certificate"]["warnings"])
+    assert ("`hold` on bar carries" in warnings) == (share > 0.05)
+
+
 @pytest.mark.parametrize("subdomains", [1, 8])
 def test_a_held_motion_is_zero_in_the_mean(subdomains: int) -> None:
     """The mean motion over the surface of the whole body vanishes; other motions do not."""

@@ -10,7 +10,7 @@ import pytest
 from contact_app.run.solve import solve_scene
 from contact_app.scene.build import build_scene
 from contact_app.scene.configuration import load
-from tests import scenes
+from tests import rings, scenes
 
 
 def warnings_of(made: scenes.Config, subdomains: Any = 1) -> str:
@@ -113,3 +113,28 @@ def test_round_bodies_that_meet_by_flat_facets_cause_a_warning() -> None:
         told[degree] = " ".join(found["certificate"]["warnings"])
     assert "meet by flat facets" in told[1]
     assert "meet by flat facets" not in told[2]
+
+
+@pytest.mark.parametrize(
+    ("counts", "overlap", "is_round", "error"),
+    [
+        ((8, 8), 0.001, False, 0.02), ((8, 12), 0.001, False, None),
+        ((8, 12), 0.03, True, 0.03), ((8, 12), 0.001, True, None),
+    ],
+)  # fmt: skip
+def test_flat_facets_cause_a_warning_if_the_pressure_depends_on_them(
+    counts: tuple[int, int], overlap: float, is_round: bool, error: float | None, tmp_path: Path
+) -> None:
+    """Overlapping rings with facets up to 0.05 off the circle; Lamé's pressure or a warning.
+
+    The gap between facets that match is constant, and smooth surfaces are as good as the overlap is
+    large.
+    """
+    made = rings.fit(tmp_path, "plane_stress", rings.MIDDLE + overlap, counts, straight=True)
+    made["contacts"][0]["round"] = is_round
+    summary = solve_scene(scenes.build(made, None)).summary
+    warnings = " ".join(summary["certificate"]["warnings"])
+    assert ("meet by flat facets" in warnings) == (error is None)
+    exact = rings.fit_pressure("plane_stress", overlap)
+    peak = summary["contacts"][0]["max_smoothed_pressure"]
+    assert (abs(peak / exact - 1.0) > 0.1) if error is None else peak == pytest.approx(exact, error)
