@@ -211,9 +211,12 @@ def _round_shapes(
         v = side.vertices.shape[1]
         if not is_curved(side.points, v):
             sagitta = max(sagitta, largest_sagitta(side.nodes[:, :v], side.vertices, watched, gaps))
-    closing = watched[gaps <= sagitta]
-    if sagitta == 0.0 or (contact.against is not None and facets_match(*surfaces, closing)):
+    if sagitta == 0.0:
         return
+    if contact.against is not None:
+        on, against = surfaces
+        if facets_match(on, against, watched[gaps <= sagitta]):
+            return
     rows = [(own.sources, np.abs(own.gaps)) for own in (model.problem.contact, model.merged)]
     pieces = sum(comm.allgather(rows), [])
     sources, gaps = (np.concatenate(piece) for piece in zip(*pieces, strict=True))
