@@ -34,7 +34,7 @@ from solver.qp.iterate import Iterate, Watch
 from solver.qp.mprgp import MPRGP
 from solver.qp.result import Counts, Monitor, Reason
 from solver.tfeti.constraints.hierarchy import ConstraintHierarchy
-from solver.tfeti.dual import DualProblem
+from solver.tfeti.decomposed import DecomposedProblem
 from solver.vectors import Mask, Vector
 
 Array = NDArray[np.float64]
@@ -101,7 +101,7 @@ class PrimalState:
         """Penetration of contact rows over the displacement of their body, (dual,)."""
         return self.jumps / self.sizes
 
-    def worst(self, problem: DualProblem) -> float:
+    def worst(self, problem: DecomposedProblem) -> float:
         """Largest jump or penetration, over the displacement of its body (collective)."""
         open_rows = problem.inequality & ~self.active
         found = np.where(open_rows, np.maximum(self.distance, 0.0), np.abs(self.distance))
@@ -118,7 +118,7 @@ class Multigrid:
         Initial displacement of the next set.
     """
 
-    def __init__(self, problem: DualProblem, factors: FactorOptions | None = None) -> None:
+    def __init__(self, problem: DecomposedProblem, factors: FactorOptions | None = None) -> None:
         self.problem = problem
         self.system: MergedSystem = merge(problem)
         self.factors = factors or FactorOptions()

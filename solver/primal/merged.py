@@ -25,7 +25,7 @@ from solver.backend import Turn
 from solver.contact.row_kinds import RowKind
 from solver.primal.merged_nodes import MergedNodes
 from solver.tfeti.constraints.matrix import lent, local_rows, petsc_rows
-from solver.tfeti.dual import DualProblem
+from solver.tfeti.decomposed import DecomposedProblem
 from solver.tfeti.dual_operator import interface_slices
 from solver.tfeti.subdomain.kernels import rigid_motions
 from solver.vectors import largest_magnitude, on_arrays
@@ -60,7 +60,7 @@ class MergedSystem:
     body : (unknowns,)
     """
 
-    problem: DualProblem
+    problem: DecomposedProblem
     nodes: MergedNodes
     K: PETSc.Mat
     C: PETSc.Mat
@@ -219,7 +219,7 @@ def chosen_rows(matrix: PETSc.Mat, rows: NDArray[np.int64]) -> PETSc.Mat:
     return matrix.createSubMatrix(chosen, columns)
 
 
-def merge(problem: DualProblem) -> MergedSystem:
+def merge(problem: DecomposedProblem) -> MergedSystem:
     """Put the subdomains of an unfactored problem together (collective)."""
     comm, d = problem.comm, problem.dimension
     nodes = MergedNodes(problem)
@@ -285,7 +285,7 @@ def _summed(values: Array, copies: NDArray[np.int64], nodes: MergedNodes, d: int
     return np.bincount(places.ravel(), values.T.ravel(), total).astype(np.float64)
 
 
-def _stiffness(problem: DualProblem, nodes: MergedNodes) -> PETSc.Mat:
+def _stiffness(problem: DecomposedProblem, nodes: MergedNodes) -> PETSc.Mat:
     """K of all unknowns (collective)."""
     comm, d = problem.comm, problem.dimension
     total = len(nodes.numbers) * d
@@ -316,7 +316,9 @@ def _alone(local: sparse.csr_matrix) -> PETSc.Mat:
     )
 
 
-def _local_stiffness(problem: DualProblem, nodes: MergedNodes, total: int) -> sparse.csr_matrix:
+def _local_stiffness(
+    problem: DecomposedProblem, nodes: MergedNodes, total: int
+) -> sparse.csr_matrix:
     """The sum of this rank's stiffness matrices on its distinct nodes."""
     d, blocks, places = problem.dimension, [], []
     for cls, at in zip(problem.classes, nodes.copies, strict=True):
@@ -348,7 +350,7 @@ def _on_diagonal(blocks: Sequence[sparse.csr_matrix]) -> sparse.csr_matrix:
     return sparse.csr_matrix((values, places, begins), shape=(first[-1], first[-1]))
 
 
-def _merged_columns(problem: DualProblem, nodes: MergedNodes) -> NDArray[np.int64]:
+def _merged_columns(problem: DecomposedProblem, nodes: MergedNodes) -> NDArray[np.int64]:
     """The merged unknown that each interface unknown of this rank is, (interface,)."""
     d = problem.dimension
     column = np.empty(problem.B.columns, np.int64)
@@ -382,7 +384,7 @@ def _renamed(
 
 
 def _held(
-    problem: DualProblem,
+    problem: DecomposedProblem,
     nodes: MergedNodes,
     scatter: PETSc.Scatter,
     transfer: PETSc.Mat,
@@ -409,7 +411,7 @@ def _held(
     return held, np.divide(values, counts, out=np.zeros(size), where=held)
 
 
-def _rigid(problem: DualProblem, nodes: MergedNodes) -> Array:
+def _rigid(problem: DecomposedProblem, nodes: MergedNodes) -> Array:
     """Rigid motions of all points about the middle of each body, (unknowns, k) (collective)."""
     comm, d, points = problem.comm, problem.dimension, nodes.points[nodes.owned]
     of = nodes.body[nodes.owned]

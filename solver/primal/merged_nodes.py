@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from solver.tfeti.constraints.exchange import NodeExchange
-from solver.tfeti.dual import DualProblem
+from solver.tfeti.decomposed import DecomposedProblem
 
 
 class MergedNodes:
@@ -28,7 +28,7 @@ class MergedNodes:
         Whether this rank owns the node.
     """
 
-    def __init__(self, problem: DualProblem) -> None:
+    def __init__(self, problem: DecomposedProblem) -> None:
         comm, places = problem.comm, problem.system.places
         every = [p.numbers.ravel() for p in places]
         unique, inverse = _distinct(np.concatenate([np.zeros(0, np.int64), *every]))

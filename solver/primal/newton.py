@@ -39,7 +39,7 @@ from solver.factors import compute_factor
 from solver.primal.line_search import minimum_along
 from solver.qp.result import Counts, Monitor, Reason, Step
 from solver.tfeti.constraints.matrix import lent, petsc_rows, scale_rows
-from solver.tfeti.dual import DualProblem
+from solver.tfeti.decomposed import DecomposedProblem
 from solver.tfeti.dual_operator import interface_slices
 from solver.vectors import largest_magnitude
 
@@ -101,7 +101,7 @@ class _Iterate:
 
 
 def solve_by_newton(
-    problem: DualProblem,
+    problem: DecomposedProblem,
     multiplier: Array | None = None,
     monitor: Monitor | None = None,
     options: NewtonOptions | None = None,
@@ -198,7 +198,7 @@ class _System:
     penalties are those of the other side of their rows.
     """
 
-    def __init__(self, problem: DualProblem, options: NewtonOptions) -> None:
+    def __init__(self, problem: DecomposedProblem, options: NewtonOptions) -> None:
         self.problem, comm = problem, problem.comm
         self.K = _stiffness(problem)
         self.size = self.K.getLocalSize()[0]
@@ -329,7 +329,7 @@ def _squared(matrix: PETSc.Mat) -> tuple[NDArray, NDArray, Array]:
     return begins, places, values**2
 
 
-def _stiffness(problem: DualProblem) -> PETSc.Mat:
+def _stiffness(problem: DecomposedProblem) -> PETSc.Mat:
     """K of the free unknowns of all subdomains: blocks on the diagonal."""
     blocks = [
         block
@@ -350,7 +350,7 @@ def _repeated(block: sparse.csr_matrix, times: int) -> Iterator[sparse.csr_matri
         yield block
 
 
-def _interface_to_free(problem: DualProblem) -> sparse.csr_matrix:
+def _interface_to_free(problem: DecomposedProblem) -> sparse.csr_matrix:
     """Picks interface unknowns out of the free ones, (interface, free over all ranks).
 
     Held components of a rigid body are on the interface, but not free: their rows are empty.

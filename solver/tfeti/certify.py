@@ -18,7 +18,7 @@ from solver.contact.bodies import sizes as at_least
 from solver.contact.certificate import Certificate, Measures, certificate_of, friction_numbers
 from solver.contact.row_kinds import RowKind
 from solver.contact.sizes import Equilibrium
-from solver.tfeti.dual import DualProblem
+from solver.tfeti.decomposed import DecomposedProblem
 from solver.tfeti.dual_operator import interface_slices
 from solver.tfeti.duality_gap import group_gaps
 from solver.tfeti.free_motions import FreeMotions
@@ -50,7 +50,7 @@ class DualAnswer:
         Displacements u.
     """
 
-    problem: DualProblem
+    problem: DecomposedProblem
     multiplier: Array
     displacements: list[Array]
 
@@ -159,7 +159,7 @@ class DualAnswer:
 
 
 def certify(
-    problem: DualProblem,
+    problem: DecomposedProblem,
     multiplier: Array,
     displacements: list[Array],
     tolerance: float,
@@ -180,7 +180,7 @@ def certify(
 
 
 def friction_residual(
-    problem: DualProblem, multiplier: Array, jumps: Array, lengths: Array
+    problem: DecomposedProblem, multiplier: Array, jumps: Array, lengths: Array
 ) -> float:
     """The larger of the two friction numbers of the certificate, for a state (collective).
 
@@ -205,7 +205,7 @@ def friction_residual(
 
 
 def forces_on_bodies(
-    problem: DualProblem, multiplier: Array, force: Array, reactions: Array
+    problem: DecomposedProblem, multiplier: Array, force: Array, reactions: Array
 ) -> Array:
     """Sums of the magnitudes of loads, of reactions and ties, and of contact forces of each body.
 
@@ -227,7 +227,7 @@ def forces_on_bodies(
     return sums + np.stack([np.zeros(bodies.count), reactions, np.zeros(bodies.count)])
 
 
-def _largest_displacements(problem: DualProblem, displacements: list[Array]) -> Array:
+def _largest_displacements(problem: DecomposedProblem, displacements: list[Array]) -> Array:
     """Largest |u| over the nodes of each body, (bodies,) (collective); zero for rigid bodies."""
     result = np.zeros(problem.bodies.count)
     for cls, u, body in zip(problem.classes, displacements, problem.bodies.members, strict=True):
@@ -238,7 +238,7 @@ def _largest_displacements(problem: DualProblem, displacements: list[Array]) -> 
     return np.sqrt(largest(problem.comm, result))
 
 
-def _unresisted(problem: DualProblem, free: FreeMotions, multiplier: Array) -> list[Array]:
+def _unresisted(problem: DecomposedProblem, free: FreeMotions, multiplier: Array) -> list[Array]:
     """Motions that no row with a force resists, (motions, k) for each body (collective)."""
     bodies, force = problem.bodies, np.where(problem.conditional, np.abs(multiplier), 0.0)
     force = force * problem.spread

@@ -30,8 +30,8 @@ from numpy.typing import NDArray
 from solver.backend import Statuses, Turn
 from solver.qp.preconditioner import Preconditioner
 from solver.tfeti.coarse.coarse_problem import CoarseProblem
+from solver.tfeti.decomposed import DecomposedProblem
 from solver.tfeti.directions import Directions
-from solver.tfeti.dual import DualProblem
 
 Array = NDArray[np.float64]
 
@@ -89,7 +89,7 @@ class ChangedDirections:
     def __init__(
         self,
         directions: Directions,
-        problem: DualProblem,
+        problem: DecomposedProblem,
         statuses: Statuses,
         frame: RowFrame,
         compliance: Array | None,

@@ -31,7 +31,7 @@ from solver.tfeti.constraints.matrix import (
     local_rows,
     petsc_rows,
 )
-from solver.tfeti.dual import DualProblem
+from solver.tfeti.decomposed import DecomposedProblem
 
 REDUNDANT = 1e-12
 """Relative addition to the diagonal of M.
@@ -44,7 +44,7 @@ NEGLIGIBLE = 1e-12
 """Cosine of the angle between rows up to which they count as perpendicular."""
 
 
-def _compliance(problem: DualProblem) -> NDArray[np.float64]:
+def _compliance(problem: DecomposedProblem) -> NDArray[np.float64]:
     """D⁻¹, (interface,); zero for rigid bodies, which have no springs."""
     parts = [np.zeros(0)]
     for cls in problem.classes:
@@ -74,7 +74,7 @@ def _with_rows(
     return ConstraintMatrix(B.comm, local, B.columns)
 
 
-def coupled_rows(problem: DualProblem) -> CoupledRows | None:
+def coupled_rows(problem: DecomposedProblem) -> CoupledRows | None:
     """The coupled rows of a problem; None where no rank has a row of several nodes (collective)."""
     return CoupledRows(problem) if problem.comm.allreduce(int(problem.wide.any())) else None
 
@@ -115,7 +115,7 @@ class CoupledRows:
 
     B: ConstraintMatrix
 
-    def __init__(self, problem: DualProblem) -> None:
+    def __init__(self, problem: DecomposedProblem) -> None:
         self.comm, own = problem.comm, problem.deforming
         others = np.flatnonzero(~np.isin(problem.kinds, (RowKind.GLUING, RowKind.DIRICHLET)))
         rows = petsc_rows(self.comm, own.local[others], own.columns)

@@ -10,12 +10,14 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from solver.tfeti.dual import DualProblem
+from solver.tfeti.decomposed import DecomposedProblem
 from solver.tfeti.feasible import feasible_displacements, motion_energies, worth_closing
 
 
 def nearest_admissible(
-    problem: DualProblem, multiplier: NDArray[np.float64], displacements: list[NDArray[np.float64]]
+    problem: DecomposedProblem,
+    multiplier: NDArray[np.float64],
+    displacements: list[NDArray[np.float64]],
 ) -> NDArray[np.float64]:
     """The admissible û with the least duality gap, on the interface; elsewhere û = u."""
     interface = problem.on_interface(displacements)
@@ -23,7 +25,7 @@ def nearest_admissible(
 
 
 def duality_gap(
-    problem: DualProblem,
+    problem: DecomposedProblem,
     multiplier: NDArray[np.float64],
     interface: NDArray[np.float64],
     relaxations: int = 0,
@@ -44,7 +46,7 @@ def duality_gap(
 
 
 def group_gaps(
-    problem: DualProblem,
+    problem: DecomposedProblem,
     multiplier: NDArray[np.float64],
     interface: NDArray[np.float64],
     relaxations: int = 0,
@@ -59,7 +61,7 @@ def group_gaps(
 
 
 def _nearest(
-    problem: DualProblem,
+    problem: DecomposedProblem,
     multiplier: NDArray[np.float64],
     interface: NDArray[np.float64],
     rest: float = 0.0,
@@ -92,7 +94,7 @@ def _nearest(
 
 
 def _candidate(
-    problem: DualProblem,
+    problem: DecomposedProblem,
     multiplier: NDArray[np.float64],
     interface: NDArray[np.float64],
     closed: NDArray[np.bool_] | None,

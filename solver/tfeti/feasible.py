@@ -10,7 +10,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from solver.tfeti.dual import DualProblem
+from solver.tfeti.decomposed import DecomposedProblem
 from solver.tfeti.dual_operator import interface_slices
 from solver.tfeti.subdomain.classes import SubdomainClass
 from solver.vectors import largest_magnitude
@@ -33,7 +33,7 @@ OPEN_WEIGHT = 1e-3
 
 
 def feasible_multiplier(
-    problem: DualProblem, multiplier: NDArray[np.float64], touching: NDArray[np.bool_]
+    problem: DecomposedProblem, multiplier: NDArray[np.float64], touching: NDArray[np.bool_]
 ) -> NDArray[np.float64]:
     """Admissible multiplier near λ: zero on open contact rows, λ_I ≥ 0 and Gλ = e.
 
@@ -56,7 +56,7 @@ def feasible_multiplier(
 
 
 def _balance(
-    problem: DualProblem, multiplier: NDArray[np.float64], open_rows: NDArray[np.bool_]
+    problem: DecomposedProblem, multiplier: NDArray[np.float64], open_rows: NDArray[np.bool_]
 ) -> NDArray[np.float64]:
     """Add W Gᵀ (G W Gᵀ)⁻¹ (e - Gλ) with small weights on open rows until Gλ = e and λ_I ≥ 0.
 
@@ -92,7 +92,7 @@ def _balance(
 
 
 def feasible_displacements(
-    problem: DualProblem,
+    problem: DecomposedProblem,
     displacements: NDArray[np.float64],
     closed: NDArray[np.bool_] | None = None,
     rest: float = 0.0,
@@ -139,7 +139,7 @@ def feasible_displacements(
 
 
 def _without_jumps(
-    problem: DualProblem, displacements: NDArray[np.float64], tolerance: float
+    problem: DecomposedProblem, displacements: NDArray[np.float64], tolerance: float
 ) -> NDArray[np.float64]:
     """The û nearest to u with B û = c on the rows that always hold with equality (collective).
 
@@ -178,7 +178,7 @@ def _without_jumps(
 
 
 def worth_closing(
-    problem: DualProblem, multiplier: NDArray[np.float64], residual: NDArray[np.float64]
+    problem: DecomposedProblem, multiplier: NDArray[np.float64], residual: NDArray[np.float64]
 ) -> NDArray[np.bool_]:
     """Mask (dual,) of contact rows whose open gap adds more to the duality gap than closing it.
 
@@ -205,7 +205,7 @@ def worth_closing(
 
 
 def motion_energies(
-    problem: DualProblem, motion: NDArray[np.float64], relaxations: int = 0
+    problem: DecomposedProblem, motion: NDArray[np.float64], relaxations: int = 0
 ) -> NDArray[np.float64]:
     """½ wᵀ K w of each body on this rank, (bodies,).
 

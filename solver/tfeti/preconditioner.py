@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from scipy import sparse
 
 from solver.tfeti.coupled import CoupledRows, coupled_rows
-from solver.tfeti.dual import DualProblem
+from solver.tfeti.decomposed import DecomposedProblem
 from solver.tfeti.dual_operator import interface_slices
 
 
@@ -40,7 +40,7 @@ class DualPreconditioner:
     """
 
     def __init__(
-        self, problem: DualProblem, rho: float, coupled: CoupledRows | None = None
+        self, problem: DecomposedProblem, rho: float, coupled: CoupledRows | None = None
     ) -> None:
         assert problem.coarse is not None
         self.comm, self.coarse, self.rho = problem.comm, problem.coarse, rho

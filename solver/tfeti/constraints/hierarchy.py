@@ -19,7 +19,7 @@ import numpy as np
 from mpi4py import MPI
 from numpy.typing import NDArray
 
-from solver.tfeti.dual import DualProblem
+from solver.tfeti.decomposed import DecomposedProblem
 from solver.tfeti.dual_operator import interface_slices
 
 FEWEST = 8
@@ -41,7 +41,7 @@ class ConstraintHierarchy:
         Contact rows of the level.
     """
 
-    def __init__(self, problem: DualProblem, coarsened: bool) -> None:
+    def __init__(self, problem: DecomposedProblem, coarsened: bool) -> None:
         self._levels = _levels(problem) if coarsened else []
         self._all = problem.inequality
         self.refine()
@@ -56,7 +56,7 @@ class ConstraintHierarchy:
         self.allowed = self._levels.pop(0) if self._levels else self._all
 
 
-def _thickness(problem: DualProblem, rows: NDArray[np.int64]) -> float:
+def _thickness(problem: DecomposedProblem, rows: NDArray[np.int64]) -> float:
     """Thickness of the bodies in distances between their contact rows (collective)."""
     comm, d = problem.comm, problem.dimension
     if d == 1:  # without other nodes the thickness is one
@@ -76,7 +76,7 @@ def _thickness(problem: DualProblem, rows: NDArray[np.int64]) -> float:
     return float(found / max(touched, 1) / max(spacing, 1.0))
 
 
-def _levels(problem: DualProblem) -> list[NDArray[np.bool_]]:
+def _levels(problem: DecomposedProblem) -> list[NDArray[np.bool_]]:
     """Masks (dual,), coarsest first: in each cell of a grid the row next to its centre."""
     comm, contact = problem.comm, problem.contact
     rows = np.flatnonzero(problem.inequality)
