@@ -48,6 +48,12 @@ SOME = 200
 """Number of boxes from which the number of pairs is estimated."""
 
 
+EACH_OTHER = 200_000
+"""Largest number of boxes whose pairs are found all at once; limits the memory."""
+
+Pairs = tuple[NDArray[np.int64], NDArray[np.int64]]
+
+
 @dataclass(frozen=True, eq=False)
 class ClosedSurface:
     """A closed surface of segments or plane triangles.
@@ -96,11 +102,16 @@ class Boxes:
         return cls(lower, upper)
 
 
-def meeting(a: Boxes, b: Boxes) -> Iterator[tuple[NDArray[np.int64], NDArray[np.int64]]]:
+def _levels(*boxes: Boxes) -> list[NDArray[np.int32]]:
+    """Size of each box in powers of two."""
+    size = [(box.upper - box.lower).max(axis=1) for box in boxes]
+    unit = max(*(own.max(initial=0.0) for own in size), np.finfo(float).tiny)
+    return [np.frexp(np.maximum(own / unit, 2.0**-40))[1] for own in size]
+
+
+def meeting(a: Boxes, b: Boxes) -> Iterator[Pairs]:
     """Iterate over the pairs (rows of a, rows of b) of boxes that meet, each pair once."""
-    size = [(box.upper - box.lower).max(axis=1) for box in (a, b)]
-    unit = max(size[0].max(initial=0.0), size[1].max(initial=0.0), np.finfo(float).tiny)
-    level = [np.frexp(np.maximum(s / unit, 2.0**-40))[1] for s in size]
+    level = _levels(a, b)
     for top in np.unique(np.concatenate(level)):
         at = [np.flatnonzero(own == top) for own in level]
         below = [np.flatnonzero(own <= top) for own in level]
@@ -108,29 +119,60 @@ def meeting(a: Boxes, b: Boxes) -> Iterator[tuple[NDArray[np.int64], NDArray[np.
         yield from _near(a, b, below[0][level[0][below[0]] < top], at[1])
 
 
+def meeting_each_other(boxes: Boxes, own: NDArray[np.int64]) -> Iterator[Pairs]:
+    """Iterate over the pairs of boxes that meet, each pair once.
+
+    Only pairs that belong to some rows; those of disjoint sets of rows are disjoint.
+    """
+    (level,) = _levels(boxes)
+    mine = np.zeros(len(level), bool)
+    mine[own] = True
+    for top in np.unique(level):
+        at = np.flatnonzero(level == top)
+        yield from _near(boxes, boxes, at[mine[at]], np.flatnonzero(level < top))
+        if mine.all() and len(at) <= EACH_OTHER:  # in a third of the time
+            centres = 0.5 * (boxes.lower[at] + boxes.upper[at])
+            tree = cKDTree(centres, balanced_tree=False, compact_nodes=False)
+            reach = _reach((boxes, at, centres), (boxes, at, centres))
+            pairs = at[tree.query_pairs(reach, p=np.inf, output_type="ndarray")]
+            yield _met(boxes, boxes, pairs[:, 0], pairs[:, 1])
+            continue
+        for i, j in _near(boxes, boxes, at[mine[at]], at):
+            once = i < j
+            yield i[once], j[once]
+
+
+def _reach(*some: tuple[Boxes, NDArray[np.int64], NDArray[np.float64]]) -> float:
+    """Largest distance of the centres of two boxes that meet; some rows of boxes with centres."""
+    sizes = [0.5 * float((box.upper - box.lower)[own].max()) for box, own, _ in some]
+    return sum(sizes) * (1.0 + 1e-9) + 1e-15 * max(float(np.abs(c).max()) for *_, c in some)
+
+
+def _met(a: Boxes, b: Boxes, i: NDArray[np.int64], j: NDArray[np.int64]) -> Pairs:
+    """The pairs whose boxes meet."""
+    for axis in range(a.lower.shape[1]):
+        lower, upper = (np.ascontiguousarray(x[:, axis]) for x in (a.lower, a.upper))
+        others = [np.ascontiguousarray(x[:, axis]) for x in (b.lower, b.upper)]
+        touch = np.flatnonzero((lower[i] <= others[1][j]) & (others[0][j] <= upper[i]))
+        i, j = i[touch], j[touch]
+    return i, j
+
+
 def _near(
     a: Boxes, b: Boxes, rows: NDArray[np.int64], others: NDArray[np.int64]
-) -> Iterator[tuple[NDArray[np.int64], NDArray[np.int64]]]:
+) -> Iterator[Pairs]:
     """Pairs among some rows of a and b with centres nearer than half the sum of their sizes."""
     if len(rows) == 0 or len(others) == 0:
         return
-    reach = sum(
-        0.5 * (box.upper - box.lower)[own].max() for box, own in ((a, rows), (b, others))
-    ) * (1.0 + 1e-9)
     centres = [0.5 * (box.lower[own] + box.upper[own]) for box, own in ((a, rows), (b, others))]
-    reach += 1e-15 * max(np.abs(c).max() for c in centres)
+    reach = _reach((a, rows, centres[0]), (b, others, centres[1]))
     tree = cKDTree(centres[1], balanced_tree=False, compact_nodes=False)
     some = centres[0][:: len(rows) // SOME + 1]
     mean = tree.query_ball_point(some, reach, p=np.inf, return_length=True).mean()
     for chosen in np.array_split(np.arange(len(rows)), int(mean * len(rows)) // PAIRS + 1):
         part = cKDTree(centres[0][chosen], balanced_tree=False, compact_nodes=False)
         table = part.sparse_distance_matrix(tree, reach, p=np.inf, output_type="ndarray")
-        i, j = rows[chosen[table["i"]]], others[table["j"]]
-        for axis in range(a.lower.shape[1]):
-            touch = a.lower[i, axis] <= b.upper[j, axis]
-            touch &= b.lower[j, axis] <= a.upper[i, axis]
-            i, j = i[touch], j[touch]
-        yield i, j
+        yield _met(a, b, rows[chosen[table["i"]]], others[table["j"]])
 
 
 def segment_crossings(surface: ClosedSurface) -> NDArray[np.int64]:
@@ -140,9 +182,8 @@ def segment_crossings(surface: ClosedSurface) -> NDArray[np.int64]:
     """
     places, segments = surface.places, surface.simplices
     boxes, found = Boxes.of(places, segments), [np.zeros((0, 2), np.int64)]
-    for i, j in meeting(boxes, boxes):
-        new = i < j
-        new &= (segments[i][:, :, None] != segments[j][:, None, :]).all(axis=(1, 2))
+    for i, j in meeting_each_other(boxes, np.arange(len(segments))):
+        new = (segments[i][:, :, None] != segments[j][:, None, :]).all(axis=(1, 2))
         i, j = i[new], j[new]
         p, q = (places[segments[i, k]] for k in range(2))
         r, s = (places[segments[j, k]] for k in range(2))
@@ -173,27 +214,31 @@ def _apart(
 def triangle_crossings(surface: ClosedSurface, comm: MPI.Intracomm) -> NDArray[np.int64]:
     """Pairs of triangles of which one has an edge that pierces the other, (pairs, 2).
 
-    Ranks that have the same surface share the edges (collective).
+    Ranks that have the same surface share the pairs (collective).
 
     The ends of the edge are farther from the plane of the triangle, and the point where it pierces
     the plane is farther inside the edges of the triangle, than `ClosedSurface.depth`.
     """
     places, triangles = surface.places, surface.simplices
-    ends = np.sort(triangles[:, [(0, 1), (1, 2), (2, 0)]].reshape(-1, 2), axis=1)
-    key = ends[:, 0] * len(places) + ends[:, 1]
-    first = np.unique(key, return_index=True)[1]
-    first = first[share(comm, len(first))]
-    edges, owner = ends[first], first // 3
+    a, b, c = (places[corner] for corner in triangles.T)
+    normal = np.cross(b - a, c - a)
+    normal /= np.maximum(np.linalg.norm(normal, axis=1), np.finfo(float).tiny)[:, None]
     found = [np.zeros((0, 2), np.int64)]
-    for e, t in meeting(Boxes.of(places, edges), Boxes.of(places, triangles)):
-        new = np.ones(len(e), bool)
-        for corner in triangles[t].T:
-            new &= (edges[e, 0] != corner) & (edges[e, 1] != corner)
-        e, t = e[new], t[new]
-        least = surface.depth(owner[e], t)
-        pierced = _pierces(places, edges[e], triangles[t], least)
-        found.append(np.stack([owner[e[pierced]], t[pierced]], axis=1))
-    return joined(comm, np.concatenate(found))
+    for i, j in meeting_each_other(Boxes.of(places, triangles), share(comm, len(triangles))):
+        deep = 0.5 * surface.depth(i, j)
+        for s, t in ((i, j), (j, i)):
+            origin, across = a[t], normal[t]
+            apart = [np.einsum("ni,ni->n", corner[s] - origin, across) for corner in (a, b, c)]
+            both = (np.minimum.reduce(apart) < -deep) & (np.maximum.reduce(apart) > deep)
+            found.append(np.stack([s[both], t[both]], axis=1))
+    s, t = np.concatenate(found).T  # s reaches through the plane of t
+    edge = np.repeat([(0, 1), (1, 2), (2, 0)], len(s), axis=0)
+    s, t = np.tile(s, 3), np.tile(t, 3)
+    edges = np.take_along_axis(triangles[s], edge, axis=1)
+    new = (edges[:, :, None] != triangles[t][:, None, :]).all(axis=(1, 2))
+    s, t, edges = s[new], t[new], edges[new]
+    pierced = _pierces(places, edges, triangles[t], surface.depth(s, t))
+    return joined(comm, np.stack([s[pierced], t[pierced]], axis=1))
 
 
 def _pierces(

@@ -35,6 +35,8 @@ import meshio
 import numpy as np
 from mpi4py import MPI
 
+import meshes.repair  # noqa: F401 - the application imports it at its first use: part of start-up
+import solver.primal.by_active_sets  # noqa: F401 - as above
 from contact_app.machine.environment import peak_rss_gb
 from contact_app.model.model import build_model
 from contact_app.run.solve import solve_scene
