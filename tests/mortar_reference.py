@@ -143,6 +143,8 @@ def mortar_rows(
     areas: dict[int, float] = {}
     full: dict[int, float] = {}
     near: dict[int, dict[int, float]] = {}
+    inside: set[int] = set()
+    met: list[tuple[int, ...]] = []
     for s in on:
         d, v, second = len(s.normal), s.vertices, s.vertices < len(s.nodes)
         tangents = np.linalg.svd(np.eye(d) - np.outer(s.normal, s.normal))[0][:, : d - 1]
@@ -163,13 +165,16 @@ def mortar_rows(
                 weight += w * psi
                 pieces.append((m, w, psi, theirs, gap))
         area = np.ptp(flat) if d == 2 else ConvexHull(corners).volume
-        dual = weight.sum() > (1 - 1e-6) * area and not second
+        covered = weight.sum() > (1 - 1e-6) * area
+        dual = covered and not second
         C = np.diag(weight) @ np.linalg.inv(own) if dual else np.eye(v)
         slave = np.diag(weight) if dual else own
         for node in s.nodes[:v]:
             full[node] = full.get(node, 0.0) + area / v
         if not pieces:
             continue
+        met.append(s.nodes[:v])
+        inside |= set(s.nodes[:v]) if covered else set()
         for j, node in enumerate(s.nodes[:v]):
             row = rows.setdefault(node, {})
             areas[node] = areas.get(node, 0.0) + weight[j]
@@ -183,7 +188,10 @@ def mortar_rows(
                 gaps[node] = gaps.get(node, 0.0) + w * psi * gap
                 for k, there in enumerate(m.nodes):
                     row[there] = row.get(there, 0.0) - w * psi * theirs[k] * s.normal
-    weak = {n for n in rows if areas[n] < 0.01 * full[n] or n in decided}
+    beyond = {n for nodes in met if inside & set(nodes) for n in nodes} - inside
+    strip = 0.15 if any(len(s.nodes) > s.vertices for s in on) else 0.05
+    least = {n: strip if n in beyond else 0.01 for n in rows}
+    weak = {n for n in rows if areas[n] < least[n] * full[n] or n in decided}
     before = {n: (dict(rows[n]), gaps[n], areas[n]) for n in weak}
     for n in weak:
         heirs = {k: w for k, w in near[n].items() if k not in weak and k in rows and w > 0}

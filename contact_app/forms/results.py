@@ -17,6 +17,7 @@ from contact_app.machine.environment import environment
 from contact_app.machine.timings import Timings
 from contact_app.model.facets import between_vertices
 from contact_app.results.alternation import LINES, Lines, alternation
+from contact_app.results.covered_pressure import OnSide
 from contact_app.results.friction import FrictionAtRows, dissipated_work, of_most_pressed
 from contact_app.results.pressure import NodesInContact
 from contact_app.results.reactions import add_contact
@@ -140,17 +141,27 @@ def contact_at_nodes(
     np.fmin.at(gap, at, (-jump / rows.spread)[of_contact])
     at_nodes = model.contacts[number].against is None and not in_the_mean(model.parts)
     of_degree_2 = facets.copies.shape[1] != FACETS[d, facets.copies.shape[1]].vertices
+    wide = (area > 0.0)[:, None]
+    of_area = np.divide(
+        rough.forces[of_contact], area[:, None], out=np.zeros((len(area), 3)), where=wide
+    )
+    traction = at_owned(of_area)
+    if model.contacts[number].against is not None:
+        owned = model.exchange.first + np.arange(owners.count)
+        side = OnSide(
+            1 + int(of_degree_2), d, [facets.copies], owned, shares, model.exchange, owners.sums,
+            owners.copies,
+        )  # fmt: skip
+        columns = np.column_stack([area, force, rough.forces[of_contact]])
+        known = np.column_stack([pressure, traction])
+        means = side.with_means(rows.of(of_contact), columns, known)
+        pressure, traction = means[:, 0], means[:, 1:]
     if of_degree_2:
         if at_nodes:
             pressure = _without_alternation(model, facets, owners, pressure, shares)
         else:
             pressure = _to_middles(facets, owners, pressure, count)
             gap = _to_middles(facets, owners, gap, count)
-    wide = (area > 0.0)[:, None]
-    of_area = np.divide(
-        rough.forces[of_contact], area[:, None], out=np.zeros((len(area), 3)), where=wide
-    )
-    traction = at_owned(of_area)
     if of_degree_2 and not at_nodes:
         parts = [_to_middles(facets, owners, part, count) for part in traction.T]
         traction = np.stack(parts, axis=1)

@@ -67,6 +67,8 @@ class ContactLoads:
         Whether the node sticks.
     rubs : (loads,)
         Whether it has a friction force with a given limit, independent of a contact force.
+    rows
+        The contact row of each.
     """
 
     sources: NDArray[np.int64]
@@ -79,6 +81,7 @@ class ContactLoads:
     slips: Array
     sticks: NDArray[np.bool_]
     rubs: NDArray[np.bool_]
+    rows: ContactRows
 
 
 def contact_loads(model: Model, solution: Solution, surface: SurfaceNodes) -> ContactLoads:
@@ -111,13 +114,14 @@ def contact_loads(model: Model, solution: Solution, surface: SurfaceNodes) -> Co
     loads = ContactLoads(
         rows.sources, rows.nodes, force, vectors + friction,
         force[:, None] * rows.moments + turned, rows.areas, friction, slips, sticks,
-        rubs,
+        rubs, rows,
     )  # fmt: skip
     label = _together(rows, own, force, TIED * _size(model.scene), _rigid_bodies(model, rows))
     if model.comm.allreduce(int((label >= 0).sum())):
         loads = _divided(model, surface, loads, label)
     members = own | (loads.force > 0.0)
-    return ContactLoads(**{name: values[members] for name, values in loads.__dict__.items()})
+    fields = {name: values[members] for name, values in loads.__dict__.items() if name != "rows"}
+    return ContactLoads(**fields, rows=rows.of(members))
 
 
 def _size(scene: Scene) -> float:
@@ -201,7 +205,7 @@ def _divided(
     return ContactLoads(
         loads.sources, loads.nodes, divided(loads.force), divided(loads.vectors),
         divided(loads.moments), loads.areas, divided(loads.friction), loads.slips, loads.sticks,
-        loads.rubs,
+        loads.rubs, loads.rows,
     )  # fmt: skip
 
 

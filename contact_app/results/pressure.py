@@ -39,6 +39,7 @@ from contact_app.model.facets import between_vertices, hats_at_nodes
 from contact_app.model.model import Model
 from contact_app.model.planes import on_planes
 from contact_app.results.alternation import Lines, alternation
+from contact_app.results.covered_pressure import OnSide
 from contact_app.results.division import ContactLoads, contact_loads
 from contact_app.results.smoothed_pressure import smoothed_pressure
 from contact_app.results.surface_nodes import SurfaceNodes, facet_shares
@@ -169,11 +170,17 @@ def _in_contact(
         result[at[rows]] = values
         return result
 
+    every, wide = np.ones(len(of_contact), bool), area > 0.0
     pressure = at_owned(usable, force[usable] / area[usable])
+    traction = at_owned(wide, loads.friction[of_contact][wide] / area[wide, None])
+    if isinstance(touching, BodyContact):
+        columns = np.column_stack([area, force, loads.friction[of_contact]])
+        known = np.column_stack([pressure, traction])
+        rows = loads.rows.of(loads.sources == number)
+        means = boundary.side(body.degree).with_means(rows, columns, known)
+        pressure, traction = means[:, 0], means[:, 1:]
     if body.degree == 2:
         pressure = boundary.recovered(pressure) if at_nodes else boundary.at_all_nodes(pressure)
-    every, wide = np.ones(len(of_contact), bool), area > 0.0
-    traction = at_owned(wide, loads.friction[of_contact][wide] / area[wide, None])
     if body.degree == 2 and not at_nodes:
         traction = np.stack([boundary.at_all_nodes(part) for part in traction.T], axis=1)
     carriers = on if at_nodes else boundary.areas > 0.0
@@ -315,6 +322,14 @@ class _Boundary:
         cut = np.maximum(lowered, -mean)
         sums = self._surface.exchange.comm.allreduce(np.stack([lowered, cut]) @ self.areas)
         return mean + cut + raised * (sums[1] / sums[0] if sums[0] < 0.0 else 1.0)
+
+    def side(self, degree: int) -> OnSide:
+        """The facets, for pressures of facets that the other body covers in part."""
+        surface, facets = self._surface, [nodes for nodes, _ in self._parts]
+        return OnSide(
+            degree, self._scene.dimension, facets, surface.owned, self.shares, surface.exchange,
+            surface.sums, surface.copies,
+        )  # fmt: skip
 
     def about_vertices(self, copies: Array) -> Array:
         """P: averages about the vertices of values at copies, (owned,); 0 elsewhere."""

@@ -1,0 +1,126 @@
+"""Pressure of two bodies on facets that the other body covers in part.
+
+A block on a wider plate has the pressure field on its own side or on that of the plate, whose
+facets go on beyond the edge of the block. Forces, energies and largest pressures of both agree.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+import ufl
+
+from contact_app import Contact, ContactProblem
+from meshes import dolfinx_compat
+from tests import form_problems, scenes
+from tests.comparison import solve
+
+CELLS = {"quadrilateral": 8, "triangle": 8, "hexahedron": 7, "tetrahedron": 7}
+"""Cells along an edge of the plate."""
+
+
+def block_on_plate(
+    cell: str, n: int, m: int, covered: float, on: str, degree: int = 1, **contact: object
+) -> scenes.Config:
+    """A block of width n - 5 + 2 · covered facets of the plate, with m cells along its edge."""
+    d = scenes.dimension(cell)
+    lower, upper = (3 - covered) / n, (n - 3 + covered) / n
+    axis = "xyz"[d - 1]
+    sides = {"on": f"plate.{axis}+", "against": f"block.{axis}-"}
+    if on == "block":
+        sides = {"on": sides["against"], "against": sides["on"]}
+    across = [0.0] * (d - 1)
+    boxes = {
+        "plate": ([*across, 0.0], [*[1.0] * (d - 1), 0.3], [*[n] * (d - 1), 2]),
+        "block": ([*[lower] * (d - 1), 0.3], [*[upper] * (d - 1), 0.6], [m] * d),
+    }
+    return {
+        "dimension": d,
+        "bodies": [
+            {
+                "name": name, "degree": degree,
+                "mesh": {"box": {"lower": low, "upper": up, "cells": cells, "cell": cell}},
+                "material": {"young": 2e5, "poisson": 0.3},
+            }
+            for name, (low, up, cells) in boxes.items()
+        ],
+        "conditions": [
+            {"on": f"plate.{axis}-", "displacement": [*across, 0.0]},
+            {"on": f"block.{axis}+", "displacement": [*across, None]},
+            {"on": f"block.{axis}+", "traction": [*across, -100.0]},
+        ],
+        "contacts": [{**sides, **contact}],
+    }  # fmt: skip
+
+
+@pytest.mark.parametrize(("cell", "degree"), [*((cell, 1) for cell in CELLS), ("triangle", 2)])
+@pytest.mark.parametrize("covered", [0.24, 0.35, 0.8])
+def test_sides_may_be_exchanged(cell: str, degree: int, covered: float) -> None:
+    records, energies = [], []
+    for on in ("plate", "block"):
+        made = block_on_plate(cell, CELLS[cell], 4, covered, on, degree)
+        solution = solve(made, tolerance=1e-8)
+        assert solution.summary["certificate"]["passed"]
+        records.append(solution.summary["contacts"][0])
+        energies.append(solution.summary["solution"]["energy"])
+    plate, block = records
+    assert energies[0] == pytest.approx(energies[1], rel=1.5e-2)
+    np.testing.assert_allclose(plate["force"], -np.array(block["force"]), rtol=0, atol=1e-4)
+    assert plate["area"] == pytest.approx(block["area"], rel=1e-6)
+    limit = 2.5 if degree == 2 else 1.3
+    assert block["max_pressure"] / 1.7 < plate["max_pressure"] < limit * block["max_pressure"]
+
+
+@pytest.mark.parametrize("cell", ["triangle", "hexahedron"])
+def test_means_have_the_force_of_the_contact(cell: str) -> None:
+    """Nodes next to the edge divide the forces of rows; friction keeps its limit."""
+    n, mu = CELLS[cell], 0.3
+    made = block_on_plate(cell, n, 4, 0.6, "plate", friction={"coulomb": mu})
+    made["conditions"] = [c for c in made["conditions"] if None not in c.get("displacement", [])]
+    (load,) = (c for c in made["conditions"] if "traction" in c)
+    load["traction"][0] = 20.0
+    nodes = solve(made, tolerance=1e-8).nodes.contacts[0]
+    closed = nodes.closed
+    limit = mu * nodes.pressure
+    assert (np.linalg.norm(nodes.traction, axis=1) <= limit * (1 + 1e-6) + 1e-9).all()
+    assert (nodes.pressure[closed] > 0.0).all()
+    assert not nodes.pressure[~closed].any()
+    extrapolated = np.linalg.norm(nodes.forces[closed], axis=1) / nodes.areas[closed]
+    assert nodes.pressure.max() < 0.8 * extrapolated.max()
+
+
+def quadrilaterals(
+    lower: tuple[float, float], upper: tuple[float, float], cells: tuple[int, int]
+) -> tuple[np.ndarray, np.ndarray]:
+    """Points and cells, in dolfinx's order, of a rectangle."""
+    axes = [np.linspace(a, b, k + 1) for a, b, k in zip(lower, upper, cells, strict=True)]
+    points = np.stack(np.meshgrid(*axes), axis=-1).reshape(-1, 2)
+    first = (np.arange(cells[1])[:, None] * (cells[0] + 1) + np.arange(cells[0])).ravel()
+    return points, first[:, None] + [0, 1, cells[0] + 1, cells[0] + 2]
+
+
+def test_forms_have_the_pressures_of_scenes() -> None:
+    n, m, covered = 8, 4, 0.35
+    made = block_on_plate("quadrilateral", n, m, covered, "plate")
+    known = solve(made, tolerance=1e-9).summary["contacts"][0]
+    lower, upper = (3 - covered) / n, (n - 3 + covered) / n
+    plate = quadrilaterals((0.0, 0.0), (1.0, 0.3), (n, 2))
+    block = quadrilaterals((lower, 0.3), (upper, 0.6), (m, m))
+    cells = np.concatenate([plate[1], len(plate[0]) + block[1]])
+    points = np.concatenate([plate[0], block[0]])
+    points[len(plate[0]) :, 1] += 1e-9  # facets are tagged by their places
+    mesh = dolfinx_compat.create_mesh(cells, points, "quadrilateral")
+    V = form_problems.vector_space(mesh, 1)
+    places = {1: lambda x: x[1] == 0.3, 2: lambda x: x[1] == 0.3 + 1e-9, 3: lambda x: x[1] > 0.6}
+    tags = form_problems.facet_tags(mesh, places)
+    u, v = ufl.TrialFunction(V), ufl.TestFunction(V)
+    a = ufl.inner(form_problems.isotropic(u, 2e5, 0.3), form_problems.strain(v)) * ufl.dx
+    top = ufl.Measure("ds", domain=mesh, subdomain_data=tags)(3)
+    bcs = [form_problems.held(V, lambda x: np.isclose(x[1], 0.0), k) for k in (0, 1)]
+    bcs.append(form_problems.held(V, lambda x: x[1] > 0.6, 0))
+    problem = ContactProblem(a, -100.0 * v[1] * top, bcs, [Contact(tags, 1, against=2)])
+    problem.solve()
+    assert problem.certificate.passed
+    (found,) = problem.summary["contacts"]
+    for key in ("max_pressure", "max_smoothed_pressure", "area"):
+        assert found[key] == pytest.approx(known[key], rel=1e-4)
