@@ -297,19 +297,17 @@ def clip(
 
     Returns
     -------
-    Vertices (n, v + w, 2), of which the first `count` (n,) are valid.
+    Vertices (n, k, 2), of which the first `count` (n,) are valid. Rounding errors may repeat
+    some, so that a polygon can have more than v + w.
     """
-    n, v = window.shape[:2]
-    room = v + subject.shape[1]
-    polygon = np.zeros((n, room, 2))
-    polygon[:, : subject.shape[1]] = subject
+    polygon, (n, v) = subject, window.shape[:2]
     count = np.full(n, subject.shape[1])
-    place = np.arange(room)
     for edge in range(v):
         start, end = window[:, edge, None], window[:, (edge + 1) % v, None]
         along = end - start
         away = polygon - start
         side = along[..., 0] * away[..., 1] - along[..., 1] * away[..., 0]
+        place = np.arange(polygon.shape[1])
         valid = place < count[:, None]
         following = np.where(place + 1 < count[:, None], place + 1, 0)
         next_side = np.take_along_axis(side, following, axis=1)
@@ -318,11 +316,11 @@ def clip(
         crossing = valid & (inside != (next_side >= 0.0))
         share = side / np.where(crossing, side - next_side, 1.0)
         cut = polygon + share[..., None] * (next_point - polygon)
-        made = np.stack([polygon, cut], axis=2).reshape(n, 2 * room, 2)
-        keep = np.stack([valid & inside, crossing], axis=2).reshape(n, 2 * room)
-        order = np.argsort(~keep, axis=1, kind="stable")[:, :room]
+        made = np.stack([polygon, cut], axis=2).reshape(n, -1, 2)
+        keep = np.stack([valid & inside, crossing], axis=2).reshape(n, -1)
+        count = keep.sum(axis=1)
+        order = np.argsort(~keep, axis=1, kind="stable")[:, : max(count.max(initial=0), 1)]
         polygon = np.take_along_axis(made, order[..., None], axis=1)
-        count = np.minimum(keep.sum(axis=1), room)
     return polygon, count
 
 
