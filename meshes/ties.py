@@ -116,7 +116,10 @@ def mean_jumps(
     worst = int(np.argmax(distance))
     held = here & (outer @ there > 0.0)
     yielding = tied_before[:, None] | held if gives else np.zeros_like(held)
-    rows = tuple(made.component(i, on.dimension, yielding[:, i]) for i in range(on.dimension))
+    different, which = np.unique(yielding, axis=1, return_inverse=True)
+    given = [made.distributed(nodes) for nodes in different.T]
+    which = which.reshape(-1)
+    rows = tuple(made.component(i, on.dimension, given[which[i]]) for i in range(on.dimension))
     size = float(on.radii[found.i[worst]])
     return MeanJumps(rows, float(distance[worst]), size, nodes, held)
 
@@ -158,22 +161,41 @@ class _Ties:
             tilt = scattered(sides.corners[found.i], column, turned, tilt.shape)
         return cls(sides, psi, jump, tilt)
 
-    def component(self, i: int, d: int, yielding: NDArray[np.bool_]) -> MeanGaps:
-        """The rows of component i of the jump in d components.
-
-        Rows of yielding nodes (n,) are distributed to their neighbours.
-        """
-        sides, (total, weak) = self.sides, self.psi.total(self.sides)
-        given = distribute(sides.corners, self.psi.weight, total, yielding | weak)
+    def distributed(self, yielding: NDArray[np.bool_]) -> _Distributed:
+        """The sums in which rows of yielding nodes (n,) are distributed to their neighbours."""
+        total, weak = self.psi.total(self.sides)
+        given = distribute(self.sides.corners, self.psi.weight, total, yielding | weak)
         strong = np.flatnonzero(given.diagonal() > 0.0)
         total, given = (given @ total)[strong], given[strong]
         scale = sparse.diags(1.0 / total) @ given
-        jump, tilt = ((scale @ m).tocoo() for m in (self.jump, self.tilt))
+        return _Distributed(strong, total, (scale @ self.jump).tocoo(), (scale @ self.tilt).tocoo())
+
+    def component(self, i: int, d: int, given: _Distributed) -> MeanGaps:
+        """The rows of component i of the jump in d components."""
+        sides, strong, jump, tilt = self.sides, given.strong, given.jump, given.tilt
         of_component = tilt.col % d == i  # of the result
         row = np.concatenate([jump.row, tilt.row[of_component]])
         column = np.concatenate([jump.col * d + i, tilt.col[of_component] // d])
         value = np.concatenate([jump.data, -tilt.data[of_component]])
         shape = len(strong), len(sides.nodes) * d
         matrix = sparse.csr_matrix((value, (row, column)), shape=shape)
-        rows = MeanGaps.of(sides, matrix, strong, total, np.zeros(len(strong)))
+        rows = MeanGaps.of(sides, matrix, strong, given.total, np.zeros(len(strong)))
         return replace(rows, normals=np.tile(-np.eye(d)[i], (len(strong), 1)))
+
+
+@dataclass(frozen=True, eq=False)
+class _Distributed:
+    """Sums over facets in which functions are distributed to neighbours, divided by ∫ ψ_j.
+
+    Attributes
+    ----------
+    strong, total : (rows,)
+        Places of the `on` nodes that keep a row, and ∫ ψ_j.
+    jump, tilt : (rows, n + m), (rows, n · d · d)
+        As in `_Ties`.
+    """
+
+    strong: NDArray[np.int64]
+    total: NDArray[np.float64]
+    jump: sparse.coo_matrix
+    tilt: sparse.coo_matrix

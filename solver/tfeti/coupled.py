@@ -22,7 +22,6 @@ import numpy as np
 from numpy.typing import NDArray
 from petsc4py import PETSc
 from scipy import sparse
-from scipy.sparse.linalg import splu
 
 from solver.contact.row_kinds import RowKind
 from solver.tfeti.constraints.matrix import (
@@ -32,6 +31,7 @@ from solver.tfeti.constraints.matrix import (
     petsc_rows,
 )
 from solver.tfeti.decomposed import DecomposedProblem
+from solver.tfeti.subdomain.generalised_inverse import CholeskyFactor
 
 REDUNDANT = 1e-12
 """Relative addition to the diagonal of M.
@@ -90,14 +90,10 @@ class _Factor:
         """M⁻¹ of the values of free rows, zero elsewhere, (coupled rows,)."""
         if free.tobytes() != self._free:
             self._free, self._chosen = free.tobytes(), np.flatnonzero(free)
-            if len(self._chosen):
-                block = self._matrix[self._chosen][:, self._chosen]
-                self._factor = splu(
-                    block.tocsc(), permc_spec="MMD_AT_PLUS_A", options={"SymmetricMode": True}
-                )
+            self._factor = CholeskyFactor(self._matrix[self._chosen][:, self._chosen])
         result = np.zeros(len(values))
         if len(self._chosen):
-            result[self._chosen] = self._factor.solve(values[self._chosen])
+            result[self._chosen] = self._factor.solve(values[self._chosen, None])[:, 0]
         return result
 
 
