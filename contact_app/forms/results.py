@@ -146,6 +146,7 @@ def contact_at_nodes(
         rough.forces[of_contact], area[:, None], out=np.zeros((len(area), 3)), where=wide
     )
     traction = at_owned(of_area)
+    covered = np.ones(owners.count)
     if model.contacts[number].against is not None:
         owned = model.exchange.first + np.arange(owners.count)
         side = OnSide(
@@ -156,12 +157,14 @@ def contact_at_nodes(
         known = np.column_stack([pressure, traction])
         means = side.with_means(rows.of(of_contact), columns, known)
         pressure, traction = means[:, 0], means[:, 1:]
+        covered = side.share_of(at_owned(area))
     if of_degree_2:
         if at_nodes:
             pressure = _without_alternation(model, facets, owners, pressure, shares)
         else:
             pressure = _to_middles(facets, owners, pressure, count)
             gap = _to_middles(facets, owners, gap, count)
+            covered = _to_middles(facets, owners, covered, count)
     if of_degree_2 and not at_nodes:
         parts = [_to_middles(facets, owners, part, count) for part in traction.T]
         traction = np.stack(parts, axis=1)
@@ -169,7 +172,7 @@ def contact_at_nodes(
     vectors[:, :d] += force[:, None] * rows.normals[of_contact]
     moments = force[:, None] * rows.moments[of_contact] + rough.moments[of_contact]
     carriers = shares > 0.0 if at_nodes else owners.on(facets.vertices(d), count)
-    smoothed = _smoothed(model, owners, number, (pressure, shares), at_nodes)
+    smoothed = _smoothed(model, owners, number, (pressure, shares, covered), at_nodes)
     masks = {
         "closed": closed, "sticks": rough.sticks[of_contact], "rubs": rough.rubs[of_contact],
     }  # fmt: skip
@@ -190,18 +193,23 @@ def contact_at_nodes(
 
 
 def _smoothed(
-    model: FormModel, owners: Owners, number: int, known: tuple[Array, Array], at_nodes: bool
+    model: FormModel,
+    owners: Owners,
+    number: int,
+    known: tuple[Array, Array, Array],
+    at_nodes: bool,
 ) -> Array:
     """The pressure of a contact without what facets make of it, (owned,) (collective).
 
     Parameters
     ----------
-    known : (owned,), (owned,)
-        The pressure, and the integrals of shape functions.
+    known : (owned,), (owned,), (owned,)
+        The pressure, the integrals of shape functions, and covered shares.
     """
     parts, sides = model.parts, model.sides[number]
     on = np.flatnonzero(owners.on(sides.facets.copies, len(parts.points)))
-    at_on = model.exchange.first + on, known[0][on], known[1][on]
+    pressure, shares, covered = (values[on] for values in known)
+    at_on = model.exchange.first + on, pressure, shares, covered
     result = np.zeros(owners.count)
     result[on] = smoothed_on(parts.comm, sides.surfaces, at_on, parts.nodes, at_nodes)
     return result

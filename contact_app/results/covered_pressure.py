@@ -21,6 +21,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -76,21 +77,29 @@ class OnSide:
         known : (n, c)
             Forces over areas at the nodes of rows; those without a force remain.
         """
-        on = np.zeros(len(self.copies(self.shares)))
-        for nodes in self.facets:
-            np.add.at(on, nodes, 1.0)
-        facets_of_node = self.sums(on)
         sums, areas = self._at_nodes(rows, columns), self.shares
-        sums[facets_of_node == 0.0] = 0.0
+        sums[self._facets_of_node == 0.0] = 0.0
         partial = sums[:, 0] > 0.0
         if self.degree == 2:
-            found = np.column_stack([sums, areas]) / np.maximum(facets_of_node, 1.0)[:, None]
-            *parts, areas = (self._at_vertices(column) for column in found.T)
-            sums = np.stack(parts, axis=1)
-            partial &= sums[:, 0] < COVERED * areas
+            sums = np.stack([self._at_vertices(column) for column in sums.T], axis=1)
+            partial &= sums[:, 0] < COVERED * self._at_vertices(areas)
         result = known.copy()
         result[partial] = sums[partial, 1:] / sums[partial, :1]
         return np.where(known != 0.0, result, 0.0)
+
+    def share_of(self, areas: Array) -> Array:
+        """Covered area about each vertex over the whole area about it, (n,) (collective)."""
+        whole = self._at_vertices(self.shares) if self.degree == 2 else self.shares
+        share = np.divide(areas, whole, out=np.zeros(len(areas)), where=whole > 0.0)
+        return np.minimum(share, 1.0)
+
+    @cached_property
+    def _facets_of_node(self) -> Array:
+        """Number of facets of each node, (n,)."""
+        count = np.zeros(len(self.copies(self.shares)))
+        for nodes in self.facets:
+            np.add.at(count, nodes, 1.0)
+        return self.sums(count)
 
     def _at_nodes(self, rows: ContactRows, columns: Array) -> Array:
         """Σ_j S_jk v_j at the owned nodes k, (n, columns); of no meaning at other bodies' nodes."""
@@ -109,7 +118,7 @@ class OnSide:
 
     def _at_vertices(self, values: Array) -> Array:
         """Σ_k φ_j(x_k) v_k over the nodes k of each facet, φ_j linear, (n,)."""
-        copies = self.copies(values)
+        copies = self.copies(values / np.maximum(self._facets_of_node, 1.0))
         total = np.zeros(len(copies))
         for nodes in self.facets:
             hats = hats_at_nodes(self.dimension, nodes.shape[1])

@@ -173,15 +173,19 @@ def _in_contact(
     every, wide = np.ones(len(of_contact), bool), area > 0.0
     pressure = at_owned(usable, force[usable] / area[usable])
     traction = at_owned(wide, loads.friction[of_contact][wide] / area[wide, None])
+    covered = np.ones(len(on))
     if isinstance(touching, BodyContact):
         columns = np.column_stack([area, force, loads.friction[of_contact]])
         known = np.column_stack([pressure, traction])
         rows = loads.rows.of(loads.sources == number)
-        means = boundary.side(body.degree).with_means(rows, columns, known)
+        side = boundary.side(body.degree)
+        means = side.with_means(rows, columns, known)
         pressure, traction = means[:, 0], means[:, 1:]
+        covered = side.share_of(at_owned(every, area))
     if body.degree == 2:
         pressure = boundary.recovered(pressure) if at_nodes else boundary.at_all_nodes(pressure)
     if body.degree == 2 and not at_nodes:
+        covered = boundary.at_all_nodes(covered)
         traction = np.stack([boundary.at_all_nodes(part) for part in traction.T], axis=1)
     carriers = on if at_nodes else boundary.areas > 0.0
     of_owned = NodesInContact(
@@ -200,7 +204,8 @@ def _in_contact(
         rubs=at_owned(every, loads.rubs[of_contact].astype(float)) > 0.0,
     )
     found = NodesInContact(**{name: values[on] for name, values in of_owned.__dict__.items()})
-    smoothed = smoothed_pressure(model, number, found.nodes, found.pressure, found.shares)
+    fitted = found.pressure, found.shares, covered[on]
+    smoothed = smoothed_pressure(model, number, found.nodes, fitted)
     return replace(found, smoothed=smoothed), int((loaded & ~usable).sum())
 
 

@@ -56,7 +56,7 @@ def test_a_pressure_that_rises_towards_an_end_stays() -> None:
     side = Surface.of(2, nodes, points[nodes], np.tile([0.5, -1.0, 0.0], (10, 1)))
     pressure, shares = 1.0 + points[:, 0], np.full(11, 0.1)
     shares[[0, -1]] = 0.05
-    known = np.arange(11), pressure, shares
+    known = np.arange(11), pressure, shares, np.ones(11)
     np.testing.assert_allclose(smoothed_on(MPI.COMM_SELF, [side], known, 11), pressure, rtol=1e-9)
 
 
