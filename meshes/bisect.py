@@ -90,7 +90,7 @@ def bisected(mesh: CellMesh, marked: Ints) -> CellMesh:
         groups={name: np.flatnonzero(np.isin(parent, rows)) for name, rows in mesh.groups.items()},
         inner={name: np.flatnonzero(np.isin(parent, rows)) for name, rows in mesh.inner.items()},
         tags=mesh.tags[parent],
-        given=mesh.given or mesh,
+        coarse=mesh.coarse or mesh,
     )
 
 
@@ -119,8 +119,8 @@ def _cut(simplices: Ints, ends: Ints, middles: Ints) -> tuple[Ints, Ints]:
     sorting = np.argsort(keys)
     finished, ancestors = [], []
     while len(simplices):
-        own = np.sort(simplices[:, pairs], axis=2)
-        key = own[..., 0] * most + own[..., 1]
+        edges = np.sort(simplices[:, pairs], axis=2)
+        key = edges[..., 0] * most + edges[..., 1]
         at = np.minimum(np.searchsorted(keys[sorting], key), len(keys) - 1)
         rank = np.where(keys[sorting][at] == key, sorting[at], len(keys))
         first = rank.argmin(axis=1)

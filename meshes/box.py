@@ -128,11 +128,11 @@ def sides_of(
     box: BoxShape, lattice: NDArray[np.int64], facets: NDArray[Any]
 ) -> dict[str, NDArray[np.int32]]:
     """Rows of `facets` (nodes each) on each side of a box, given the lattice index of nodes."""
-    found = {}
+    sides = {}
     for name, axis, end in SIDES[: 2 * box.dimension]:
         on_side = lattice[:, axis] == end * box.degree * box.cells[axis]
-        found[name] = np.flatnonzero(on_side[facets].all(axis=1)).astype(np.int32)
-    return found
+        sides[name] = np.flatnonzero(on_side[facets].all(axis=1)).astype(np.int32)
+    return sides
 
 
 def split_points(cells: int, parts: int) -> NDArray[np.int64]:

@@ -99,9 +99,9 @@ class BoxCells:
                 ahead[d - 1 - axis], behind[d - 1 - axis] = slice(None, -1), slice(1, None)
                 lower, upper, at = lower[tuple(ahead)], upper[tuple(behind)], at[tuple(ahead)]
                 step = int(np.prod(self.box.cells[:axis]))
-            found = at[choose(lower, upper)]
-            firsts.append(found * each + one)
-            seconds.append((found + step) * each + other)
+            cells = at[choose(lower, upper)]
+            firsts.append(cells * each + one)
+            seconds.append((cells + step) * each + other)
         return np.concatenate(firsts), np.concatenate(seconds)
 
     @property
@@ -116,7 +116,7 @@ class BoxCells:
         result: list[tuple[int, int, int | None]] = []
         for axis in range(self.box.dimension):
             in_side = [a for a in range(self.box.dimension) if a != axis]
-            own, others = (
+            cell_of, others = (
                 {
                     frozenset(map(tuple, self._places[topology.facets[row]][:, in_side].tolist())):
                     int(topology.facet_cells[row])
@@ -124,7 +124,7 @@ class BoxCells:
                 }
                 for end in (1, 0)
             )  # fmt: skip
-            result += [(cell, others[facet], axis) for facet, cell in own.items()]
+            result += [(cell, others[facet], axis) for facet, cell in cell_of.items()]
         return result
 
     def skin(self, chosen: NDArray[np.bool_]) -> Skin:

@@ -102,8 +102,8 @@ def chords(
 
 def local_facets(cells: NDArray[np.int64], cell: str, topology: Topology) -> NDArray[np.int64]:
     """Local number, within its cell, of each facet on the surface, (facets,)."""
-    own = cells[topology.facet_cells][:, np.array(FACETS[cell])]
-    return np.asarray(np.argmax((own == topology.facets[:, None]).all(axis=2), axis=1))
+    facets = cells[topology.facet_cells][:, np.array(FACETS[cell])]
+    return np.asarray(np.argmax((facets == topology.facets[:, None]).all(axis=2), axis=1))
 
 
 def reference_vertices(cell: str) -> NDArray[np.float64]:
@@ -242,8 +242,8 @@ def _divided(
             shapes = vtk_shapes(cell, degree, unit @ vertices[list(table)])[0]
             places.append((shapes @ nodes[topology.facet_cells[rows]]).reshape(-1, nodes.shape[2]))
             keys.append(_keys(topology.facets[rows], rows, weights))
-            own = count + len(weights) * np.arange(len(rows))[:, None, None] + split
-            simplices.append(own.reshape(-1, nodes.shape[2]))
+            parts = count + len(weights) * np.arange(len(rows))[:, None, None] + split
+            simplices.append(parts.reshape(-1, nodes.shape[2]))
             owners.append(np.repeat(rows, len(split)))
             count += len(weights) * len(rows)
     key = np.concatenate(keys)

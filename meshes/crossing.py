@@ -105,28 +105,28 @@ class Boxes:
 def _levels(*boxes: Boxes) -> list[NDArray[np.int32]]:
     """Size of each box in powers of two."""
     size = [(box.upper - box.lower).max(axis=1) for box in boxes]
-    unit = max(*(own.max(initial=0.0) for own in size), np.finfo(float).tiny)
-    return [np.frexp(np.maximum(own / unit, 2.0**-40))[1] for own in size]
+    unit = max(*(sizes.max(initial=0.0) for sizes in size), np.finfo(float).tiny)
+    return [np.frexp(np.maximum(sizes / unit, 2.0**-40))[1] for sizes in size]
 
 
 def meeting(a: Boxes, b: Boxes) -> Iterator[Pairs]:
     """Iterate over the pairs (rows of a, rows of b) of boxes that meet, each pair once."""
     level = _levels(a, b)
     for top in np.unique(np.concatenate(level)):
-        at = [np.flatnonzero(own == top) for own in level]
-        below = [np.flatnonzero(own <= top) for own in level]
+        at = [np.flatnonzero(number == top) for number in level]
+        below = [np.flatnonzero(number <= top) for number in level]
         yield from _near(a, b, at[0], below[1])
         yield from _near(a, b, below[0][level[0][below[0]] < top], at[1])
 
 
-def meeting_each_other(boxes: Boxes, own: NDArray[np.int64]) -> Iterator[Pairs]:
+def meeting_each_other(boxes: Boxes, rows: NDArray[np.int64]) -> Iterator[Pairs]:
     """Iterate over the pairs of boxes that meet, each pair once.
 
     Only pairs that belong to some rows; those of disjoint sets of rows are disjoint.
     """
     (level,) = _levels(boxes)
     mine = np.zeros(len(level), bool)
-    mine[own] = True
+    mine[rows] = True
     for top in np.unique(level):
         at = np.flatnonzero(level == top)
         yield from _near(boxes, boxes, at[mine[at]], np.flatnonzero(level < top))
@@ -144,7 +144,7 @@ def meeting_each_other(boxes: Boxes, own: NDArray[np.int64]) -> Iterator[Pairs]:
 
 def _reach(*some: tuple[Boxes, NDArray[np.int64], NDArray[np.float64]]) -> float:
     """Largest distance of the centres of two boxes that meet; some rows of boxes with centres."""
-    sizes = [0.5 * float((box.upper - box.lower)[own].max()) for box, own, _ in some]
+    sizes = [0.5 * float((box.upper - box.lower)[k].max()) for box, k, _ in some]
     return sum(sizes) * (1.0 + 1e-9) + 1e-15 * max(float(np.abs(c).max()) for *_, c in some)
 
 
@@ -164,7 +164,7 @@ def _near(
     """Pairs among some rows of a and b with centres nearer than half the sum of their sizes."""
     if len(rows) == 0 or len(others) == 0:
         return
-    centres = [0.5 * (box.lower[own] + box.upper[own]) for box, own in ((a, rows), (b, others))]
+    centres = [0.5 * (box.lower[k] + box.upper[k]) for box, k in ((a, rows), (b, others))]
     reach = _reach((a, rows, centres[0]), (b, others, centres[1]))
     tree = cKDTree(centres[1], balanced_tree=False, compact_nodes=False)
     some = centres[0][:: len(rows) // SOME + 1]
@@ -181,7 +181,7 @@ def segment_crossings(surface: ClosedSurface) -> NDArray[np.int64]:
     The ends of both are farther from the line of the other than `ClosedSurface.depth`.
     """
     places, segments = surface.places, surface.simplices
-    boxes, found = Boxes.of(places, segments), [np.zeros((0, 2), np.int64)]
+    boxes, crossings = Boxes.of(places, segments), [np.zeros((0, 2), np.int64)]
     for i, j in meeting_each_other(boxes, np.arange(len(segments))):
         new = (segments[i][:, :, None] != segments[j][:, None, :]).all(axis=(1, 2))
         i, j = i[new], j[new]
@@ -191,8 +191,8 @@ def segment_crossings(surface: ClosedSurface) -> NDArray[np.int64]:
         on_j = _apart(_signed_distance(r, s, p), _signed_distance(r, s, q), least)
         on_i = _apart(_signed_distance(p, q, r), _signed_distance(p, q, s), least)
         crossed = on_i & on_j
-        found.append(np.stack([i[crossed], j[crossed]], axis=1))
-    return np.concatenate(found)
+        crossings.append(np.stack([i[crossed], j[crossed]], axis=1))
+    return np.concatenate(crossings)
 
 
 def _signed_distance(
@@ -223,15 +223,15 @@ def triangle_crossings(surface: ClosedSurface, comm: MPI.Intracomm) -> NDArray[n
     a, b, c = (places[corner] for corner in triangles.T)
     normal = np.cross(b - a, c - a)
     normal /= np.maximum(np.linalg.norm(normal, axis=1), np.finfo(float).tiny)[:, None]
-    found = [np.zeros((0, 2), np.int64)]
+    through_planes = [np.zeros((0, 2), np.int64)]
     for i, j in meeting_each_other(Boxes.of(places, triangles), share(comm, len(triangles))):
         deep = 0.5 * surface.depth(i, j)
         for s, t in ((i, j), (j, i)):
             origin, across = a[t], normal[t]
             apart = [np.einsum("ni,ni->n", corner[s] - origin, across) for corner in (a, b, c)]
             both = (np.minimum.reduce(apart) < -deep) & (np.maximum.reduce(apart) > deep)
-            found.append(np.stack([s[both], t[both]], axis=1))
-    s, t = np.concatenate(found).T  # s reaches through the plane of t
+            through_planes.append(np.stack([s[both], t[both]], axis=1))
+    s, t = np.concatenate(through_planes).T  # s reaches through the plane of t
     edge = np.repeat([(0, 1), (1, 2), (2, 0)], len(s), axis=0)
     s, t = np.tile(s, 3), np.tile(t, 3)
     edges = np.take_along_axis(triangles[s], edge, axis=1)

@@ -193,26 +193,27 @@ def _cut(
             return rows_of(label[b], part_range)
         return bisected(centres[b], counts[b], part_range)
 
-    own = {b: rows(b, part_range) for b, part_range in _wanted(counts, comm).items() if b in bodies}
-    hanging = {b: through_facets(bodies[b], parts) for b, parts in own.items()}
-    broken = np.array([len(hanging[b][1]) - len(parts) for b, parts in own.items()])
+    requested = _wanted(counts, comm).items()
+    parts_of = {b: rows(b, part_range) for b, part_range in requested if b in bodies}
+    hanging = {b: through_facets(bodies[b], parts) for b, parts in parts_of.items()}
+    broken = np.array([len(hanging[b][1]) - len(parts) for b, parts in parts_of.items()])
     broken = comm.allreduce(broken)
     if broken.any():
-        for b in np.array(list(own))[broken > 0].tolist():
+        for b in np.array(list(parts_of))[broken > 0].tolist():
             piece, part = hanging[b]
             piece[piece >= 0] += comm.exscan(len(part)) or 0
             comm.Allreduce(MPI.IN_PLACE, piece, op=MPI.MAX)
             part = np.concatenate(comm.allgather(part))
             label[b] = without_crumbs(bodies[b], piece, part, counts[b])
             counts[b] = int(label[b].max()) + 1
-        own = {
+        parts_of = {
             b: rows(b, part_range) for b, part_range in _wanted(counts, comm).items() if b in bodies
         }
     centres.clear()
     starts = np.cumsum([0, *counts])
     return counts, {
         int(starts[b]) + part: piece
-        for b, parts in own.items()
+        for b, parts in parts_of.items()
         for part, piece in pieces_of(bodies[b], parts).items()
     }
 
@@ -229,8 +230,9 @@ def _evened(
         for b, (shape, count) in enumerate(zip(shapes, counts, strict=True))
         for _ in range(count)
     ]
-    for known in comm.allgather({n: (piece.kind, len(piece.cells)) for n, piece in pieces.items()}):
-        for number, kind in known.items():
+    sizes = {n: (piece.kind, len(piece.cells)) for n, piece in pieces.items()}
+    for of_rank in comm.allgather(sizes):
+        for number, kind in of_rank.items():
             kinds[number] = kind
     starts = balanced_runs(kinds, comm.size)
     begin, end = starts[comm.rank], starts[comm.rank + 1]

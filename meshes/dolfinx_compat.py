@@ -199,15 +199,15 @@ def torn_space(space: Any, blocks: NDArray[np.int32], count: int) -> Any:
     count
         Number of nodes of this rank.
     """
-    own, comm, size = space._cpp_object, space.mesh.comm, space.dofmap.index_map_bs
+    original, comm, size = space._cpp_object, space.mesh.comm, space.dofmap.index_map_bs
     links = dolfinx.cpp.graph.AdjacencyList_int32(np.ascontiguousarray(blocks, np.int32))
     numbers = dolfinx.cpp.common.IndexMap(comm, count)
-    dofmap = dolfinx.cpp.fem.DofMap(own.dofmap.dof_layout, numbers, size, links, size)
+    dofmap = dolfinx.cpp.fem.DofMap(original.dofmap.dof_layout, numbers, size, links, size)
     if _MODERN:
-        make, shape = dolfinx.cpp.fem.FunctionSpace_float64, [list(own.value_shape)]
+        make, shape = dolfinx.cpp.fem.FunctionSpace_float64, [list(original.value_shape)]
     else:
         make, shape = dolfinx.cpp.fem.FunctionSpace, []
-    torn = make(own.mesh, own.element, dofmap, *shape)
+    torn = make(original.mesh, original.element, dofmap, *shape)
     return fem.FunctionSpace(space.mesh, space.ufl_element(), torn)
 
 
@@ -272,11 +272,11 @@ def cells_at(mesh: Any, points: NDArray[np.float64]) -> NDArray[np.int32]:
         tree = geometry.BoundingBoxTree(mesh, d)
         boxes = geometry.compute_collisions(tree, points)
     cells, offsets = adjacency(geometry.compute_colliding_cells(mesh, boxes, points))
-    found = np.full(len(points), -1, np.int32)
+    result = np.full(len(points), -1, np.int32)
     some = np.diff(offsets) > 0
-    found[some] = cells[offsets[:-1][some]]
+    result[some] = cells[offsets[:-1][some]]
     if not some.all():
         every = np.arange(mesh.topology.index_map(d).size_local, dtype=np.int32)
         middles = geometry.create_midpoint_tree(mesh, d, every)
-        found[~some] = geometry.compute_closest_entity(tree, middles, mesh, points[~some])
-    return found
+        result[~some] = geometry.compute_closest_entity(tree, middles, mesh, points[~some])
+    return result

@@ -45,7 +45,7 @@ class Overlaps:
         Facets of the two sides.
     area : (pairs,)
         Area of each overlap.
-    own : (pairs, v, n)
+    mass : (pairs, v, n)
         ∫ φ_k N_l, with the shape functions φ of the v vertices and N of all nodes of the facet.
     shared : (pairs, v, m)
         ∫ φ_k N'_l, with N' of the nodes of the facet on the other side.
@@ -60,7 +60,7 @@ class Overlaps:
     i: NDArray[np.int64]
     j: NDArray[np.int64]
     area: NDArray[np.float64]
-    own: NDArray[np.float64]
+    mass: NDArray[np.float64]
     shared: NDArray[np.float64]
     weight: NDArray[np.float64]
     gap: NDArray[np.float64]
@@ -77,8 +77,8 @@ class Overlaps:
     ) -> Overlaps:
         """The overlaps among pairs of facets (n,), (n,), sorted by i; pairs apart are left out."""
         parts = np.array_split(np.arange(len(i)), len(i) // PAIRS + 1)
-        found = [cls._some(on, against, i[part], j[part], tilted) for part in parts]
-        joined = zip(*(part.__dict__.values() for part in found), strict=True)
+        groups = [cls._some(on, against, i[part], j[part], tilted) for part in parts]
+        joined = zip(*(part.__dict__.values() for part in groups), strict=True)
         return cls(*(np.concatenate(values) for values in joined))
 
     @classmethod
@@ -93,24 +93,25 @@ class Overlaps:
         """Project, intersect, integrate."""
         axes = np.ascontiguousarray(frames(on).transpose(0, 2, 1))
         here = (on.points - on.centres[:, None]) @ axes
-        there = (against.points[j] - on.centres[i][:, None]) @ axes[i]
-        own = here.min(axis=1)[i], here.max(axis=1)[i]
-        separate = (own[1] < there.min(axis=1)) | (there.max(axis=1) < own[0])
+        other_side = (against.points[j] - on.centres[i][:, None]) @ axes[i]
+        box = here.min(axis=1)[i], here.max(axis=1)[i]
+        separate = (box[1] < other_side.min(axis=1)) | (other_side.max(axis=1) < box[0])
         near = ~separate[:, :-1].any(axis=1)  # by their boxes in the plane
-        i, j, there = i[near], j[near], there[near]
+        i, j, other_side = i[near], j[near], other_side[near]
         here = here[i]
         v, w = on.vertices.shape[1], against.vertices.shape[1]
-        flat, other = here[:, :v, :-1], there[:, :w, :-1]
-        linear = (here.shape[1], there.shape[1]) == (v, w) and on.bulge is None
-        curved = is_curved(here, v) or is_curved(there, w)
+        flat, other = here[:, :v, :-1], other_side[:, :w, :-1]
+        linear = (here.shape[1], other_side.shape[1]) == (v, w) and on.bulge is None
+        curved = is_curved(here, v) or is_curved(other_side, w)
         cut = _segments if on.dimension == 2 else _polygons
         if on.bulge is None and _upright(flat) and _upright(other):
             cut = _rectangles
         pair, x, weights = cut(flat, other, linear, curved)
         plane = here[pair, :, :-1]
         phi, own_shapes, slopes = on_facets(plane, x, is_curved(here, v))
-        vertex_shapes, node_shapes, _ = on_facets(there[pair, :, :-1], x, is_curved(there, w))
-        gap = np.einsum("qv,qv->q", node_shapes, there[pair, :, -1])
+        facet = other_side[pair, :, :-1]
+        vertex_shapes, node_shapes, _ = on_facets(facet, x, is_curved(other_side, w))
+        gap = np.einsum("qv,qv->q", node_shapes, other_side[pair, :, -1])
         gap -= np.einsum("qv,qv->q", own_shapes, here[pair, :, -1])
         gap -= on.height(i[pair], phi) + against.height(j[pair], vertex_shapes)
         tilts = tilted and bool((np.abs(gap) > TOUCHING * on.radii[i[pair]]).any())
@@ -129,7 +130,7 @@ class Overlaps:
             i=i[distinct],
             j=j[distinct],
             area=integrate(np.ones(len(weights))),
-            own=integrate(phi[:, :, None] * own_shapes[:, None, :]),
+            mass=integrate(phi[:, :, None] * own_shapes[:, None, :]),
             shared=integrate(phi[:, :, None] * node_shapes[:, None, :]),
             weight=integrate(phi),
             gap=integrate(phi * gap[:, None]),
@@ -154,13 +155,13 @@ class Overlaps:
         """
         distance = np.abs(self.distance)
         nearest = smallest(self.i, distance, len(on.nodes))
-        found = self.some(distance <= nearest[self.i] + 4.0 * on.radii[self.i])
-        several = found.on_several_layers(on)
+        near = self.some(distance <= nearest[self.i] + 4.0 * on.radii[self.i])
+        several = near.on_several_layers(on)
         if not several.any():
-            return found
-        layer = found._layers(against, several)
-        of_layer = smallest(layer, np.abs(found.distance), layer.max() + 1)
-        return found.some(~several[found.i] | (of_layer[layer] <= nearest[found.i]))
+            return near
+        layer = near._layers(against, several)
+        of_layer = smallest(layer, np.abs(near.distance), layer.max() + 1)
+        return near.some(~several[near.i] | (of_layer[layer] <= nearest[near.i]))
 
     def on_several_layers(self, on: Surface) -> NDArray[np.bool_]:
         """Mask of the `on` facets that meet several layers, (facets,)."""

@@ -81,16 +81,16 @@ def _filled(
     The facet of each ball, its centre and its radius.
     """
     last = np.ceil(2.0 * reach / across).astype(np.int64)
-    found: list[tuple[NDArray[np.int64], NDArray[np.float64]]] = []
+    results: list[tuple[NDArray[np.int64], NDArray[np.float64]]] = []
     facets, nth = np.arange(len(last)), np.zeros(len(last), np.int64)
     while len(facets):
         along = nth * across[facets] - reach[facets]
         middles = centres[facets] + along[:, None] * normals[facets]
         away = tree.query(middles)[0] / across[facets] - 1.2  # in steps
         filled = away <= 1e-9
-        found.append((facets[filled], middles[filled]))
+        results.append((facets[filled], middles[filled]))
         nth += np.maximum(np.ceil(away - 1e-9).astype(np.int64), 1)
         going = nth <= last[facets]
         facets, nth = facets[going], nth[going]
-    which, queried = (np.concatenate(part) for part in zip(*found, strict=True))
+    which, queried = (np.concatenate(part) for part in zip(*results, strict=True))
     return which, queried, 1.2 * across[which]

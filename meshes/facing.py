@@ -66,10 +66,10 @@ def overlaps(
     i, j = facets_along_normals(on, against, share(comm, len(on.nodes)))
     cosine = -np.einsum("ij,ij->i", on.normals[i], against.normals[j])
     facing = cosine >= FACING
-    found = Overlaps.of(on, against, i[facing], j[facing], tilted)
-    found = _real(on, against, found, i[~facing], j[~facing])
-    found = found.nearest_layer(on, against).gathered(comm)
-    if len(found.i) == 0:
+    pairs = Overlaps.of(on, against, i[facing], j[facing], tilted)
+    pairs = _real(on, against, pairs, i[~facing], j[~facing])
+    pairs = pairs.nearest_layer(on, against).gathered(comm)
+    if len(pairs.i) == 0:
         turned = Overlaps.of(on, against, i[cosine < 0.0], j[cosine < 0.0]).gathered(comm)
         if len(turned.i):
             raise SurfacesApartError(
@@ -79,30 +79,30 @@ def overlaps(
             "the two sides never meet: no facet of the first projects, along its normal, onto a "
             "facet of the second that faces it"
         )
-    return found
+    return pairs
 
 
 def _real(
     on: Surface,
     against: Surface,
-    found: Overlaps,
+    pairs: Overlaps,
     i: NDArray[np.int64],
     j: NDArray[np.int64],
 ) -> Overlaps:
-    """`found` without the pairs between which one of the surfaces lies (module docstring).
+    """The pairs without those between which one of the surfaces lies (module docstring).
 
     Parameters
     ----------
     i, j : (pairs,)
         The pairs of facets along the normals that do not face each other, sorted.
     """
-    depth = -found.distance
-    deep = depth > SHALLOW * on.radii[found.i]
+    depth = -pairs.distance
+    deep = depth > SHALLOW * on.radii[pairs.i]
     if not deep.any():
-        return found
-    rows = np.unique(found.i[deep])
+        return pairs
+    rows = np.unique(pairs.i[deep])
     reach = np.zeros(len(on.nodes))
-    np.maximum.at(reach, found.i[deep], depth[deep])
+    np.maximum.at(reach, pairs.i[deep], depth[deep])
     least = np.zeros(len(on.nodes))
     least[rows] = cKDTree(against.centres).query(on.centres[rows])[0] + on.radii[rows]
     own_i, own_k = facets_along_normals(on, on, rows, reach[rows])
@@ -111,7 +111,7 @@ def _real(
         _nearest_behind(on, against, i, j, exits=False),
     )
     nearest = np.minimum(nearest, OBLIQUE * least)
-    return found.some(~deep | (AT_ITS_END * nearest[found.i] > depth))
+    return pairs.some(~deep | (AT_ITS_END * nearest[pairs.i] > depth))
 
 
 def _nearest_behind(

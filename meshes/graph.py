@@ -98,12 +98,12 @@ def bisected(centres: NDArray[np.floating], parts: int, part_range: range) -> Ro
     part_range
         Requested parts; other parts are not cut further.
     """
-    found: Rows = {}
+    result: Rows = {}
     left = [(np.arange(centres.shape[1], dtype=np.int32), list(centres), parts, 0)]
     while left:
         rows, places, count, first = left.pop()
         if count == 1:
-            found[first] = rows
+            result[first] = rows
             continue
         half = count // 2
         below = _lowest(places[_longest(places)], len(rows) * half // count)
@@ -111,7 +111,7 @@ def bisected(centres: NDArray[np.floating], parts: int, part_range: range) -> Ro
             if start < part_range.stop and part_range.start < start + share:
                 inside = np.flatnonzero(side)
                 left.append((rows[inside], [x[inside] for x in places], share, start))
-    return found
+    return result
 
 
 def _longest(places: list[NDArray[np.floating]]) -> int:
@@ -164,15 +164,15 @@ def through_facets(cells: Cells, rows: Rows) -> tuple[NDArray[np.int32], NDArray
     number = np.empty(len(label), np.int32)
     number[inside] = np.arange(len(inside))
     ends = cells.neighbours(label, lambda a, b: (a == b) & (a >= 0))
-    count, found = connected_components(
+    count, component = connected_components(
         _graph((number[ends[0]], number[ends[1]]), len(inside)), directed=False
     )
     part = np.empty(count, np.int64)
-    part[found] = label[inside]
+    part[component] = label[inside]
     order = np.argsort(part, kind="stable")  # numbers do not depend on the search above
     renumber = np.empty(count, np.int32)
     renumber[order] = np.arange(count)
-    label[inside] = renumber[found]
+    label[inside] = renumber[component]
     return label, part[order]
 
 
@@ -205,10 +205,10 @@ def without_crumbs(
     taker = np.arange(len(size))
     crumbs = np.flatnonzero(crumb)
     for piece in crumbs[np.argsort(size[crumbs], kind="stable")]:
-        own = sides == piece
-        out = sides[own.any(axis=1)]
+        of_piece = sides == piece
+        out = sides[of_piece.any(axis=1)]
         taker[taker == piece] = at = np.bincount(out[out != piece]).argmax()
-        sides[own] = at
+        sides[of_piece] = at
     _, subdomain = np.unique(taker, return_inverse=True)
     return subdomain.astype(np.int32)[label]
 
@@ -224,7 +224,7 @@ def pieces_of(cells: Cells, rows: Rows) -> dict[int, Piece]:
     place = np.empty(cells.nodes, np.int32)  # only the entries of the nodes of this piece are valid
     result = {}
     for part, (a, b) in zip(parts, bounds, strict=True):
-        own = order[a:b]
+        members = order[a:b]
         nodes = cells.nodes_at(rows[part])
         used = np.unique(nodes)
         place[used] = np.arange(len(used))
@@ -235,8 +235,8 @@ def pieces_of(cells: Cells, rows: Rows) -> dict[int, Piece]:
             tags=cells.tags_at(rows[part]),
             points=cells.points_at(used),
             nodes=used,
-            exterior=np.sort(place[skin.facets[own]], axis=1).astype(np.int64),
-            boundaries={name: np.flatnonzero(on[own]) for name, on in skin.sides.items()},
+            exterior=np.sort(place[skin.facets[members]], axis=1).astype(np.int64),
+            boundaries={name: np.flatnonzero(on[members]) for name, on in skin.sides.items()},
         )
     return result
 
@@ -277,18 +277,18 @@ def place_piece(
         mesh = dolfinx_compat.create_mesh(nodes, corners, piece.cell, degree)
         references[piece.kind] = Reference.of(mesh, piece.cell, piece.degree, piece.tags)
     reference = references[piece.kind]
-    given = np.empty(len(local), np.int64)
-    given[reference.cells] = piece.cells[dolfinx_compat.original_cells(reference.mesh)]
+    node_of = np.empty(len(local), np.int64)
+    node_of[reference.cells] = piece.cells[dolfinx_compat.original_cells(reference.mesh)]
     translation = np.zeros(3)
     translation[: len(origin)] = origin
-    table = np.sort(given[reference.facets], axis=1)
+    table = np.sort(node_of[reference.facets], axis=1)
     exterior = matching_rows(table, piece.exterior).astype(np.int32)
     return Subdomain(
         number=number,
         body=body,
         reference=reference,
         translation=translation,
-        nodes=first_node + piece.nodes[given],
+        nodes=first_node + piece.nodes[node_of],
         exterior=exterior,
         boundaries={name: exterior[rows] for name, rows in piece.boundaries.items()},
     )

@@ -24,11 +24,11 @@ def refuse_hanging(points: NDArray[np.float64], topology: Topology, comm: MPI.In
     radius = np.linalg.norm(corners - centre[:, None], axis=2).max(axis=1)
     room = HANGING * radius[:, None]
     boxes = Boxes(corners.min(axis=1) - room, corners.max(axis=1) + room)
-    found = [np.zeros((2, 0), np.int64)]
+    near = [np.zeros((2, 0), np.int64)]
     for node, row in meeting(Boxes(points[surface], points[surface]), boxes):
         other = (facets[row] != surface[node, None]).all(axis=1)
-        found.append(np.stack([row[other], surface[node[other]]]))
-    row, node = np.concatenate(found, axis=1)
+        near.append(np.stack([row[other], surface[node[other]]]))
+    row, node = np.concatenate(near, axis=1)
     split = ((0, 1),) if facets.shape[1] == 2 else ((0, 1, 2), (0, 2, 3))[: facets.shape[1] - 2]
     on = np.zeros(len(row), bool)
     for part in split:

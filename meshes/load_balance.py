@@ -30,9 +30,9 @@ def balanced_runs(subdomains: Sequence[tuple[Hashable, int]], ranks: int) -> lis
     for _ in range(20):
         limit = 0.5 * (low + least)
         starts = _within(subdomains, ranks, limit)
-        found = _largest_work(subdomains, starts)
-        if found < least:
-            best, least = starts, found
+        work = _largest_work(subdomains, starts)
+        if work < least:
+            best, least = starts, work
         else:
             low = limit
     return best if most > WORTH * least else even
@@ -41,9 +41,9 @@ def balanced_runs(subdomains: Sequence[tuple[Hashable, int]], ranks: int) -> lis
 def _within(subdomains: Sequence[tuple[Hashable, int]], ranks: int, limit: float) -> list[int]:
     """Fill ranks one after another up to a limit; the last one gets the rest."""
     starts, work = [0], 0.0
-    known: set[Hashable] = set()
+    kinds: set[Hashable] = set()
     for number, (kind, cells) in enumerate(subdomains):
-        more = _work(cells, kind in known)
+        more = _work(cells, kind in kinds)
         left = ranks - len(starts)
         if (
             number > starts[-1]
@@ -51,8 +51,8 @@ def _within(subdomains: Sequence[tuple[Hashable, int]], ranks: int, limit: float
             and (work + more > limit or len(subdomains) - number == left)
         ):
             starts.append(number)
-            known, work, more = set(), 0.0, _work(cells, False)
-        known.add(kind)
+            kinds, work, more = set(), 0.0, _work(cells, False)
+        kinds.add(kind)
         work += more
     return [*starts, len(subdomains)]
 
@@ -61,14 +61,14 @@ def _largest_work(subdomains: Sequence[tuple[Hashable, int]], starts: Sequence[i
     """Work of the busiest rank."""
     most = 0.0
     for first, last in zip(starts[:-1], starts[1:], strict=True):
-        known: set[Hashable] = set()
+        kinds: set[Hashable] = set()
         work = 0.0
         for kind, cells in subdomains[first:last]:
-            work += _work(cells, kind in known)
-            known.add(kind)
+            work += _work(cells, kind in kinds)
+            kinds.add(kind)
         most = max(most, work)
     return most
 
 
-def _work(cells: int, known: bool) -> float:
-    return float(cells**GROWTH * (MEMBER if known else 1.0 + MEMBER))
+def _work(cells: int, has_kind: bool) -> float:
+    return float(cells**GROWTH * (MEMBER if has_kind else 1.0 + MEMBER))

@@ -105,10 +105,10 @@ class BothSides:
         places = np.zeros((count + len(others), 3))
         places[local.ravel()] = on.points.reshape(-1, 3)
         places[count + other.ravel()] = against.points.reshape(-1, 3)
-        own = local.reshape(on.nodes.shape)
+        local_on = local.reshape(on.nodes.shape)
         return cls(
-            np.concatenate([nodes, others]), places, count, own,
-            count + other.reshape(against.nodes.shape), own[:, : on.vertices.shape[1]],
+            np.concatenate([nodes, others]), places, count, local_on,
+            count + other.reshape(against.nodes.shape), local_on[:, : on.vertices.shape[1]],
         )  # fmt: skip
 
 
@@ -169,12 +169,12 @@ class MeanGaps:
         entries, d = matrix.tocoo(), matrix.shape[1] // len(sides.nodes)
         row, component = entries.row.astype(np.int64), entries.col.astype(np.int64) % d
         at, value = entries.col // d, entries.data
-        own = at < sides.count
+        is_on = at < sides.count
         normals, moments = np.zeros((len(chosen), d)), np.zeros((len(chosen), 3))
-        np.add.at(normals, (row[own], component[own]), -value[own])
-        force = -value[own, None] * np.eye(3)[component[own]]
-        arm = sides.places[at[own]] - sides.places[chosen[row[own]]]
-        np.add.at(moments, row[own], np.cross(arm, force))
+        np.add.at(normals, (row[is_on], component[is_on]), -value[is_on])
+        force = -value[is_on, None] * np.eye(3)[component[is_on]]
+        arm = sides.places[at[is_on]] - sides.places[chosen[row[is_on]]]
+        np.add.at(moments, row[is_on], np.cross(arm, force))
         return cls(
             nodes=sides.nodes[chosen], points=sides.places[chosen], areas=areas, gaps=gaps,
             normals=normals, moments=moments, row=row, node=sides.nodes[at], component=component,
@@ -197,11 +197,11 @@ def mean_gaps(on: Surface, against: Surface, comm: MPI.Intracomm = MPI.COMM_SELF
     SurfacesApartError
         The sides face the same way, or no facet of one projects onto one of the other.
     """
-    found = overlaps(on, against, comm=comm)
-    psi, sides = Multipliers.of(on, found), BothSides.of(on, against)
-    d, i = on.dimension, found.i
+    pairs = overlaps(on, against, comm=comm)
+    psi, sides = Multipliers.of(on, pairs), BothSides.of(on, against)
+    d, i = on.dimension, pairs.i
     functions, touched, normals = psi.functions[i], np.unique(i), on.normals[:, :d]
-    gap = np.einsum("pjk,pk->pj", functions, found.gap)
+    gap = np.einsum("pjk,pk->pj", functions, pairs.gap)
     gaps = np.bincount(sides.corners[i].ravel(), gap.ravel(), minlength=sides.count)
 
     def along(blocks: NDArray[np.float64], facets: NDArray[np.int64]) -> NDArray[np.float64]:
@@ -209,13 +209,13 @@ def mean_gaps(on: Surface, against: Surface, comm: MPI.Intracomm = MPI.COMM_SELF
         return np.asarray(blocks[..., None] * normals[facets, None, None])
 
     matrix = jumps(
-        sides, found, touched, along(psi.own[touched], touched), along(functions @ found.shared, i)
+        sides, pairs, touched, along(psi.mass[touched], touched), along(functions @ pairs.shared, i)
     )
     total, weak = psi.total(sides)
-    given = distribute(sides.corners, psi.weight, total, weak)
-    strong = np.flatnonzero(given.diagonal() > 0.0)
-    total, gaps, given = (given @ total)[strong], (given @ gaps)[strong], given[strong]
-    rows = (sparse.diags(1.0 / total) @ (given @ matrix)).tocsr()
+    shares = distribute(sides.corners, psi.weight, total, weak)
+    strong = np.flatnonzero(shares.diagonal() > 0.0)
+    total, gaps, shares = (shares @ total)[strong], (shares @ gaps)[strong], shares[strong]
+    rows = (sparse.diags(1.0 / total) @ (shares @ matrix)).tocsr()
     return MeanGaps.of(sides, rows, strong, total, gaps / total)
 
 
@@ -227,7 +227,7 @@ class Multipliers:
     ----------
     functions : (facets, v, v)
         C of ψ = C φ.
-    own : (facets, v, n)
+    mass : (facets, v, n)
         ∫ ψ_k N_l.
     weight : (facets, v)
         ∫ ψ_k.
@@ -238,13 +238,13 @@ class Multipliers:
     """
 
     functions: NDArray[np.float64]
-    own: NDArray[np.float64]
+    mass: NDArray[np.float64]
     weight: NDArray[np.float64]
     sizes: NDArray[np.float64]
     covered: NDArray[np.bool_]
 
     @classmethod
-    def of(cls, on: Surface, found: Overlaps) -> Multipliers:
+    def of(cls, on: Surface, pairs: Overlaps) -> Multipliers:
         """Dual functions on covered facets of first order, linear shape functions on others.
 
         Raises
@@ -252,29 +252,29 @@ class Multipliers:
         SurfacesApartError
             A facet meets two layers of the other side.
         """
-        if found.on_several_layers(on).any():
+        if pairs.on_several_layers(on).any():
             raise SurfacesApartError(
                 "a facet of the first side meets two layers of the second; name a smaller part of "
                 "it"
             )
-        own, weight, gap, area = (
-            _on_facets(found, len(on.nodes), values)
-            for values in (found.own, found.weight, found.gap, found.area)
+        mass, weight, gap, area = (
+            _on_facets(pairs, len(on.nodes), values)
+            for values in (pairs.mass, pairs.weight, pairs.gap, pairs.area)
         )
         v, sizes = on.vertices.shape[1], facet_areas(on)
         covered = area >= COVERED * sizes
-        functions = np.tile(np.eye(v), (len(own), 1, 1))
-        if own.shape[2] == v:
-            functions[covered] = weight[covered, :, None] * np.linalg.inv(own[covered])
-            own[covered] = weight[covered, :, None] * np.eye(v)
+        functions = np.tile(np.eye(v), (len(mass), 1, 1))
+        if mass.shape[2] == v:
+            functions[covered] = weight[covered, :, None] * np.linalg.inv(mass[covered])
+            mass[covered] = weight[covered, :, None] * np.eye(v)
         elif on.dimension == 3:
-            functions[covered] = _dual_of_second_order(own[covered], weight[covered])
+            functions[covered] = _dual_of_second_order(mass[covered], weight[covered])
             rise = gap - np.einsum("fjk,fk->fj", functions, gap)
             rise /= np.where(weight > 0.0, weight, 1.0) * np.sqrt(sizes)[:, None]
             pointed = _pointed(on.nodes[:, :v], covered, rise)
             functions = np.where(pointed[..., None], functions, np.eye(v))
-            own = functions @ own
-        return cls(functions, own, weight, sizes, covered)
+            mass = functions @ mass
+        return cls(functions, mass, weight, sizes, covered)
 
     def total(self, sides: BothSides) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
         """∫ ψ_j over all facets, and the mask of weak nodes, (n,) each."""
@@ -287,26 +287,26 @@ class Multipliers:
         inside[sides.corners[self.covered]] = True
         partial = (self.weight > 0.0).any(axis=1) & inside[sides.corners].any(axis=1)
         beside[sides.corners[partial]] = True
-        beyond = BEYOND[int(self.own.shape[2] > v)]
+        beyond = BEYOND[int(self.mass.shape[2] > v)]
         return weight, weight < np.where(beside & ~inside, beyond, WEAK) * area
 
 
-def _on_facets(found: Overlaps, facets: int, values: NDArray[np.float64]) -> NDArray[np.float64]:
+def _on_facets(pairs: Overlaps, facets: int, values: NDArray[np.float64]) -> NDArray[np.float64]:
     """Sums of values (pairs, …) over the overlaps of each `on` facet, (facets, …)."""
     total = np.zeros((facets, *values.shape[1:]))
-    np.add.at(total, found.i, values)
+    np.add.at(total, pairs.i, values)
     return total
 
 
 def _dual_of_second_order(
-    own: NDArray[np.float64], weight: NDArray[np.float64]
+    mass: NDArray[np.float64], weight: NDArray[np.float64]
 ) -> NDArray[np.float64]:
     """C (facets, v, v) of functions dual to the linear ones, on facets of second order."""
     v = weight.shape[1]
     corners = np.eye(v)
     middles = 0.5 * (corners + np.roll(corners, -1, axis=0))
-    linear = np.concatenate([corners, middles, np.full((1, v), 1.0 / v)])[: own.shape[2]]
-    return np.asarray(weight[..., None] * np.linalg.inv(own @ linear))
+    linear = np.concatenate([corners, middles, np.full((1, v), 1.0 / v)])[: mass.shape[2]]
+    return np.asarray(weight[..., None] * np.linalg.inv(mass @ linear))
 
 
 def _pointed(
@@ -327,9 +327,9 @@ def _pointed(
 
 def jumps(
     sides: BothSides,
-    found: Overlaps,
+    pairs: Overlaps,
     touched: NDArray[np.int64],
-    own: NDArray[np.float64],
+    mass: NDArray[np.float64],
     shared: NDArray[np.float64],
 ) -> sparse.csr_matrix:
     """∫ ψ_j N of both sides, negative for the other side, (n, (n + m) · k).
@@ -338,23 +338,23 @@ def jumps(
     ----------
     touched : (facets,)
         The `on` facets with overlaps.
-    own, shared : (facets, v, w, k), (pairs, v, w', k)
+    mass, shared : (facets, v, w, k), (pairs, v, w', k)
         The integrals on each of these facets and on each overlap.
     """
-    k = own.shape[3]
+    k = mass.shape[3]
     width = len(sides.nodes) * k
     blocks = (
-        (sides.corners[touched], sides.on[touched], own),
-        (sides.corners[found.i], sides.against[found.j], -shared),
+        (sides.corners[touched], sides.on[touched], mass),
+        (sides.corners[pairs.i], sides.against[pairs.j], -shared),
     )
-    here, there = (
+    first, second = (
         scattered(
             rows, (columns[..., None] * k + np.arange(k)).reshape(len(columns), -1),
             values.reshape(*values.shape[:2], -1), (sides.count, width),
         )
         for rows, columns, values in blocks
     )  # fmt: skip
-    return (here + there).tocsr()
+    return (first + second).tocsr()
 
 
 def scattered(

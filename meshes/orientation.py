@@ -109,8 +109,8 @@ def _same_side(cells: NDArray[np.int64], cell: str, topology: Topology) -> NDArr
     table = np.array(FACETS[cell])
     if table.shape[1] <= 3:  # two orders of two or three nodes: even and odd
         odd = np.stack([_is_odd(cells[:, list(facet)]) for facet in table], axis=1)
-        own, other = (odd[topology.pairs[:, k], topology.pair_facets[:, k]] for k in range(2))
-        return np.asarray(own == other)
+        first, second = (odd[topology.pairs[:, k], topology.pair_facets[:, k]] for k in range(2))
+        return np.asarray(first == second)
     return np.concatenate(
         [
             ~_opposite(cells, cell, topology.pairs[i : i + BATCH],

@@ -171,13 +171,13 @@ def _covered(body: CheckedBody, surface: ClosedSurface, comm: MPI.Intracomm) -> 
 
     One on the surface, and another that contains a point just inside the first.
     """
-    x, own = _just_inside(body)
+    x, body_of = _just_inside(body)
     around = joined(comm, winding(x[share(comm, len(x))], surface))
     rows = np.flatnonzero(around > 1)
     for start in range(0, len(rows), CELLS_AT_ONCE):
         part = rows[start : start + CELLS_AT_ONCE]
         point, other = containing(body, x[part])
-        pairs = np.stack([own[part[point]], other], axis=1)
+        pairs = np.stack([body_of[part[point]], other], axis=1)
         pairs = pairs[pairs[:, 0] != pairs[:, 1]]
         if len(pairs):
             return pairs

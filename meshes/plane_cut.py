@@ -57,11 +57,11 @@ def simplices(cell: str, curved: bool) -> tuple[tuple[int, ...], ...]:
         tuple(int(v) for v in 2 * at[list(on)].mean(axis=0)): i
         for i, on in enumerate(node_vertices(cell))
     }
-    found = []
+    result = []
     for low in at:  # the quarter or eighth of the cell about each vertex
         nodes = [place[tuple(int(v) for v in low + corner)] for corner in at]
-        found += [tuple(nodes[i] for i in simplex) for simplex in SIMPLICES[cell]]
-    return tuple(found)
+        result += [tuple(nodes[i] for i in simplex) for simplex in SIMPLICES[cell]]
+    return tuple(result)
 
 
 def cut(corners: Array, pieces: tuple[tuple[int, ...], ...], heights: Array) -> tuple[float, Array]:

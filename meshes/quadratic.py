@@ -89,13 +89,13 @@ def middles_of(x: NDArray[np.float64], cell: str) -> NDArray[np.float64]:
         return x[:, v:]
     if count == v:
         return straight_middles(x, cell)
-    found = [x[:, v:]]
+    middles = [x[:, v:]]
     for on in nodes[v + edges :]:  # shape functions of 8 and 20 nodes amid the face or cell
         around = [v + i for i, edge in enumerate(EDGES[cell]) if set(edge) <= set(on)]
         share = 0.5 if len(on) == 4 else 0.25
         middle = share * x[:, around].sum(axis=1) - 0.25 * x[:, list(on)].sum(axis=1)
-        found.append(middle[:, None])
-    return np.concatenate(found, axis=1)
+        middles.append(middle[:, None])
+    return np.concatenate(middles, axis=1)
 
 
 def straight_middles(x: NDArray[np.float64], cell: str) -> NDArray[np.float64]:
@@ -153,7 +153,7 @@ def with_middles(
     -------
     Points, the given ones first, and cells with all their nodes in VTK order.
     """
-    found, added = [cells], [points]
+    numbers, added = [cells], [points]
     count = len(points)
     groups = [np.array(EDGES[cell])]
     if cell in FACES:
@@ -162,12 +162,12 @@ def with_middles(
         corners = cells[:, table].reshape(-1, table.shape[1])
         first, number = _distinct(np.sort(corners, axis=1))
         added.append(points[corners[first]].mean(axis=1))
-        found.append(count + number.reshape(len(cells), -1))
+        numbers.append(count + number.reshape(len(cells), -1))
         count += len(first)
     if cell in CENTRED:
         added.append(points[cells].mean(axis=1))
-        found.append(count + np.arange(len(cells))[:, None])
-    return np.concatenate(added), np.concatenate(found, axis=1)
+        numbers.append(count + np.arange(len(cells))[:, None])
+    return np.concatenate(added), np.concatenate(numbers, axis=1)
 
 
 def _distinct(rows: NDArray[np.int64]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:

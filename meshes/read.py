@@ -208,9 +208,9 @@ def _as_meshio_reads(path: Path) -> tuple[Any, ...]:
             return io.StringIO(f"BEGIN BULK\n{text}"), "nastran"
     if ending == ".inp":
         text = path.read_text(encoding="utf-8", errors="replace")
-        known = PLANE_ELEMENT.sub(lambda found: found[1] + PLANE_NAMES[found[2]], text)
-        if known != text:
-            return io.StringIO(known), "abaqus"
+        renamed = PLANE_ELEMENT.sub(lambda match: match[1] + PLANE_NAMES[match[2]], text)
+        if renamed != text:
+            return io.StringIO(renamed), "abaqus"
     return (path,)
 
 
@@ -219,10 +219,10 @@ def _kind(mesh: Any, dimension: int) -> CellKind:
     count: dict[str, int] = {}
     for block in mesh.cells:
         count[block.type] = count.get(block.type, 0) + len(block.data)
-    known = [k for k in KINDS if k.dimension == dimension]
+    possible = [k for k in KINDS if k.dimension == dimension]
     present = {t: n for t, n in count.items() if n and _dimension(mesh, t) == dimension}
-    found = [k for k in known if any(t in present for t in (k.first, *k.second))]
-    allowed = " or ".join(f"{k.first} ({', '.join(k.second)})" for k in known)
+    kinds = [k for k in possible if any(t in present for t in (k.first, *k.second))]
+    allowed = " or ".join(f"{k.first} ({', '.join(k.second)})" for k in possible)
     listing = ", ".join(f"{n} {t}" for t, n in count.items() if n) or "no cells"
     higher = {t for t, n in count.items() if n and _dimension(mesh, t) > dimension}
     if higher:
@@ -235,10 +235,10 @@ def _kind(mesh: Any, dimension: int) -> CellKind:
         raise MeshError(
             f"holds {listing}, and none of dimension {dimension}; allowed: {allowed}{hint}"
         )
-    if len(found) != 1 or any(t not in (found[0].first, *found[0].second) for t in present):
+    if len(kinds) != 1 or any(t not in (kinds[0].first, *kinds[0].second) for t in present):
         mixed = ", ".join(f"{n} {t}" for t, n in present.items())
         raise MeshError(f"holds {mixed}; the cells of a body are of one type: {allowed}")
-    return found[0]
+    return kinds[0]
 
 
 def _dimension(mesh: Any, name: str) -> int:
@@ -253,23 +253,23 @@ def _groups(
     mesh: Any, names: dict[tuple[int, int], str]
 ) -> list[tuple[str, int, NDArray[np.int64]]]:
     """Name, block and rows of every group of cells; a group may occur more than once."""
-    found = []
+    groups = []
     for name, blocks in (mesh.cell_sets or {}).items():
         if name.startswith("gmsh:"):
             continue
         for i, rows in enumerate(blocks):
             if rows is not None and len(rows):
-                found.append((str(name), i, np.asarray(rows, dtype=np.int64)))
+                groups.append((str(name), i, np.asarray(rows, dtype=np.int64)))
     for name, value in (mesh.field_data or {}).items():
         if np.size(value) == 2:
             names.setdefault((int(value[0]), int(value[1])), str(name))
     for key in NUMBERED:
-        for i, given in enumerate((mesh.cell_data or {}).get(key, [])):
-            numbers = np.abs(np.asarray(given).ravel())  # below zero: reversed orientation, in Gmsh
+        for i, tags in enumerate((mesh.cell_data or {}).get(key, [])):
+            numbers = np.abs(np.asarray(tags).ravel())  # below zero: reversed orientation, in Gmsh
             for number in np.unique(numbers[numbers != 0]):
                 name = names.get((int(number), int(mesh.cells[i].dim)), str(number))
-                found.append((name, i, np.flatnonzero(numbers == number)))
-    return found
+                groups.append((name, i, np.flatnonzero(numbers == number)))
+    return groups
 
 
 def _gmsh_names(path: Path) -> dict[tuple[int, int], str]:
@@ -287,9 +287,9 @@ def _gmsh_names(path: Path) -> dict[tuple[int, int], str]:
             if line.strip() in (b"$Nodes", b"$Entities"):
                 return names
         for line in file:
-            found = re.match(r'\s*(\d+)\s+(\d+)\s+"(.*)"\s*$', line.decode(errors="replace"))
-            if found:
-                names[int(found[2]), int(found[1])] = found[3]
+            match = re.match(r'\s*(\d+)\s+(\d+)\s+"(.*)"\s*$', line.decode(errors="replace"))
+            if match:
+                names[int(match[2]), int(match[1])] = match[3]
             elif line.startswith(b"$"):
                 break
     return names

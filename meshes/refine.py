@@ -95,7 +95,7 @@ def refined(mesh: CellMesh) -> CellMesh:
         inner=_cell_parts(mesh.inner, parts),
         tags=np.repeat(mesh.tags, parts),
         middles=middles,
-        given=mesh.given or mesh,
+        coarse=mesh.coarse or mesh,
     )
 
 
@@ -124,15 +124,15 @@ def _inner_middles(
     """
     order = list(vtk_order(cell, 2))
     reference = dolfinx_compat.lagrange_nodes(cell, 2)[0][order]
-    found = np.empty((*parts.shape[:2], x.shape[1] - parts.shape[2], x.shape[2]))
+    middles = np.empty((*parts.shape[:2], x.shape[1] - parts.shape[2], x.shape[2]))
     kinds, kind = np.unique(parts.reshape(-1, parts.shape[2]), axis=0, return_inverse=True)
     kind = kind.reshape(parts.shape[:2])
     for k, vertices in enumerate(kinds):
         at = straight_middles(reference[None, vertices], cell)[0]
         values = dolfinx_compat.lagrange_values(cell, 2, at)[:, order]
         row, part = np.nonzero(kind == k)
-        found[row, part] = np.einsum("qk,cki->cqi", values, x[row])
-    return found.reshape(-1, *found.shape[2:])
+        middles[row, part] = np.einsum("qk,cki->cqi", values, x[row])
+    return middles.reshape(-1, *middles.shape[2:])
 
 
 def _facets_before(divided: Topology, parts: Topology, count: int) -> NDArray[np.int64]:

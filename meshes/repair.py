@@ -138,10 +138,10 @@ def load_mesh(
     """
     content, comm = read(path, dimension), comm or MPI.COMM_SELF
     notes, groups = list(content.notes), tuple(groups)
-    given, row, _ = _once(content.cells)  # Gmsh 2.2 writes a cell once for each of its groups
+    distinct, row, _ = _once(content.cells)  # Gmsh 2.2 writes a cell once for each of its groups
     members = {name: np.unique(row[rows]) for name, rows in content.cell_groups.items()}
-    chosen = _chosen(members, groups) if groups else np.arange(len(given))
-    cells = given[chosen]
+    chosen = _chosen(members, groups) if groups else np.arange(len(distinct))
+    cells = distinct[chosen]
     points = content.points
     if dimension == 2:
         points = _in_the_plane(points, cells, notes)
@@ -164,7 +164,7 @@ def load_mesh(
 
     cells, rows, doubled = _once(cells)
     number = number[np.unique(rows, return_index=True)[1]]
-    doubled += 0 if content.cell_groups else len(content.cells) - len(given)
+    doubled += 0 if content.cell_groups else len(content.cells) - len(distinct)
     if doubled:
         notes.append(f"{doubled} cells are given twice: counted once")
     turned = _turn(points, cells, content.kind.name, number)
@@ -187,7 +187,7 @@ def load_mesh(
         refuse_overlaps(points, cells, content.kind.name, topology, middles, number, comm)
     refuse_hanging(points, topology, comm)
     _refuse_pieces(points, cells, pieces, content.cell_groups)
-    place = np.full(len(given), -1, np.int64)
+    place = np.full(len(distinct), -1, np.int64)
     place[chosen] = rows
     sides, inner = _sides(content, rename, cells, topology, notes)
     return CellMesh(
@@ -266,8 +266,8 @@ def _chosen(members: dict[str, NDArray[np.int64]], groups: tuple[str, ...]) -> N
     """Rows of the cells in any of the groups."""
     for name in groups:
         if name not in members:
-            known = ", ".join(members) or "none"
-            raise MeshError(f"has no group of cells named {name!r} (known: {known})")
+            names = ", ".join(members) or "none"
+            raise MeshError(f"has no group of cells named {name!r} (known: {names})")
     return np.unique(np.concatenate([members[name] for name in groups]))
 
 
@@ -432,12 +432,12 @@ def _refuse_pieces(
     smallest = int(np.argmin(sizes))
     centre = points[cells[label == smallest]].reshape(-1, points.shape[1]).mean(axis=0)
     at = ", ".join(f"{v:g}" for v in centre)
-    known = f" ({', '.join(sorted(groups)[:9])})" if groups else (
+    names = f" ({', '.join(sorted(groups)[:9])})" if groups else (
         ", which the file lacks: give each piece a physical group in the mesher, or a file"
     )  # fmt: skip
     raise MeshError(
         f"falls into {number} pieces that share no facet, the smallest of {sizes[smallest]} cells "
-        f"about ({at}); each piece is a body of its own: choose its cells by `group`{known}"
+        f"about ({at}); each piece is a body of its own: choose its cells by `group`{names}"
     )
 
 

@@ -12,6 +12,6 @@ def share(comm: MPI.Intracomm, count: int) -> NDArray[np.int64]:
     return np.array_split(np.arange(count), comm.size)[comm.rank]
 
 
-def joined(comm: MPI.Intracomm, own: NDArray) -> NDArray:
+def joined(comm: MPI.Intracomm, local: NDArray) -> NDArray:
     """The rows of all ranks, in the order of ranks (collective)."""
-    return own if comm.size == 1 else np.concatenate(comm.allgather(own))
+    return local if comm.size == 1 else np.concatenate(comm.allgather(local))

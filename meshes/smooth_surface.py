@@ -65,14 +65,14 @@ def _normals_at_vertices(corners: NDArray[np.int64], points: Array, normals: Arr
     numbers, at, place = np.unique(corners, return_index=True, return_inverse=True)
     vertices, place = points.reshape(-1, 3)[at], place.reshape(corners.shape)
     of_vertex: list[list[int]] = [[] for _ in numbers]
-    for facet, own in enumerate(place):
-        for vertex in own:
+    for facet, nodes in enumerate(place):
+        for vertex in nodes:
             of_vertex[vertex].append(facet)
     centres = points.mean(axis=1)
     sizes = np.linalg.norm(points - centres[:, None], axis=2).max(axis=1)
     area = sizes ** (points.shape[1] - 1 if v == 2 else 2)
     result = np.empty((facets, v, 3))
-    known: dict[tuple[int, bytes], Array] = {}
+    of_ring: dict[tuple[int, bytes], Array] = {}
     for facet in range(facets):
         for k in range(v):
             near = set(of_vertex[place[facet, k]])
@@ -83,12 +83,12 @@ def _normals_at_vertices(corners: NDArray[np.int64], points: Array, normals: Arr
                 if layer and len(np.unique(place[ring])) > FEWEST_POINTS[v > 2]:
                     break
             key = int(place[facet, k]), ring.tobytes()
-            if key not in known:
+            if key not in of_ring:
                 first = _fitted(centres[ring] - points[facet, k], normals[ring], area[ring])
                 others = np.setdiff1d(place[ring], place[facet, k])
                 around = vertices[others] - vertices[place[facet, k]]
-                known[key] = _of_quadric(around, first)
-            result[facet, k] = known[key]
+                of_ring[key] = _of_quadric(around, first)
+            result[facet, k] = of_ring[key]
     return result
 
 

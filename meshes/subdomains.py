@@ -185,7 +185,7 @@ class Reference:
         points, nodes = _nodes(mesh, cell, degree)
         closures = dolfinx_compat.lagrange_nodes(cell, degree)[2]
         owner, local = _sides_of_facets(mesh, entities)
-        given = np.zeros(len(nodes), np.int32) if tags is None else tags
+        materials = np.zeros(len(nodes), np.int32) if tags is None else tags
         return cls(
             mesh=mesh,
             cell=cell,
@@ -194,7 +194,7 @@ class Reference:
             cells=nodes[:, list(vtk_order(cell, degree))],
             facets=nodes[owner[:, None], closures[local]],
             facet_entities=entities,
-            tags=given if tags is None else given[dolfinx_compat.original_cells(mesh)],
+            tags=materials if tags is None else materials[dolfinx_compat.original_cells(mesh)],
         )
 
 

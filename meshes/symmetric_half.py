@@ -77,8 +77,8 @@ def half_box(box: BoxShape, axis: int) -> HalfSurface:
     image[:, axis] = box.degree * count - place[:, axis]
     sides = {}
     for number, (name, across, _) in enumerate(SIDES[: 2 * box.dimension]):
-        own = side_of == number  # the upper side is the image of the lower side
-        sides[name] = (own, side_of == (number ^ 1 if across == axis else number))
+        lower = side_of == number  # the upper side is the image of the lower side
+        sides[name] = (lower, side_of == (number ^ 1 if across == axis else number))
     on_plane = place[:, axis] == box.degree * cells[axis]
     return HalfSurface(_places(box, place), _places(box, image), on_plane, facets, sides)
 
@@ -91,12 +91,12 @@ def box_images(box: BoxShape, other: BoxShape, axis: int) -> tuple[HalfSurface, 
     is_beside = np.zeros(len(place), bool)
     none = np.zeros(len(facets), bool)
     points, images = _places(box, place), _places(other, image)
-    own, others = {}, {}
+    lower, others = {}, {}
     for number, (name, across, _) in enumerate(SIDES[: 2 * box.dimension]):
-        own[name] = (side_of == number, none)
+        lower[name] = (side_of == number, none)
         others[name] = (none, side_of == (number ^ 1 if across == axis else number))
     return (
-        HalfSurface(points, images, is_beside, facets, own, (True, False)),
+        HalfSurface(points, images, is_beside, facets, lower, (True, False)),
         HalfSurface(points, images, is_beside, facets, others, (False, True)),
     )
 
@@ -214,10 +214,10 @@ def mesh_images(
         member[rows] = True
         return np.asarray(member[other_facets])
 
-    own = {name: (members(rows, slice(None)), none) for name, rows in mesh.sides.items()}
+    lower = {name: (members(rows, slice(None)), none) for name, rows in mesh.sides.items()}
     others = {name: (none, members(rows, rows_there)) for name, rows in other.sides.items()}
     return (
-        HalfSurface(points, images, is_beside, local, own, (True, False)),
+        HalfSurface(points, images, is_beside, local, lower, (True, False)),
         HalfSurface(points, images, is_beside, local, others, (False, True)),
     )
 

@@ -106,21 +106,23 @@ def mean_jumps(
     SurfacesApartError
         The sides face the same way, or no facet of one projects onto one of the other.
     """
-    found = overlaps(on, against, tilted=True, comm=comm)
-    made = _Ties.of(on, against, found)
+    pairs = overlaps(on, against, tilted=True, comm=comm)
+    made = _Ties.of(on, against, pairs)
     sides = made.sides
-    here, there = np.split(decided.of(sides.nodes), [sides.count])
+    decided_on, decided_against = np.split(decided.of(sides.nodes), [sides.count])
     nodes, outer = sides.nodes[: sides.count], abs(made.jump[:, sides.count :])
     tied_before = np.isin(nodes, decided.tied_before)
-    distance = np.abs(found.distance)
+    distance = np.abs(pairs.distance)
     worst = int(np.argmax(distance))
-    held = here & (outer @ there > 0.0)
+    held = decided_on & (outer @ decided_against > 0.0)
     yielding = tied_before[:, None] | held if gives else np.zeros_like(held)
     different, which = np.unique(yielding, axis=1, return_inverse=True)
-    given = [made.distributed(nodes) for nodes in different.T]
+    distributed = [made.distributed(nodes) for nodes in different.T]
     which = which.reshape(-1)
-    rows = tuple(made.component(i, on.dimension, given[which[i]]) for i in range(on.dimension))
-    size = float(on.radii[found.i[worst]])
+    rows = tuple(
+        made.component(i, on.dimension, distributed[which[i]]) for i in range(on.dimension)
+    )
+    size = float(on.radii[pairs.i[worst]])
     return MeanJumps(rows, float(distance[worst]), size, nodes, held)
 
 
@@ -144,42 +146,42 @@ class _Ties:
     tilt: sparse.csr_matrix
 
     @classmethod
-    def of(cls, on: Surface, against: Surface, found: Overlaps) -> _Ties:
+    def of(cls, on: Surface, against: Surface, pairs: Overlaps) -> _Ties:
         """Add up the overlaps of facets."""
-        d, psi, sides = on.dimension, Multipliers.of(on, found), BothSides.of(on, against)
-        functions, touched = psi.functions[found.i], np.unique(found.i)
-        shared = functions @ found.shared
-        jump = jumps(sides, found, touched, psi.own[touched][..., None], shared[..., None])
+        d, psi, sides = on.dimension, Multipliers.of(on, pairs), BothSides.of(on, against)
+        functions, touched = psi.functions[pairs.i], np.unique(pairs.i)
+        shared = functions @ pairs.shared
+        jump = jumps(sides, pairs, touched, psi.mass[touched][..., None], shared[..., None])
         tilt = sparse.csr_matrix((sides.count, sides.count * d * d))
-        if found.tilt.any():
-            turned = np.einsum("pjk,pkal->pjal", functions, found.tilt)
-            axes = frames(on)[found.i][..., :d]
+        if pairs.tilt.any():
+            turned = np.einsum("pjk,pkal->pjal", functions, pairs.tilt)
+            axes = frames(on)[pairs.i][..., :d]
             turned = np.einsum("pjal,pai,pc->pjlci", turned, axes[:, :-1], axes[:, -1])
-            column = sides.on[found.i][..., None] * d * d + np.arange(d * d)
+            column = sides.on[pairs.i][..., None] * d * d + np.arange(d * d)
             column = column.reshape(len(column), -1)
             turned = turned.reshape(*turned.shape[:2], -1)
-            tilt = scattered(sides.corners[found.i], column, turned, tilt.shape)
+            tilt = scattered(sides.corners[pairs.i], column, turned, tilt.shape)
         return cls(sides, psi, jump, tilt)
 
     def distributed(self, yielding: NDArray[np.bool_]) -> _Distributed:
         """The sums in which rows of yielding nodes (n,) are distributed to their neighbours."""
         total, weak = self.psi.total(self.sides)
-        given = distribute(self.sides.corners, self.psi.weight, total, yielding | weak)
-        strong = np.flatnonzero(given.diagonal() > 0.0)
-        total, given = (given @ total)[strong], given[strong]
-        scale = sparse.diags(1.0 / total) @ given
+        shares = distribute(self.sides.corners, self.psi.weight, total, yielding | weak)
+        strong = np.flatnonzero(shares.diagonal() > 0.0)
+        total, shares = (shares @ total)[strong], shares[strong]
+        scale = sparse.diags(1.0 / total) @ shares
         return _Distributed(strong, total, (scale @ self.jump).tocoo(), (scale @ self.tilt).tocoo())
 
-    def component(self, i: int, d: int, given: _Distributed) -> MeanGaps:
+    def component(self, i: int, d: int, sums: _Distributed) -> MeanGaps:
         """The rows of component i of the jump in d components."""
-        sides, strong, jump, tilt = self.sides, given.strong, given.jump, given.tilt
+        sides, strong, jump, tilt = self.sides, sums.strong, sums.jump, sums.tilt
         of_component = tilt.col % d == i  # of the result
         row = np.concatenate([jump.row, tilt.row[of_component]])
         column = np.concatenate([jump.col * d + i, tilt.col[of_component] // d])
         value = np.concatenate([jump.data, -tilt.data[of_component]])
         shape = len(strong), len(sides.nodes) * d
         matrix = sparse.csr_matrix((value, (row, column)), shape=shape)
-        rows = MeanGaps.of(sides, matrix, strong, given.total, np.zeros(len(strong)))
+        rows = MeanGaps.of(sides, matrix, strong, sums.total, np.zeros(len(strong)))
         return replace(rows, normals=np.tile(-np.eye(d)[i], (len(strong), 1)))
 
 

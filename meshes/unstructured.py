@@ -63,10 +63,10 @@ def matching_rows(table: NDArray[np.int64], sought: NDArray[np.int64]) -> NDArra
 def row_places(table: NDArray[np.int64], sought: NDArray[np.int64]) -> NDArray[np.int64]:
     """Row of `table` that equals each row of `sought`, -1 if no row does; rows are sorted."""
     keys = _row_keys(np.concatenate([table, sought]))
-    own, requested = keys[: len(table)], keys[len(table) :]
-    order = np.argsort(own)
-    at = order[np.minimum(np.searchsorted(own, requested, sorter=order), len(own) - 1)]
-    return np.asarray(np.where(own[at] == requested, at, -1))
+    present, requested = keys[: len(table)], keys[len(table) :]
+    order = np.argsort(present)
+    at = order[np.minimum(np.searchsorted(present, requested, sorter=order), len(present) - 1)]
+    return np.asarray(np.where(present[at] == requested, at, -1))
 
 
 def _row_keys(rows: NDArray[np.int64]) -> NDArray[np.int64]:
@@ -163,7 +163,7 @@ class CellMesh:
     middles : (cells, further nodes, dimension)
         For a mesh of degree 1 with curved edges: coordinates of the nodes of degree 2 besides the
         vertices, in VTK order. None for straight edges.
-    given
+    coarse
         The mesh that was refined to this one: its vertices are on the true shape. None for a mesh
         that was not refined.
     inner
@@ -181,7 +181,7 @@ class CellMesh:
     notes: tuple[str, ...] = field(default=())
     degree: int = 1
     middles: NDArray[np.float64] | None = None
-    given: CellMesh | None = None
+    coarse: CellMesh | None = None
     inner: Mapping[str, NDArray[np.int64]] = field(default_factory=dict)
 
     @property
@@ -240,13 +240,13 @@ class CellMesh:
             There is no such group, or a cell is in two of them or in none.
         """
         tags = np.full(self.total_cells, -1, np.int32)
-        known = ", ".join(self.groups) or "none"
+        names = ", ".join(self.groups) or "none"
         for number, name in enumerate(groups):
             rows = self.groups.get(name)
             if rows is None or len(rows) == 0:
                 raise MeshError(
                     f"names the group {name!r}; {self.name} has no such cells in this body "
-                    f"(groups of cells: {known})"
+                    f"(groups of cells: {names})"
                 )
             assigned = tags[rows] >= 0
             if assigned.any():
@@ -260,7 +260,7 @@ class CellMesh:
         if bare:
             raise MeshError(
                 f"leaves {bare} of {self.total_cells} cells without a material (groups of cells in "
-                f"{self.name}: {known})"
+                f"{self.name}: {names})"
             )
         return replace(self, tags=tags)
 

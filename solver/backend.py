@@ -114,9 +114,9 @@ class Statuses:
         """Rows whose status, prescribed multiplier or frame differs."""
         differs = self.active != other.active
         if self.tractions is not None or other.tractions is not None:
-            own, others = (0.0 if s.tractions is None else s.tractions for s in (self, other))
+            first, second = (0.0 if s.tractions is None else s.tractions for s in (self, other))
             meant = ~self.holding | ~other.holding
-            differs = differs | (meant & np.not_equal(own, others))
+            differs = differs | (meant & np.not_equal(first, second))
         if self.turn is not None or other.turn is not None:
             differs = differs | (self._angles() != other._angles())
         return differs

@@ -108,11 +108,11 @@ def solve(
     contact_rows = problem.comm.allreduce(int(problem.inequality.sum()))
     monitor = with_bounds(monitor, contact_rows)
     task = Task(problem, rule, inner, monitor, checkpoint, active_sets or ActiveSetOptions())
-    found = _solved(task, options.method, start)
-    if checkpoint is not None and found.reason is not Reason.STOPPED:
-        active = problem.inequality & (found.multiplier > 0.0)
-        checkpoint.hold(without_outer_iterations(found.multiplier, active, found.counts))
-    return found
+    solution = _solved(task, options.method, start)
+    if checkpoint is not None and solution.reason is not Reason.STOPPED:
+        active = problem.inequality & (solution.multiplier > 0.0)
+        checkpoint.hold(without_outer_iterations(solution.multiplier, active, solution.counts))
+    return solution
 
 
 def _solved(task: Task, method: Method, start: NDArray[np.float64] | None) -> Solution:
@@ -135,13 +135,13 @@ def _solved(task: Task, method: Method, start: NDArray[np.float64] | None) -> So
     restart = checkpoint.load(problem) if checkpoint else None
     if restart is not None and restart.rho:
         return solve_by_smalbe(task, None, restart)
-    found, answer = solve_from_first_set(task, restart, Saver(checkpoint), start)
+    outcome, answer = solve_from_first_set(task, restart, Saver(checkpoint), start)
     if answer is not None:
         return answer
     if method == "auto":
-        return solve_by_smalbe(task, found, None)
-    if found.state is None:  # nothing better than the loads shared out among the constraints
+        return solve_by_smalbe(task, outcome, None)
+    if outcome.state is None:  # nothing better than the loads shared out among the constraints
         answer = answer_of_iterate(problem, task.rule, np.zeros(problem.size), None)
     else:
-        answer = answer_of_state(problem, task.rule, found.state)
-    return replace(answer, counts=found.counts, reason=Reason.UNSETTLED, method=METHOD)
+        answer = answer_of_state(problem, task.rule, outcome.state)
+    return replace(answer, counts=outcome.counts, reason=Reason.UNSETTLED, method=METHOD)

@@ -104,8 +104,8 @@ class Reduction:
         """Global number of the first true component, or None."""
         offset = self.offset(mask.size)
         local = [offset + int(np.argmax(mask))] if mask.any() else []
-        found = [number for part in self.comm.allgather(local) for number in part]
-        return min(found) if found else None
+        numbers = [number for part in self.comm.allgather(local) for number in part]
+        return min(numbers) if numbers else None
 
 
 def runs(begins: NDArray[np.int64], counts: NDArray[np.int64]) -> NDArray[np.int64]:

@@ -62,12 +62,15 @@ VAGUE_NAMES = {
 }  # fmt: skip
 """Names that do not say what the object is: remaining rows, work, …"""
 
+EMPTY_NAMES = {"own", "found", "known", "given", "there"}
+"""Names in place of the noun: outcome, local part, prescribed tractions, …"""
+
 POINTING_NAMES = {"mine", "apart", "alike", "beside", "wanted", "there", "stands", "once"}
 """Names that point at something instead of saying what it is."""
 
 PLAIN = {
-    "solver": VAGUE_NAMES,
-    "meshes": VAGUE_NAMES,
+    "solver": VAGUE_NAMES | EMPTY_NAMES,
+    "meshes": VAGUE_NAMES | EMPTY_NAMES,
     "solver/qp": VAGUE_NAMES | POINTING_NAMES,
     "solver/tfeti": VAGUE_NAMES | POINTING_NAMES | {"give", "carry", "brought"},
     "contact_app": {"apart", "mine", "there"},

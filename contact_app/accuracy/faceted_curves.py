@@ -175,7 +175,7 @@ def _straight(scene: Scene, contact: Contact) -> bool:
     body = scene.bodies[contact.body]
     if not isinstance(body.mesh, CellMesh) or body.mesh.middles is not None:
         return False
-    return body.degree == 2 or body.mesh.given is not None
+    return body.degree == 2 or body.mesh.coarse is not None
 
 
 def _sagitta(
@@ -184,7 +184,7 @@ def _sagitta(
     """Largest sagitta near watched points whose gap does not exceed the sagitta."""
     mesh = body.mesh
     assert isinstance(mesh, CellMesh)
-    mesh = mesh.given or mesh
+    mesh = mesh.coarse or mesh
     d = mesh.dimension
     points = np.pad(mesh.points, ((0, 0), (0, 3 - d)))
     facets = mesh.topology.facets

@@ -142,7 +142,7 @@ class CaseModels:
         if scene.has_friction or not problem.factored or problem.coarse is None:
             return model
         shared = problem.recycling(self._directions)
-        self._directions = shared.known.directions
+        self._directions = shared.reused.directions
         if self._directions is None or not self._directions.light:
             return model
         return replace(model, problem=shared)

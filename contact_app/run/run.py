@@ -61,14 +61,14 @@ def run(
         )
     with (
         attended(directory, comm, resume, every, saves=True) as run,
-        History(directory / "history.csv" if first else None, run.checkpoint.found) as history,
+        History(directory / "history.csv" if first else None, run.checkpoint.exists) as history,
     ):
         progress, checkpoint = run.progress, run.checkpoint
         monitor = together(progress, history, run.attention)
         if resume:
             progress.stage(
                 f"going on from {checkpoint.path}"
-                if checkpoint.found
+                if checkpoint.exists
                 else f"no checkpoint in {directory}: starting from the beginning"
             )
         scene = part_that_is_solved(scene)

@@ -91,7 +91,7 @@ def _run(model: Model, setting: Settings, directory: Path, timings: Timings) -> 
     checkpoint = Checkpoint(directory, comm, resume=True)
     with (
         Progress(first) as progress,
-        History(directory / "history.csv" if first else None, checkpoint.found) as history,
+        History(directory / "history.csv" if first else None, checkpoint.exists) as history,
         Interruption() as interruption,
     ):
         attention = Attention(comm, lambda: interruption.requested, checkpoint)

@@ -49,7 +49,7 @@ def refined_round(
         for name, centre, radius in rounds:
             on = np.unique(mesh.topology.facets[mesh.sides[name]])
             points[on] = _onto(points[on], centre, radius)
-        mesh = replace(mesh, points=points, given=None)
+        mesh = replace(mesh, points=points, coarse=None)
     return replace(mesh, middles=_round_middles(mesh, rounds)) if curved else mesh
 
 

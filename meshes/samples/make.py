@@ -91,8 +91,8 @@ def disc_quarter(size: float) -> None:
 def _within(dimension: int, box: tuple[float, float, float, float, float, float]) -> list[int]:
     """Entities inside a box."""
     lower, upper = [v - 1e-3 for v in box[:3]], [v + 1e-3 for v in box[3:]]
-    found = gmsh.model.getEntitiesInBoundingBox(*lower, *upper, dimension)
-    return [tag for _, tag in found]
+    entities = gmsh.model.getEntitiesInBoundingBox(*lower, *upper, dimension)
+    return [tag for _, tag in entities]
 
 
 def sphere_eighth(size: float) -> None:

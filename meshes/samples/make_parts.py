@@ -26,8 +26,8 @@ def pin_in_lug(size: float, fused: bool = False) -> None:
     shank = occ.addBox(-60, -5, -15, 60, 10, 30)
     (body, _) = occ.fuse([(3, eye)], [(3, shank)])
     hole = occ.addCylinder(0, -5, 0, 0, 10, 0, radius)
-    (found, _) = occ.cut(body, [(3, hole)])
-    lug = found[0][1]
+    (rest, _) = occ.cut(body, [(3, hole)])
+    lug = rest[0][1]
     pin = occ.addCylinder(0, -9, 0, 0, 18, 0, 10)
     if fused:
         lug, pin = fuse(lug, pin)
@@ -91,8 +91,8 @@ def pillow_block(size: float) -> None:
         halves += half
     (body, _) = occ.cut(body, [*halves, *((3, bolt) for bolt in bolts)])
     discs = [(2, occ.addDisk(x, 0, 15, 10, 10)) for x in (-47, 47)]
-    (found, _) = occ.fragment(body, discs)
-    block = next(tag for dimension, tag in found if dimension == 3)
+    (pieces, _) = occ.fragment(body, discs)
+    block = next(tag for dimension, tag in pieces if dimension == 3)
     occ.synchronize()
     drop_loose_faces()
     bottom, lining = flat(block, 2, 0), cylindrical(block, 16, 1, (0, 0, 45))
@@ -118,8 +118,8 @@ def hub_on_shaft(size: float, fused: bool = False) -> None:
     ]
     tools = [occ.addCylinder(x, y, -15, 0, 0, 30, 4) for x, y in places]
     tools.append(occ.addCylinder(0, 0, -15, 0, 0, 30, radius))
-    (found, _) = occ.cut([(3, hub)], [(3, tool) for tool in tools])
-    hub = found[0][1]
+    (rest, _) = occ.cut([(3, hub)], [(3, tool) for tool in tools])
+    hub = rest[0][1]
     if fused:
         hub, shaft = fuse(hub, shaft)
     occ.synchronize()
@@ -147,8 +147,8 @@ def _stub(side: int) -> int:
     holes = [(3, occ.addCylinder(x, 0, 0, 0, 0, 12 * side, 6)) for x in (-30, 30)]
     (body, _) = occ.cut(body, holes)
     discs = [(2, occ.addDisk(x, 0, 12 * side, 11, 11)) for x in (-30, 30)]
-    (found, _) = occ.fragment(body, discs)
-    return next(tag for dimension, tag in found if dimension == 3)
+    (pieces, _) = occ.fragment(body, discs)
+    return next(tag for dimension, tag in pieces if dimension == 3)
 
 
 def _race(side: int) -> int:
@@ -156,8 +156,8 @@ def _race(side: int) -> int:
     occ = gmsh.model.occ
     block = occ.addBox(-6, -6, 3.5 if side > 0 else -9, 12, 12, 5.5)
     groove = occ.addCylinder(0, -7, -0.2 * side, 0, 14, 0, 5.2)
-    (found, _) = occ.cut([(3, block)], [(3, groove)])
-    return found[0][1]
+    (rest, _) = occ.cut([(3, block)], [(3, groove)])
+    return rest[0][1]
 
 
 def drop_loose_faces() -> None:
@@ -176,7 +176,7 @@ def cylindrical(
     volume: int, radius: float, axis: int, centre: Sequence[float] = (0.0, 0.0, 0.0)
 ) -> list[int]:
     """Faces of a volume on a cylinder about a line along an axis."""
-    found = []
+    faces = []
     for face in surfaces(volume):
         if gmsh.model.getType(2, face) == "Cylinder":
             lower, upper = gmsh.model.getParametrizationBounds(2, face)
@@ -186,8 +186,8 @@ def cylindrical(
             ]
             away[axis] = 0.0
             if abs(math.hypot(*away) - radius) < 1e-6:
-                found.append(face)
-    return found
+                faces.append(face)
+    return faces
 
 
 def flat(volume: int, axis: int, at: float) -> list[int]:

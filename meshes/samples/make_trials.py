@@ -320,8 +320,8 @@ def swept(profile: Profile, heights: Array) -> tuple[Array, Cells]:
     inner = np.ones(n, bool)
     inner[_edge_nodes(profile.triangles)] = False
     for k in range(1, len(heights) - 1):
-        own = points[k * n : (k + 1) * n]
-        own[inner, 2] += MOVE * (heights[1] - heights[0]) * random.uniform(-1, 1, inner.sum())
+        layer = points[k * n : (k + 1) * n]
+        layer[inner, 2] += MOVE * (heights[1] - heights[0]) * random.uniform(-1, 1, inner.sum())
     a, b, c = np.sort(profile.triangles, axis=1).T
     prism = np.vstack([np.column_stack([a, b, c, c + n]), np.column_stack([a, b, b + n, c + n]),
                        np.column_stack([a, a + n, b + n, c + n])])  # fmt: skip
@@ -338,8 +338,8 @@ def box(
 def _edge_nodes(triangles: Cells) -> Cells:
     """Nodes on the edges of one triangle alone."""
     edges = np.sort(np.vstack([triangles[:, [0, 1]], triangles[:, [1, 2]], triangles[:, [2, 0]]]))
-    found, times = np.unique(edges, axis=0, return_counts=True)
-    return np.unique(found[times == 1])
+    distinct, times = np.unique(edges, axis=0, return_counts=True)
+    return np.unique(distinct[times == 1])
 
 
 def _moved(profile: Profile, steps: Array) -> Profile:
@@ -417,9 +417,9 @@ def main() -> None:
     parser.add_argument("--size", type=float, default=1.0, help="of cells over the part's own")
     parser.add_argument("--to", type=Path, default=Path("trials"), help="directory to write to")
     parser.add_argument("--friction", type=float, help="coefficient at all contacts")
-    given = parser.parse_args()
-    for name in given.names or TRIALS:
-        scene = write(name, given.size, given.to, given.friction)
+    arguments = parser.parse_args()
+    for name in arguments.names or TRIALS:
+        scene = write(name, arguments.size, arguments.to, arguments.friction)
         nodes = len(meshio.read(scene.with_suffix(".vtu")).points)
         print(f"{scene}: {nodes:,} nodes")
 

@@ -161,16 +161,16 @@ def active_set_loop(
     """
     options, law = options or ActiveSetOptions(), law or Frictionless()
     run = _Run(backend, test, inner, monitor, saver, options)
-    found, failure = run.sets(start, law)
+    outcome, failure = run.sets(start, law)
     if failure is _Failure.UNSETTLED:
-        found, statuses = run.after(found).contact_without_friction(start, law)
+        outcome, statuses = run.after(outcome).contact_without_friction(start, law)
         patient = replace(run, options=replace(options, settling=0))
-        found, failure = patient.after(found).sets(replace(start, statuses=statuses), law)
+        outcome, failure = patient.after(outcome).sets(replace(start, statuses=statuses), law)
     if failure is _Failure.AHEAD:  # the sets may settle if no point is released ahead of a state
         backend.forget()
         patient = replace(run, options=replace(options, looks_ahead=False, settling=0))
-        found, _ = patient.after(found).sets(start, law)
-    return found
+        outcome, _ = patient.after(outcome).sets(start, law)
+    return outcome
 
 
 class _Failure(Enum):
@@ -201,9 +201,9 @@ class _Run(Generic[S]):
     options: ActiveSetOptions
     work_before: Counts = field(default_factory=Counts)
 
-    def after(self, found: Outcome[S]) -> _Run[S]:
+    def after(self, outcome: Outcome[S]) -> _Run[S]:
         """The run after another one."""
-        return replace(self, work_before=found.counts)
+        return replace(self, work_before=outcome.counts)
 
     def contact_without_friction(
         self, start: Start, law: ContactLaw
@@ -213,13 +213,13 @@ class _Run(Generic[S]):
         None where bodies are held by friction alone.
         """
         settled = StoppingTest[S](lambda state: 1.0, lambda state: True)
-        found, _ = replace(self, test=settled).sets(start, Frictionless())
-        state, before = found.state, found.following
-        if found.reason is not Reason.ACCEPTED or state is None:
-            return found, None
+        outcome, _ = replace(self, test=settled).sets(start, Frictionless())
+        state, before = outcome.state, outcome.following
+        if outcome.reason is not Reason.ACCEPTED or state is None:
+            return outcome, None
         error = self.options.significant * self.options.first_reduction
         data = StateData.of(self.backend.comm, state, before.active, error)
-        return found, law.following(before.active, data, before, False)[0]
+        return outcome, law.following(before.active, data, before, False)[0]
 
     def sets(self, start: Start, law: ContactLaw) -> tuple[Outcome[S], _Failure]:
         """Solve on sets until they settle or fail (collective).
@@ -236,49 +236,49 @@ class _Run(Generic[S]):
         early = EarlyReleases.none(start.active)
         turnovers, strained, counts = list[Turnover](), list[float](), self.work_before
         on_all_rows = list[Turnover]()
-        found: Outcome[S] = Outcome(None, None, statuses, counts)
+        outcome: Outcome[S] = Outcome(None, None, statuses, counts)
         slides = 0
         for number in range(options.most_sets):
             rules, statuses = rules.for_set(number, statuses, turnovers)
             solved = self._solve(number, statuses, multiplier, rules, counts)
             slides = slides + 1 if solved is None else 0
-            state = found.state
+            state = outcome.state
             if slides and state is not None and not law.settles:
                 if slides == options.sliding:
-                    found = replace(found, reason=Reason.SLIDES)
+                    outcome = replace(outcome, reason=Reason.SLIDES)
                     break
                 statuses = law.yielding(statuses, state.jumps)
                 solved = self._solve(number, statuses, multiplier, rules, counts)
             if solved is None:
                 break
-            found, counts = solved, counts + solved.counts
+            outcome, counts = solved, counts + solved.counts
             backend.release()
-            if found.reason is not None or found.state is None or found.released is None:
+            if outcome.reason is not None or outcome.state is None or outcome.released is None:
                 break
-            turnovers.append(_turnover(backend, statuses, found.following))
+            turnovers.append(_turnover(backend, statuses, outcome.following))
             if rules.update.hierarchy.finest:
                 on_all_rows.append(turnovers[-1])
             if law.settles and options.jumps(on_all_rows):
                 break
-            early = early.after(found.following.active, found.released)
+            early = early.after(outcome.following.active, outcome.released)
             rules = rules.with_ahead(early.are_right(backend.comm, options.returning))
-            multiplier, statuses = found.state.multiplier, found.following
+            multiplier, statuses = outcome.state.multiplier, outcome.following
             if number == 1 and start.alternative is not None and options.all_peel(turnovers):
                 fewer = statuses.active & (start.alternative() | ~backend.contact_rows)
                 statuses = law.consistent(replace(statuses, active=fewer))
-            strained.append(found.state.strained)
+            strained.append(outcome.state.strained)
             if not law.settles and options.fades(strained):
                 if not law.fades:  # SMALBE-M finds the answer without forces from no forces on
-                    return replace(found, state=None, counts=counts), _Failure.OTHER
+                    return replace(outcome, state=None, counts=counts), _Failure.OTHER
                 open_all = replace(statuses, active=statuses.active & ~backend.contact_rows)
                 multiplier, statuses = None, law.consistent(open_all)
                 strained.clear()
             if not law.settles and start.multiplier is None and options.is_unsettled(turnovers):
-                return replace(found, counts=counts), _Failure.UNSETTLED
-        failed_ahead = found.reason in (None, Reason.SLIDES) and (
+                return replace(outcome, counts=counts), _Failure.UNSETTLED
+        failed_ahead = outcome.reason in (None, Reason.SLIDES) and (
             early.any(backend.comm) or (ahead and _begins_ahead(backend.comm, start, law))
         )
-        return replace(found, counts=counts), _Failure.AHEAD if failed_ahead else _Failure.OTHER
+        return replace(outcome, counts=counts), _Failure.AHEAD if failed_ahead else _Failure.OTHER
 
     def _solve(
         self,
@@ -371,6 +371,6 @@ def _turnover(backend: Backend[S], statuses: Statuses, following: Statuses) -> T
     """Contact rows that join and leave with the next set (collective)."""
     rows = backend.contact_rows
     active, next_active = statuses.active & rows, following.active & rows
-    own = [(next_active & ~active).sum(), (active & ~next_active).sum(), active.sum()]
-    joined, left, closed = backend.comm.allreduce(np.array(own))
+    counts = [(next_active & ~active).sum(), (active & ~next_active).sum(), active.sum()]
+    joined, left, closed = backend.comm.allreduce(np.array(counts))
     return Turnover(int(joined), int(left), int(closed))

@@ -149,11 +149,11 @@ class Certificate:
 
     def as_dict(self) -> dict[str, Any]:
         """The record in `summary.json`."""
-        found = {**asdict(self), "warnings": list(self.warnings)}
-        del found["worst"]
-        if not found.pop("frictional"):
-            del found["friction_cone"], found["slip_alignment"]
-        return found
+        record = {**asdict(self), "warnings": list(self.warnings)}
+        del record["worst"]
+        if not record.pop("frictional"):
+            del record["friction_cone"], record["slip_alignment"]
+        return record
 
 
 @dataclass(frozen=True, eq=False)
@@ -268,7 +268,7 @@ def certificate_of(
     load = sizes(bodies, np.where(measures.scales > 0.0, measures.loads, moving))
     distance = np.abs(slack) / bodies.of_rows(lengths)
     pulls = np.where(contact, np.maximum(-force, 0.0), 0.0) / bodies.of_rows(load)
-    found = {
+    by_body = {
         "max_penetration": _worst_rows(problem, np.where(slack > 0.0, distance, 0.0), contact),
         "max_gluing_jump": _worst_rows(problem, distance, ~problem.conditional),
         "min_multiplier": _worst_rows(problem, pulls, contact),
@@ -278,7 +278,7 @@ def certificate_of(
         **friction_numbers(problem, answer.multiplier, residual, load, lengths),
     }
     frictional = problem.friction is not None
-    certificate = replace(_certificate(found, rounded / load), frictional=frictional)
+    certificate = replace(_certificate(by_body, rounded / load), frictional=frictional)
     return certificate.judged(tolerance), measures
 
 
@@ -345,19 +345,19 @@ def _with_unsolved(
 
 
 def _certificate(
-    found: dict[str, NDArray[np.float64]], rounded: NDArray[np.float64]
+    by_body: dict[str, NDArray[np.float64]], rounded: NDArray[np.float64]
 ) -> Certificate:
     """The numbers of the worst body, not yet compared with a tolerance.
 
     A body whose residual of equilibrium exceeds its rounding errors counts as worse than other
     bodies.
     """
-    ranked = dict(found)
-    excess = found["equilibrium"] > np.minimum(rounded, ROUNDED_LIMIT)
+    ranked = dict(by_body)
+    excess = by_body["equilibrium"] > np.minimum(rounded, ROUNDED_LIMIT)
     if excess.any():
-        ranked["equilibrium"] = np.where(excess, found["equilibrium"], 0.0)
+        ranked["equilibrium"] = np.where(excess, by_body["equilibrium"], 0.0)
     worst = {name: int(np.argmax(values)) for name, values in ranked.items()}
-    numbers = {name: float(values[worst[name]]) for name, values in found.items()}
+    numbers = {name: float(values[worst[name]]) for name, values in by_body.items()}
     several = len(rounded) > 1
     return Certificate(
         max_penetration=numbers["max_penetration"],

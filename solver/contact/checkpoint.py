@@ -106,7 +106,7 @@ class Checkpoint:
         self._problem: DescribedProblem | None = None
 
     @property
-    def found(self) -> bool:
+    def exists(self) -> bool:
         """Whether a checkpoint to resume from exists, as rank 0 sees it (not collective)."""
         return self.resume and self.path.is_file()
 
@@ -143,7 +143,7 @@ class Checkpoint:
 
     def _read(self, description: dict[str, float]) -> dict[str, Any] | CheckpointError | None:
         """Rank 0: the scalars of the checkpoint, or why they cannot be used."""
-        if not self.found:
+        if not self.exists:
             return None
         try:
             saved: dict[str, Any] = json.loads(self.path.read_text(encoding="utf-8"))

@@ -125,7 +125,7 @@ class FrictionCones:
         np.add.at(result, self.normal, pull)
         return result
 
-    def given(self, motion: NDArray[np.float64], rows: int) -> NDArray[np.float64]:
+    def power_of_limits(self, motion: NDArray[np.float64], rows: int) -> NDArray[np.float64]:
         """The power of friction with given limits against each motion, (motions,)."""
         return (self.limits * self.directions(motion, rows)) @ self.slips
 
@@ -197,7 +197,7 @@ def carried_share(
         escape = balance(comm, held, contact, part, float(np.abs(part).sum()), friction).escape
         if escape is None:
             return share
-        resisted = comm.allreduce(friction.given(escape, len(contact)) @ escape)
+        resisted = comm.allreduce(friction.power_of_limits(escape, len(contact)) @ escape)
         bound = float(resisted / (load @ escape))
         if bound < NO_SHARE:
             return None
@@ -301,11 +301,13 @@ def undetermined_motions(
     if allowed.shape[1] == 0:
         return allowed
     rows = contact @ allowed
-    free, found = (
+    free, open_motions = (
         allowed @ _null_space(comm.allreduce(some.T @ some)) for some in (rows, rows[presses])
     )
-    components = np.hstack([free, loose]).T @ found
-    return np.asarray(found @ _null_space(components.T @ components)) if components.any() else found
+    components = np.hstack([free, loose]).T @ open_motions
+    if not components.any():
+        return open_motions
+    return np.asarray(open_motions @ _null_space(components.T @ components))
 
 
 def spanned(motions: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -363,7 +365,8 @@ def _residual(
         fresh = [row for row in offers if not (np.abs(chosen - row).max(axis=1) < 1e-14).any()]
         pull = np.zeros((0, len(load)))
         if friction is not None:
-            pull = _new_friction_sum(comm, friction.given(residual, len(rows)), bounded, residual)
+            pull = friction.power_of_limits(residual, len(rows))
+            pull = _new_friction_sum(comm, pull, bounded, residual)
         if not fresh and not len(pull):
             return residual
         chosen, bounded = np.vstack([chosen, *fresh]), np.vstack([bounded, pull])
@@ -373,14 +376,14 @@ def _residual(
 
 def _new_friction_sum(
     comm: MPI.Intracomm,
-    own: NDArray[np.float64],
+    pull: NDArray[np.float64],
     bounded: NDArray[np.float64],
     residual: NDArray[np.float64],
 ) -> NDArray[np.float64]:
     """The sum of friction forces with given limits that oppose a motion, if new, (0 or 1, n)."""
-    pull = comm.allreduce(own)
-    known = max((bounded @ residual).max(initial=0.0), 0.0)
-    if pull @ residual <= known + 1e-10 * np.linalg.norm(residual) * np.linalg.norm(pull):
+    pull = comm.allreduce(pull)
+    largest = max((bounded @ residual).max(initial=0.0), 0.0)
+    if pull @ residual <= largest + 1e-10 * np.linalg.norm(residual) * np.linalg.norm(pull):
         return np.zeros((0, len(pull)))
     return pull[None]
 

@@ -152,8 +152,8 @@ class Friction(Frictionless):
         slides to both ends.
         """
         points = self.points
-        before, given = points.slips(jumps), self._prescribed(statuses)
-        length, limit = points.sizes(before), points.sizes(given)
+        before, prescribed = points.slips(jumps), self._prescribed(statuses)
+        length, limit = points.sizes(before), points.sizes(prescribed)
         sliding = ~statuses.active[points.rows[points.first]] & (limit > 0.0)
         longest = self.comm.allreduce(float(length.max(initial=0.0)), op=MPI.MAX)
         length = self.options.soft * np.maximum(length, self.options.least_slip * longest)
@@ -166,7 +166,7 @@ class Friction(Frictionless):
         if statuses.compliance is not None:
             compliance[statuses.active] = statuses.compliance[statuses.active]
         active[rows] = True
-        tractions[points.rows] = given / points.spread
+        tractions[points.rows] = prescribed / points.spread
         tractions[rows] -= stiffness * before[springs] / points.spread[springs]
         compliance[rows] = points.spread[springs] ** 2 / stiffness
         return Statuses(active, tractions, None, compliance, stretched)
@@ -214,10 +214,10 @@ class Friction(Frictionless):
         wanted = direction * limit[points.point]
         turning = np.where(stuck | overshot, 0.0, self._rho(limit, length, stuck))
         wanted = self._at_limits(wanted + turning[points.point] * slips, limit)
-        given = self._prescribed(before)
-        least = self.options.round_off * state.strongest * spread
         wanted = np.where(sticks[points.point], forces, wanted)
-        unchanged = (stuck == sticks) & (points.sizes(wanted - given) <= np.maximum(slack, least))
+        changes = points.sizes(wanted - self._prescribed(before))
+        least = self.options.round_off * state.strongest * spread
+        unchanged = (stuck == sticks) & (changes <= np.maximum(slack, least))
         if self._changes_set(~unchanged, touching, before):
             unchanged[points.planar] = False
         slip_compliance = np.divide(
@@ -236,9 +236,9 @@ class Friction(Frictionless):
         that Aitken's formula tells from the last two (B. M. Irons, R. C. Tuck, *A version of the
         Aitken accelerator for computer iteration*, Int. J. Numer. Methods Eng. 1, 1969).
         """
-        given = self.points.sizes(self._prescribed(before))
-        follows = slides & (given > 0.0) & (self.points.coefficients > 0.0)
-        residual, factor = np.where(follows, limit - given, 0.0), 1.0
+        prescribed = self.points.sizes(self._prescribed(before))
+        follows = slides & (prescribed > 0.0) & (self.points.coefficients > 0.0)
+        residual, factor = np.where(follows, limit - prescribed, 0.0), 1.0
         last = before.relaxation
         if last is not None:
             oo, no, nn = self._products(last.residual, residual)
@@ -247,7 +247,8 @@ class Friction(Frictionless):
             if change > 0.0 and (turns or last.factor < 1.0):
                 least = self.options.least_share
                 factor = min(max(last.factor * (oo - no) / change, least), 1.0)
-        return np.where(follows, given + factor * residual, limit), Relaxation(residual, factor)
+        relaxed = np.where(follows, prescribed + factor * residual, limit)
+        return relaxed, Relaxation(residual, factor)
 
     def _after_overshoot(
         self, multiplier: Array, before: Statuses, holds: Mask
@@ -266,10 +267,10 @@ class Friction(Frictionless):
         points, last = self.points, before.relaxation
         if last is None:
             return None
-        given = points.sizes(self._prescribed(before))
+        prescribed = points.sizes(self._prescribed(before))
         closed = before.active[points.normals[points.first]]
-        follows = closed & ~holds & (given > 0.0) & (points.coefficients > 0.0)
-        change = points.coefficients * points.normal_forces(multiplier) - given
+        follows = closed & ~holds & (prescribed > 0.0) & (points.coefficients > 0.0)
+        change = points.coefficients * points.normal_forces(multiplier) - prescribed
         residual = np.where(follows, change, 0.0)
         oo, no, nn = self._products(last.residual, residual)
         if nn <= oo or no >= -self.options.turns_about * oo:
@@ -306,8 +307,8 @@ class Friction(Frictionless):
     def _rho(self, limit: Array, length: Array, stuck: Mask) -> float:
         """ρ, the force per slip that turns slip directions (collective)."""
         sliding = ~stuck & (limit > 0.0)
-        own = np.array([limit[sliding].max(initial=0.0), length[sliding].max(initial=0.0)])
-        largest = np.max(self.comm.allgather(own), axis=0)
+        references = np.array([limit[sliding].max(initial=0.0), length[sliding].max(initial=0.0)])
+        largest = np.max(self.comm.allgather(references), axis=0)
         return float(self.options.turn * largest[0] / largest[1]) if largest[1] > 0.0 else 0.0
 
     def _without_tangents(self, active: Mask) -> Mask:

@@ -176,14 +176,14 @@ def energy_scales(
     unstrained = of_group <= bodies.sum_by_group(floor)[groups]
     if unstrained.any():
         free = bodies.sum_by_group(problem.free_strains)[groups]
-        loaded, given, pressed, noise = (
+        loaded, loads, pressed, noise = (
             bodies.sum_by_group(v)[groups] for v in (load, forces[0], forces[2], rounded)
         )
-        acting = np.where(pressed > noise, given + pressed, given)
+        acting = np.where(pressed > noise, loads + pressed, loads)
         strong = (loaded > FORCED * noise) & (free > 0.0)
         resting = np.where(strong, free, np.where(acting > 0.0, of_group, 0.0))
         of_group = np.where(unstrained, resting, of_group)
     carried = bodies.by_group(load)[groups]
     share = np.divide(IDLE * carried, load, out=np.full(len(load), np.inf), where=load > 0.0)
-    own = np.where(strains > floor, strains, np.inf)
-    return np.asarray(np.minimum(own * np.maximum(1.0, share) ** 2, of_group))
+    strained = np.where(strains > floor, strains, np.inf)
+    return np.asarray(np.minimum(strained * np.maximum(1.0, share) ** 2, of_group))

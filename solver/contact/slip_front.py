@@ -79,7 +79,7 @@ class SlipFront:
         self.options = options or FrontOptions()
         counts = comm.allgather(len(points.first))
         begin = sum(counts[: comm.rank])
-        self._own = slice(begin, begin + len(points.first))
+        self._of_rank = slice(begin, begin + len(points.first))
         places = np.concatenate(comm.allgather(points.places))
         self._sources = np.concatenate(comm.allgather(points.sources))
         extent = float(np.linalg.norm(np.ptp(places, axis=0))) if len(places) else 0.0
@@ -110,8 +110,8 @@ class SlipFront:
         early = within & ~sticking
         if not self._held:
             early &= self._far_from_sliding(all_forces, all_limits)
-        own = after[self._own][points.point]
-        return early[self._own], np.einsum("ij,ij->i", own, points.tangents)
+        slips = after[self._of_rank][points.point]
+        return early[self._of_rank], np.einsum("ij,ij->i", slips, points.tangents)
 
     def _far_from_sliding(self, forces: Array, limits: Array) -> Mask:
         """Points of contacts that are far from sliding as a whole, (points,)."""

@@ -41,7 +41,7 @@ class SlipLimits:
     def __init__(self, points: FrictionPoints, comm: MPI.Intracomm, multiplier: Array) -> None:
         self._points, self._comm = points, comm
         self.values = points.slip_limits(multiplier)
-        self._known: list[tuple[Array, Array]] = []
+        self._history: list[tuple[Array, Array]] = []
         self._last: Array | None = None
         self._size = np.inf
 
@@ -64,16 +64,16 @@ class SlipLimits:
         size = self._norm(residual)
         grown, self._size, self._last = size > GROWN * self._size, size, None
         if grown:
-            self._known.clear()
-        self._known = [*self._known, (self.values, residual)][-MEMORY - 1 :]
+            self._history.clear()
+        self._history = [*self._history, (self.values, residual)][-MEMORY - 1 :]
         mixed = self.values + (0.5 if grown else 1.0) * residual
-        if len(self._known) > 1:
+        if len(self._history) > 1:
             mixed = self._mixed(residual)
         self.values = np.maximum(mixed, self._points.limits)
 
     def _mixed(self, residual: Array) -> Array:
         """s + r minus the combination of differences that makes the residual r least."""
-        before = self._known[:-1]
+        before = self._history[:-1]
         differences = np.array([residual - r for _, r in before])
         steps = np.array([self.values - s for s, _ in before])
         gram = self._comm.allreduce(differences @ differences.T)

@@ -46,8 +46,8 @@ class Accuracy:
     def as_dict(self) -> dict[str, float | None]:
         """The record in `summary.json`."""
         names = ("discretisation", "algebraic", "total", "round_off")
-        found = {name: getattr(self, name) for name in names}
-        return {name: None if math.isnan(value) else value for name, value in found.items()}
+        numbers = {name: getattr(self, name) for name in names}
+        return {name: None if math.isnan(value) else value for name, value in numbers.items()}
 
     def calibrated(self, share: float) -> Accuracy:
         """The accuracy with the squared estimate of the mesh error multiplied by `share`."""

@@ -155,8 +155,8 @@ class AutomaticRule(StoppingRule):
         """
         limit = self._limit
         judged = self._judge(solution)
-        known = limit == self._limit  # the limits in force are those that the mesh asks for
-        self._demand = AGAIN * self._demand if known and not judged.converged else 1.0
+        in_force = limit == self._limit  # the limits in force are those that the mesh asks for
+        self._demand = AGAIN * self._demand if in_force and not judged.converged else 1.0
         return judged
 
     def _judge(self, solution: Solution) -> Solution:

@@ -86,21 +86,22 @@ def read_vectors(
         On all ranks; ValueError where the file has another size.
     """
     sizes = comm.allgather(size)
-    found = np.empty((count, size), NUMBER)
+    vectors = np.empty((count, size), NUMBER)
     fault: OSError | ValueError | None = None
     if comm.rank == 0:
         try:
             if path.stat().st_size != NUMBER.itemsize * count * sum(sizes):
                 raise ValueError(f"{path.name} has not the size of {count} vectors")
-            data = np.memmap(path, NUMBER, "r", shape=(count, sum(sizes))) if sum(sizes) else found
+            shape = count, sum(sizes)
+            data = np.memmap(path, NUMBER, "r", shape=shape) if sum(sizes) else vectors
         except (OSError, ValueError) as error:
             fault = error
     fault = comm.bcast(fault)
     if fault is not None:
         raise fault
     if comm.rank > 0:
-        comm.Recv(found, source=0)
-        return [np.array(row, np.float64) for row in found]
+        comm.Recv(vectors, source=0)
+        return [np.array(row, np.float64) for row in vectors]
     ends = np.cumsum(sizes)
     for rank in range(1, comm.size):
         comm.Send(np.ascontiguousarray(data[:, ends[rank - 1] : ends[rank]]), dest=rank)

@@ -139,7 +139,7 @@ class AugmentedLagrangian:
         u = u - tied.lifting((multiply(self.system.C, u) - self.system.c)[tied.rows])
         backend.begin_at(u)
         now = self._iterate(u, backend.left(), np.zeros(len(self.W)))
-        found: Outcome[PrimalState] = Outcome(None, None, self._statuses(now), before)
+        outcome: Outcome[PrimalState] = Outcome(None, None, self._statuses(now), before)
         stuck = 0
         for number in range(1, self.options.most_steps + 1):
             self._steps = number
@@ -147,7 +147,7 @@ class AugmentedLagrangian:
             solved = self._on_set(now)
             if solved.reason is not None or solved.state is None:
                 return solved
-            found, state = solved, solved.state
+            outcome, state = solved, solved.state
             length = self._length(now, state)
             now = self._moved(now, state, length)
             stuck = stuck + 1 if length <= self.options.least else 0
@@ -158,12 +158,12 @@ class AugmentedLagrangian:
             if exact.reason is not None:
                 return exact
             if self.test.required_reduction(state) <= 1.0 and self.test.accept(state):
-                return replace(found, reason=Reason.ACCEPTED, counts=self._counts)
+                return replace(outcome, reason=Reason.ACCEPTED, counts=self._counts)
             if stuck > 1:  # rounding errors leave no direction of descent
                 break
             backend.begin_at(now.u, now.left)
             now = replace(now, forces=self._spring_forces(now))
-        return replace(found, counts=self._counts)
+        return replace(outcome, counts=self._counts)
 
     def _iterate(self, u: Array, left: Array, forces: Array) -> _Iterate:
         return _Iterate(u, left, multiply(self.system.C, u) - self.system.c, forces)
@@ -217,12 +217,12 @@ class AugmentedLagrangian:
         try:
             on_set = self.backend.on_set(statuses, None)
             monitor = self._monitor(statuses)
-            found = solve_on_set(on_set, self._update, self.test, self._inner(), monitor)
+            outcome = solve_on_set(on_set, self._update, self.test, self._inner(), monitor)
         except (ArithmeticError, QPError):
             return Outcome(None, None, statuses, self._counts)
         self._counts = self._counts + on_set.counts
         self.backend.release()
-        return replace(found, counts=self._counts)
+        return replace(outcome, counts=self._counts)
 
     def _inner(self) -> MPRGP:
         left = self.inner.max_iterations - self._counts.inner

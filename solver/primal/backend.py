@@ -104,9 +104,9 @@ class PrimalState:
     def worst(self, problem: DecomposedProblem) -> float:
         """Largest jump or penetration, over the displacement of its body (collective)."""
         open_rows = problem.inequality & ~self.active
-        found = np.where(open_rows, np.maximum(self.distance, 0.0), np.abs(self.distance))
-        found[problem.tangential & ~self.active] = 0.0
-        return float(problem.comm.allreduce(float(found.max(initial=0.0)), op=MPI.MAX))
+        excess = np.where(open_rows, np.maximum(self.distance, 0.0), np.abs(self.distance))
+        excess[problem.tangential & ~self.active] = 0.0
+        return float(problem.comm.allreduce(float(excess.max(initial=0.0)), op=MPI.MAX))
 
 
 class Multigrid:
@@ -165,9 +165,9 @@ class Multigrid:
         """Contact on coarse levels; all rows if a constraint hierarchy applies (collective)."""
         if self._peels:
             return FirstSet(np.ones(len(self.system.rows), bool), self.u)
-        found = find_first_set(self.system, self.hierarchy_of_levels)
+        first_set = find_first_set(self.system, self.hierarchy_of_levels)
         self.release()
-        return found
+        return first_set
 
     def on_set(self, statuses: Statuses, multiplier: Array | None) -> PrimalSet:
         """Conjugate gradients on a set, from where the last set ended (collective)."""
@@ -239,12 +239,12 @@ class PrimalSet:
         held = statuses.holding[system.rows] | system.equality
         self._projector = projector = Projector(system, held)
         self._springs = springs = Springs(system, statuses)
-        self._given = np.zeros(len(system.rows))
+        self._prescribed = np.zeros(len(system.rows))
         if statuses.tractions is not None:
-            self._given = np.where(held, 0.0, statuses.tractions[system.rows])
+            self._prescribed = np.where(held, 0.0, statuses.tractions[system.rows])
         self._load = system.load
-        if system.comm.allreduce(int(self._given.any())):
-            self._load = system.load - multiply_transposed(system.C, self._given)
+        if system.comm.allreduce(int(self._prescribed.any())):
+            self._load = system.load - multiply_transposed(system.C, self._prescribed)
         jumps = (multiply(system.C, backend.u) - system.c)[projector.rows]
         lifting = -projector.lifting(jumps)
         operator = _ProjectedStiffness(system, projector, springs)
@@ -320,10 +320,10 @@ class PrimalSet:
 
     def _smallest_eigenvalue(self) -> float:
         if len(self._lanczos.lengths) >= SHORT:
-            found = self._lanczos.smallest_ritz_value()
-            known = self._backend.smallest_eigenvalue
-            if found > 0.0:
-                self._backend.smallest_eigenvalue = min(known, found)
+            ritz_value = self._lanczos.smallest_ritz_value()
+            smallest = self._backend.smallest_eigenvalue
+            if ritz_value > 0.0:
+                self._backend.smallest_eigenvalue = min(smallest, ritz_value)
         return self._backend.smallest_eigenvalue
 
     def solve(
@@ -377,7 +377,7 @@ class PrimalSet:
             left + (system.load - self._load) + self._springs.forces_at(u)
         )  # f - K u
         backend.begin_at(u, left_without_rows)
-        multiplier = self._given.copy()
+        multiplier = self._prescribed.copy()
         multiplier[self._projector.rows] = self._projector.multipliers(left)
         multiplier[self._springs.rows] += self._springs.multipliers(u)
         jumps = multiply(system.C, u) - system.c
@@ -385,10 +385,10 @@ class PrimalSet:
         np.maximum.at(moved, system.body, np.abs(u))
         lengths = body_lengths(problem.bodies, largest(system.comm, moved), problem.free_lengths)
         square, turn = self._error_square(), self.statuses.turn
-        found, apart = system.stretch(multiplier), system.stretch(jumps)
+        forces, distances = system.stretch(multiplier), system.stretch(jumps)
         return PrimalState(
-            found if turn is None else turn.back(found),
-            apart if turn is None else turn.back(apart),
+            forces if turn is None else turn.back(forces),
+            distances if turn is None else turn.back(distances),
             problem.spread * problem.bodies.of_rows(lengths),
             lengths,
             u,

@@ -125,7 +125,7 @@ def _solve(
         saver(without_outer_iterations(state.multiplier, state.active, work))
 
     stopping = StoppingTest(test.required_reduction, test.accept, task.rule.may_end_early)
-    found = active_set_loop(
+    outcome = active_set_loop(
         backend,
         Start(active, near if problem.friction is not None else None),
         stopping,
@@ -135,14 +135,14 @@ def _solve(
         options_of(problem, options),
         contact_law(problem),
     )
-    if found.reason is None and problem.friction is None:
+    if outcome.reason is None and problem.friction is None:
         lagrangian = AugmentedLagrangian(backend, stopping, task.inner, task.monitor, options)
-        found = lagrangian.solve(backend.first_set().u, found.counts)
-    return _answer(test, found, before)
+        outcome = lagrangian.solve(backend.first_set().u, outcome.counts)
+    return _answer(test, outcome, before)
 
 
 def _answer(
-    test: CertificateTest[PrimalState], found: Outcome[PrimalState], before: Counts
+    test: CertificateTest[PrimalState], outcome: Outcome[PrimalState], before: Counts
 ) -> Solution:
     """The certified answer of the loop, or its best one.
 
@@ -151,15 +151,15 @@ def _answer(
     ArithmeticError
         The loop found no answer.
     """
-    answer, reason = test.answer, found.reason
+    answer, reason = test.answer, outcome.reason
     if reason is not Reason.ACCEPTED:
-        if found.state is None:
+        if outcome.state is None:
             raise ArithmeticError("the active sets of the undecomposed problem hold no body")
-        answer = test.certified(found.state)
+        answer = test.certified(outcome.state)
         reason = reason or Reason.UNSETTLED
     assert answer is not None
     assert reason is not None
-    return replace(answer, counts=before + found.counts, reason=reason, method=METHOD)
+    return replace(answer, counts=before + outcome.counts, reason=reason, method=METHOD)
 
 
 def _certified(backend: Multigrid, rule: StoppingRule, state: PrimalState) -> Solution:

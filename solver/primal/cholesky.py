@@ -45,17 +45,17 @@ class SmallInverse:
 
     def __init__(self, matrix: PETSc.Mat) -> None:
         self._comm: MPI.Intracomm = matrix.comm.tompi4py()
-        own, first = local_rows(matrix), matrix.getOwnershipRange()[0]
-        rows = np.repeat(np.arange(own.shape[0]), np.diff(own.indptr))
-        coupled = self._comm.allreduce(int((own.indices != first + rows).any()))
+        local, first = local_rows(matrix), matrix.getOwnershipRange()[0]
+        rows = np.repeat(np.arange(local.shape[0]), np.diff(local.indptr))
+        coupled = self._comm.allreduce(int((local.indices != first + rows).any()))
         self._diagonal: Array | None = None
         if not coupled:
-            self._diagonal = own.diagonal(first)
+            self._diagonal = local.diagonal(first)
             return
         if self._comm.size > 1:
-            matrix = gathered(self._comm, own)
-        self._counts = np.array(self._comm.allgather(own.shape[0]))
-        self._mine = slice(first, first + own.shape[0])
+            matrix = gathered(self._comm, local)
+        self._counts = np.array(self._comm.allgather(local.shape[0]))
+        self._mine = slice(first, first + local.shape[0])
         self._pc = factored(matrix)
         self._right, self._left = matrix.createVecs()
 
@@ -72,9 +72,9 @@ class SmallInverse:
         return out[self._mine]
 
 
-def gathered(comm: MPI.Intracomm, own: sparse.csr_matrix) -> PETSc.Mat:
+def gathered(comm: MPI.Intracomm, local: sparse.csr_matrix) -> PETSc.Mat:
     """A matrix of this rank alone from all ranks' rows (collective)."""
-    joined = sparse.vstack(comm.allgather(own), format="csr")
+    joined = sparse.vstack(comm.allgather(local), format="csr")
     joined.sort_indices()
     begins, places = (part.astype(PETSc.IntType) for part in (joined.indptr, joined.indices))
     return PETSc.Mat().createAIJ(

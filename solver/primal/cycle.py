@@ -70,12 +70,12 @@ class Cycle:
         inverse = coarse_inverse(operators[-1], options.singular)
         pc.getMGCoarseSolve().setOperators(operators[-1], inverse)
         self._inverse = inverse
-        given: dict[str, object] = {
+        settings: dict[str, object] = {
             **{f"mg_levels_{name}": value for name, value in _smoothing(options).items()},
             "mg_coarse_ksp_type": "preonly",
             "mg_coarse_pc_type": "mat",  # applies the given inverse
         }
-        with lent_options(prefix, given):
+        with lent_options(prefix, settings):
             pc.setFromOptions()
             pc.setUp()
 
@@ -198,7 +198,7 @@ def coarse_inverse(operator: PETSc.Mat, singular: float) -> PETSc.Mat:
     values, vectors = np.linalg.eigh(0.5 * (full + full.T))
     stiff = values > singular * np.abs(full).sum(axis=1).max(initial=0.0)
     first, last = operator.getOwnershipRange()
-    own = (vectors[first:last, stiff] / values[stiff]) @ vectors[:, stiff].T
-    matrix = PETSc.Mat().createDense(operator.getSizes(), array=np.asfortranarray(own), comm=comm)
+    block = (vectors[first:last, stiff] / values[stiff]) @ vectors[:, stiff].T
+    matrix = PETSc.Mat().createDense(operator.getSizes(), array=np.asfortranarray(block), comm=comm)
     matrix.assemble()
     return matrix

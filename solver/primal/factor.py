@@ -70,9 +70,9 @@ def predicted_seconds(system: MergedSystem) -> float:
     """
     d = system.problem.dimension
     size = system.comm.allreduce(system.size)
-    known = factor_seconds(size, 1, d)
+    seconds = factor_seconds(size, 1, d)
     if system.comm.size > 1 or d == 2 or size == 0:
-        return known
+        return seconds
     begins, places, _ = system.K.getValuesCSR()
     graph = sparse.csr_matrix((np.ones(len(places), np.int8), places, begins), shape=(size, size))
     nodes = graph[::d][:, ::d].tocsr()
@@ -81,7 +81,7 @@ def predicted_seconds(system: MergedSystem) -> float:
     place[order] = np.arange(len(order))
     rows = np.repeat(np.arange(len(order)), np.diff(nodes.indptr))
     band = d * float(np.abs(place[rows] - place[nodes.indices]).max(initial=0))
-    return float(min(known, 1e-10 * size * band**2))
+    return float(min(seconds, 1e-10 * size * band**2))
 
 
 def thinness(system: MergedSystem) -> float:

@@ -17,17 +17,17 @@ class HeldEnergy:
         self._system, problem = system, system.problem
         at_rest = system.at_rest
         moved = system.comm.allreduce(int(at_rest.any()))
-        self._coupling, self._own = None, 0.0
+        self._coupling, self._work = None, 0.0
         if moved:
             moves = system.on_subdomains(at_rest)
             forces = [cls.stiffness @ u for cls, u in zip(problem.classes, moves, strict=True)]
-            self._own = sum(float(np.vdot(u, f)) for u, f in zip(moves, forces, strict=True))
+            self._work = sum(float(np.vdot(u, f)) for u, f in zip(moves, forces, strict=True))
             self._coupling = np.where(system.held, 0.0, system.summed(forces))
 
     def strained(self, u: Array, left: Array) -> float:
         """a(u, u): u_f (f - r) + 2 u_f K_fh u_h + u_h K_hh u_h, where f already lacks K_fh u_h."""
         system = self._system
-        own = float(np.sum(np.where(system.held, 0.0, u * (system.load - left)))) + self._own
+        work = float(np.sum(np.where(system.held, 0.0, u * (system.load - left)))) + self._work
         if self._coupling is not None:
-            own += 2.0 * float(u @ self._coupling)
-        return max(float(system.comm.allreduce(own)), 0.0)
+            work += 2.0 * float(u @ self._coupling)
+        return max(float(system.comm.allreduce(work)), 0.0)

@@ -82,7 +82,7 @@ def build_hierarchy(system: MergedSystem, options: MultigridOptions | None = Non
     prefix = "contact_gamg_"
     pc.setOptionsPrefix(prefix)
     pc.setType("gamg")
-    given = {
+    settings = {
         "pc_gamg_threshold": options.threshold,
         "pc_gamg_coarse_eq_limit": options.smallest,
         # the name until PETSc 3.18, and the one since
@@ -93,7 +93,7 @@ def build_hierarchy(system: MergedSystem, options: MultigridOptions | None = Non
         "mg_coarse_pc_type": "none",  # its factor is not needed
         "mg_coarse_ksp_type": "preonly",
     }
-    with lent_options(prefix, given), lent_options("", _products(system.comm)):
+    with lent_options(prefix, settings), lent_options("", _products(system.comm)):
         pc.setFromOptions()
         pc.setUp()
     levels = pc.getMGLevels()
@@ -125,8 +125,8 @@ def galerkin(operator: PETSc.Mat, prolongation: PETSc.Mat) -> PETSc.Mat:
 class lent_options:
     """Context manager that sets options in PETSc's database."""
 
-    def __init__(self, prefix: str, given: dict[str, object]) -> None:
-        self._names = {prefix + name: value for name, value in given.items()}
+    def __init__(self, prefix: str, options: dict[str, object]) -> None:
+        self._names = {prefix + name: value for name, value in options.items()}
         self._options = PETSc.Options()
 
     def __enter__(self) -> None:
@@ -159,5 +159,5 @@ def near_kernel(comm: MPI.Intracomm, rigid: NDArray[np.float64]) -> PETSc.NullSp
     basis = rigid @ (vectors[:, independent] / scale[:, None] / np.sqrt(values[independent]))
     columns = [np.ascontiguousarray(column) for column in basis.T]
     with lent(comm, *columns) as lent_columns:
-        own = [column.copy() for column in lent_columns]
-    return PETSc.NullSpace().create(vectors=own, comm=comm)
+        copies = [column.copy() for column in lent_columns]
+    return PETSc.NullSpace().create(vectors=copies, comm=comm)

@@ -87,9 +87,9 @@ class MergedSystem:
     @cached_property
     def diagonal(self) -> Array:
         """Diagonal of K, with its largest entry on unknowns of rigid bodies."""
-        own = np.asarray(self.K.getDiagonal().getArray())
-        top = self.comm.allreduce(float(own.max(initial=0.0)), op=MPI.MAX)
-        return np.where(self.stiffless, top, own)
+        diagonal = np.asarray(self.K.getDiagonal().getArray())
+        top = self.comm.allreduce(float(diagonal.max(initial=0.0)), op=MPI.MAX)
+        return np.where(self.stiffless, top, diagonal)
 
     @cached_property
     def flexibility(self) -> Array:
@@ -147,14 +147,14 @@ class MergedSystem:
         first, second = place[turn.first], place[turn.second]
         other = np.arange(len(self.rows))
         other[first], other[second] = second, first
-        own, across = np.ones(len(self.rows)), np.zeros(len(self.rows))
-        own[first], own[second] = turn.cosine, turn.cosine
-        across[first], across[second] = turn.sine, -turn.sine
+        cosine, sine = np.ones(len(self.rows)), np.zeros(len(self.rows))
+        cosine[first], cosine[second] = turn.cosine, turn.cosine
+        sine[first], sine[second] = turn.sine, -turn.sine
         local = local_rows(self.C)
-        local = sparse.csr_matrix(sparse.diags(own) @ local + sparse.diags(across) @ local[other])
+        local = sparse.csr_matrix(sparse.diags(cosine) @ local + sparse.diags(sine) @ local[other])
         local.sort_indices()
         C = petsc_rows(self.comm, local, self.size)
-        return replace(self, C=C, c=own * self.c + across * self.c[other])
+        return replace(self, C=C, c=cosine * self.c + sine * self.c[other])
 
     def stretch(self, values: Array) -> Array:
         """Values of contact and tied rows (rows,) among those of all rows, (dual,)."""
@@ -323,8 +323,8 @@ def _local_stiffness(
     d, blocks, places = problem.dimension, [], []
     for cls, at in zip(problem.classes, nodes.copies, strict=True):
         for member in at:
-            own = cls.stiffness  # that of a rigid body is zero: its diagonal is set later
-            blocks.append(sparse.identity(cls.unknowns, format="csr") if cls.rigid else own)
+            stiffness = cls.stiffness  # that of a rigid body is zero: its diagonal is set later
+            blocks.append(sparse.identity(cls.unknowns, format="csr") if cls.rigid else stiffness)
             places.append(nodes.unknowns(member, d))
     where = np.concatenate([np.zeros(0, np.int64), *places])
     if len(where) == total > 0:  # subdomains share no nodes
@@ -423,8 +423,8 @@ def _rigid(problem: DecomposedProblem, nodes: MergedNodes) -> Array:
     length = largest_magnitude(comm, about) or 1.0
     motions = rigid_motions(about, d, np.zeros(3), length).reshape(len(points) * d, -1)
     for body in np.unique(of[problem.bodies.rigid[of]]):  # its unknowns are its motions
-        own = np.flatnonzero(np.repeat(of == body, d))
-        motions[own] = np.eye(len(own), motions.shape[1])
+        unknowns = np.flatnonzero(np.repeat(of == body, d))
+        motions[unknowns] = np.eye(len(unknowns), motions.shape[1])
     return motions
 
 

@@ -52,9 +52,9 @@ class MergedNodes:
         first = comm.exscan(self.count) or 0
         self.numbers = np.full(len(unique), -1)
         self.numbers[self.owned] = first + np.arange(self.count)
-        given = np.full(len(lowest), -1)
-        np.maximum.at(given, where, exchange.to_owners(self.numbers))
-        self.numbers = exchange.from_owners(given[where])
+        numbers = np.full(len(lowest), -1)
+        np.maximum.at(numbers, where, exchange.to_owners(self.numbers))
+        self.numbers = exchange.from_owners(numbers[where])
 
     def unknowns(self, nodes: NDArray[np.int64], dimension: int) -> NDArray[np.int64]:
         """Unknowns of nodes, (…, nodes · dimension)."""

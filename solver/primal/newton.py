@@ -204,11 +204,11 @@ class _System:
         self.size = self.K.getLocalSize()[0]
         transfer = _interface_to_free(problem)
         self.B = problem.B.matrix.matMult(petsc_rows(comm, transfer, self.size))
-        own = np.concatenate(
+        diagonal = np.concatenate(
             [np.empty(0), *(np.tile(c.stiffness.diagonal()[c.free], c.members)
                             for c in problem.classes)]
         )  # fmt: skip
-        self.diagonal = np.where(own > 0.0, own, largest_magnitude(comm, own))
+        self.diagonal = np.where(diagonal > 0.0, diagonal, largest_magnitude(comm, diagonal))
         self.loads = np.concatenate(
             [np.empty(0), *(load[cls.free].T.ravel()
                             for cls, load in zip(problem.classes, problem.loads, strict=True))]
@@ -217,10 +217,10 @@ class _System:
         squares.setValuesCSR(*_squared(squares))
         squares.assemble()
         self.W = np.empty(problem.size)
-        with lent(comm, own, self.W) as (x, y):
+        with lent(comm, diagonal, self.W) as (x, y):
             squares.mult(x, y)
         self.W *= options.penalty
-        top = options.penalty * largest_magnitude(comm, own)
+        top = options.penalty * largest_magnitude(comm, diagonal)
         self.W = np.where(self.W > 0.0, np.maximum(self.W, 1e-12 * top), top)
         near = 0.0 if problem.held_without_contact else options.proximity
         self.D = near * self.diagonal
@@ -236,8 +236,8 @@ class _System:
 
     def forces(self, multiplier: Array, jump: Array) -> Array:
         """The next multipliers λ + W (B u - c), cut off at zero on contact rows."""
-        found = multiplier + self.W * jump
-        return np.where(self.problem.inequality, np.maximum(found, 0.0), found)
+        following = multiplier + self.W * jump
+        return np.where(self.problem.inequality, np.maximum(following, 0.0), following)
 
     def active(self, multiplier: Array, jump: Array) -> NDArray[np.bool_]:
         """Rows with a stiffness: all but contact rows that do not press."""
@@ -316,9 +316,9 @@ class _System:
         result, start = [], 0
         for cls, lift in zip(self.problem.classes, self.problem.lifting, strict=True):
             stop = start + len(cls.free) * cls.members
-            found = np.array(lift, order="F")
-            found[cls.free] += u[start:stop].reshape(cls.members, -1).T
-            result.append(found)
+            displacements = np.array(lift, order="F")
+            displacements[cls.free] += u[start:stop].reshape(cls.members, -1).T
+            result.append(displacements)
             start = stop
         return result
 

@@ -28,7 +28,7 @@ def recover(system: MergedSystem, u: Array, multiplier: Array) -> tuple[list[Arr
     problem = system.problem
     displacements = system.on_subdomains(u)
     left = np.empty(problem.B.columns)
-    for cls, part, own, load in zip(
+    for cls, part, displaced, load in zip(
         problem.classes,
         interface_slices(problem.classes),
         displacements,
@@ -36,9 +36,9 @@ def recover(system: MergedSystem, u: Array, multiplier: Array) -> tuple[list[Arr
         strict=True,
     ):
         rows = cls.stiffness[cls.interface]
-        left[part] = (load[cls.interface] - rows @ own).T.ravel()
+        left[part] = (load[cls.interface] - rows @ displaced).T.ravel()
     left -= problem.constraint_forces(multiplier)
-    found = np.empty(problem.size)
-    problem.B.apply(left, found)
+    balancing = np.empty(problem.size)
+    problem.B.apply(left, balancing)
     bound = (problem.kinds == RowKind.GLUING) | (problem.kinds == RowKind.DIRICHLET)
-    return displacements, np.where(bound, found, multiplier)
+    return displacements, np.where(bound, balancing, multiplier)

@@ -58,9 +58,9 @@ class RowsOfMotions:
         self._q = np.flatnonzero(system.stiffless)
         columns = np.concatenate(comm.allgather(C.getOwnershipRangeColumn()[0] + self._q))
         starts = np.cumsum([0, *comm.allgather(len(self._q))])
-        self._own = slice(starts[comm.rank], starts[comm.rank + 1])
-        own = local_rows(C)[self._chosen][:, columns].toarray()
-        self._rows = np.concatenate(comm.allgather(own))
+        self._of_rank = slice(starts[comm.rank], starts[comm.rank + 1])
+        local = local_rows(C)[self._chosen][:, columns].toarray()
+        self._rows = np.concatenate(comm.allgather(local))
         self._inverse = np.linalg.pinv(self._rows, rcond=DEPENDENT)
 
     def add_multipliers(self, multipliers: Array, residual: Array) -> None:
@@ -76,7 +76,7 @@ class RowsOfMotions:
         if self.empty:
             return result
         every = np.concatenate(self._comm.allgather(jumps[self._chosen]))
-        result[self._q] = (self._inverse @ every)[self._own]
+        result[self._q] = (self._inverse @ every)[self._of_rank]
         return result
 
 
@@ -102,8 +102,8 @@ def with_motions(
     q = np.flatnonzero(system.stiffless)
     total = system.comm.allreduce(len(q))
     unit = sparse.eye(len(q), total, k=total - len(q), format="csr")  # the last rank has them
-    own = springs[q]
-    own = np.where(own > 0.0, own, 1.0)
+    stiffness = springs[q]
+    stiffness = np.where(stiffness > 0.0, stiffness, 1.0)
     first = local_rows(hierarchy.prolongations[0])
     first = sparse.diags(np.where(system.stiffless, 0.0, 1.0)) @ first
     places = sparse.csr_matrix((np.ones(len(q)), (q, np.arange(len(q)))), (system.size, len(q)))
@@ -112,7 +112,7 @@ def with_motions(
     prolongations += [_with_block(P, unit) for P in hierarchy.prolongations[1:]]
     coarser = operators[1:]
     free = [operators[0], *(_with_block(A, 0.0 * unit) for A in coarser)]
-    held = [operators[0], *(_with_block(A, sparse.diags(own) @ unit) for A in coarser)]
+    held = [operators[0], *(_with_block(A, sparse.diags(stiffness) @ unit) for A in coarser)]
     return replace(hierarchy, prolongations=tuple(prolongations), operators=tuple(held)), free
 
 

@@ -61,19 +61,20 @@ def floating_motions(system: MergedSystem) -> Array:
 
     If more than `MOST` bodies have such motions, only those of rigid bodies.
     """
-    rigid, bodies, found = system.rigid, system.problem.bodies, {}
+    rigid, bodies, motions = system.rigid, system.problem.bodies, {}
     for number in range(bodies.count):
-        own = system.body == number
-        rows, count = rigid[system.held & own], rigid.shape[1]
-        gram = np.append(rows.T @ rows, np.sum(rigid[own] ** 2))
+        of_body = system.body == number
+        rows, count = rigid[system.held & of_body], rigid.shape[1]
+        gram = np.append(rows.T @ rows, np.sum(rigid[of_body] ** 2))
         gram = system.comm.allreduce(gram)
         values, vectors = np.linalg.eigh(gram[:-1].reshape(count, count))
         free = values <= HELD * max(values[-1], 1e-6 * gram[-1])
         if free.any():
-            found[number] = np.where((own & ~system.held)[:, None], rigid @ vectors[:, free], 0.0)
-    if len(found) > MOST:
-        found = {number: found[number] for number in found if bodies.rigid[number]}
-    return np.concatenate([np.zeros((system.size, 0)), *found.values()], axis=1)
+            moved = (of_body & ~system.held)[:, None]
+            motions[number] = np.where(moved, rigid @ vectors[:, free], 0.0)
+    if len(motions) > MOST:
+        motions = {number: motions[number] for number in motions if bodies.rigid[number]}
+    return np.concatenate([np.zeros((system.size, 0)), *motions.values()], axis=1)
 
 
 class RigidSpace:

@@ -101,8 +101,8 @@ class Rows:
     def everywhere(self) -> Rows:
         """All rows, on a rank of its own (collective)."""
         every = [
-            np.concatenate(self.comm.allgather(own))
-            for own in (self.c, self.normal, self.equality, self.stiffness)
+            np.concatenate(self.comm.allgather(part))
+            for part in (self.c, self.normal, self.equality, self.stiffness)
         ]
         return Rows(MPI.COMM_SELF, *every)
 

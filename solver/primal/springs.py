@@ -42,9 +42,9 @@ class Springs:
         self.rows = np.zeros(0, np.int64)
         self.compliance = np.zeros(0)
         if statuses.compliance is not None:
-            given = np.where(statuses.active, statuses.compliance, 0.0)[system.rows]
-            self.rows = np.flatnonzero(given > 0.0)
-            self.compliance = given[self.rows]
+            compliance = np.where(statuses.active, statuses.compliance, 0.0)[system.rows]
+            self.rows = np.flatnonzero(compliance > 0.0)
+            self.compliance = compliance[self.rows]
         self.empty = system.comm.allreduce(len(self.rows)) == 0
         if not self.empty:
             least = 1.0 / (STIFFEST * row_stiffness(system)[self.rows])

@@ -47,9 +47,9 @@ def vertex_level(system: MergedSystem) -> VertexLevel | None:
     nodes = system.nodes
     weights = _weights(system, nodes)
     vertex = weights.diagonal() > 0.5
-    own = vertex[nodes.owned]
-    first = (system.comm.exscan(int(own.sum())) or 0) * d
-    unknowns = np.flatnonzero(np.repeat(own, d))
+    vertices = vertex[nodes.owned]
+    first = (system.comm.exscan(int(vertices.sum())) or 0) * d
+    unknowns = np.flatnonzero(np.repeat(vertices, d))
     numbers = np.zeros(system.size)
     numbers[unknowns] = first + np.arange(len(unknowns))
     column = system.at_copies(numbers).astype(np.int64)
@@ -73,16 +73,16 @@ def _weights(system: MergedSystem, nodes: MergedNodes) -> sparse.csr_matrix:
     """Weights of the vertices at each distinct node of this rank, from one of its copies."""
     count = len(nodes.numbers)
     rows, columns, values = [], [], []
-    known = np.zeros(count, bool)
+    has_weights = np.zeros(count, bool)
     for place, at in zip(system.problem.system.places, nodes.copies, strict=True):
-        own = place.vertex_weights
-        own = sparse.identity(at.shape[1], format="csr") if own is None else own
+        weights = place.vertex_weights
+        weights = sparse.identity(at.shape[1], format="csr") if weights is None else weights
         for member in at:
-            new = own[np.flatnonzero(~known[member])].tocoo()
-            rows.append(member[~known[member]][new.row])
+            new = weights[np.flatnonzero(~has_weights[member])].tocoo()
+            rows.append(member[~has_weights[member]][new.row])
             columns.append(member[new.col])
             values.append(new.data)
-            known[member] = True
+            has_weights[member] = True
     none = np.zeros(0, np.int64)
     places = np.concatenate([none, *rows]), np.concatenate([none, *columns])
     return sparse.csr_matrix((np.concatenate([np.zeros(0), *values]), places), (count, count))

@@ -121,9 +121,9 @@ def as_equalities(C: Any, comm: MPI.Comm) -> Equalities:
 
 def equalities_norm(equalities: Equalities, size: int) -> float:
     """‖C‖: the known value, or an estimate by the power method on CᵀC."""
-    known = getattr(equalities, "norm", None)
-    if known:
-        return float(known)
+    norm = getattr(equalities, "norm", None)
+    if norm:
+        return float(norm)
 
     class Gram:
         comm = equalities.comm

@@ -42,9 +42,9 @@ class SeparableQP:
         self.reduction = Reduction(self.comm)
         self._template = b if isinstance(b, PETSc.Vec) else None
         self.feasible = feasible
-        found: list[str] = []
-        self.b: Vector = local_part(b, self.size, "b", found)
-        self._raise_first(found + (messages or []), QPError)
+        faults: list[str] = []
+        self.b: Vector = local_part(b, self.size, "b", faults)
+        self._raise_first(faults + (messages or []), QPError)
         offset = self.reduction.offset(self.size)
         self._raise_first(_not_finite(self.b, offset) + feasible.not_finite(offset), NotFiniteError)
         self._raise_first(feasible.empty(offset), QPError)
@@ -75,9 +75,9 @@ class SeparableQP:
 
     def _raise_first(self, messages: list[str], error: type[QPError]) -> None:
         """Raise on all ranks if any rank has a message, so that no rank waits for another."""
-        found = [message for part in self.comm.allgather(messages) for message in part]
-        if found:
-            raise error(found[0])
+        all_messages = [message for part in self.comm.allgather(messages) for message in part]
+        if all_messages:
+            raise error(all_messages[0])
 
 
 def local_part(values: Any, n: int, name: str, messages: list[str]) -> Vector:

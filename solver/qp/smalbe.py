@@ -363,9 +363,9 @@ class OuterIterations:
         if gradient > self._eta:
             return None
         limit = self._target if own_test else self._tolerance
-        known = self._carried(it)
-        if known is not None:  # Cx itself is computed only where it can decide
-            size, error = known
+        carried = self._carried(it)
+        if carried is not None:  # Cx itself is computed only where it can decide
+            size, error = carried
             small = gradient <= limit and (size - error) * self._to_gradient <= limit
             if gradient > self._M * (size + error) and not small:
                 return None

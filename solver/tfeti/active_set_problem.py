@@ -170,10 +170,10 @@ class ActiveSetProblem:
             None if changed or coupled is None else coupled.on(active | ~problem.conditional)
         )
         base = DualPreconditioner(self.reduced, math.inf, coupled_rows)
-        own: Preconditioner = base
+        inner: Preconditioner = base
         rhs, scaled = self.reduced.rhs, None
         if rows is not None and self._compliance is not None:
-            own = ScaledPreconditioner(base, rows[1])
+            inner = ScaledPreconditioner(base, rows[1])
             scaled = rows[0] ** 2 * self._compliance
             compliant = scaled * self.reduced.offset
             coarse.project_transpose(compliant, compliant)
@@ -181,8 +181,8 @@ class ActiveSetProblem:
         operator = RecordedOperator(self.reduced, directions, scaled)
         if recycled is None and directions.count:
             near = ChangedDirections(directions, problem, statuses, frame, scaled, coarse)
-            own = BalancedPreconditioner(own, near)
-        preconditioner = DeflatedPreconditioner(own, recycled, operator)
+            inner = BalancedPreconditioner(inner, near)
+        preconditioner = DeflatedPreconditioner(inner, recycled, operator)
         self._iterate = it = Iterate(BoxQP(operator, rhs), preconditioner=preconditioner)
         it.largest = directions.largest  # rounding errors come from F, not from its projection
         it.measure_b()
@@ -279,14 +279,14 @@ class ActiveSetProblem:
         assert self.reduced.coarse is not None
         assert problem.coarse is not None
         scale = 1.0 if self._scale is None else self._scale
-        own = scale * (self.reduced.offset + it.x)
-        multiplier = own if self._tractions is None else own + self._tractions
+        of_set = scale * (self.reduced.offset + it.x)
+        multiplier = of_set if self._tractions is None else of_set + self._tractions
         assert it.image is not None
         u = self.reduced.displacements_of_offset - it.image
         strained = problem.strain_energy(multiplier, u)
         jumps = problem.residual(u)  # d - F λ
-        given = jumps if self._compliance is None else scale * (jumps - self._compliance * own)
-        alpha = -self.reduced.coarse.coefficients(given)
+        left = jumps if self._compliance is None else scale * (jumps - self._compliance * of_set)
+        alpha = -self.reduced.coarse.coefficients(left)
         kernel_part = np.empty(problem.size)
         problem.coarse.extend(alpha, kernel_part)
         jumps += kernel_part

@@ -30,7 +30,7 @@ class TotalFeti:
     def __init__(self, problem: DualProblem, recycling: RecyclingOptions | None = None) -> None:
         self.problem = problem
         self._recycling = recycling
-        self._directions = problem.known.directions or self._no_directions()
+        self._directions = problem.reused.directions or self._no_directions()
 
     @property
     def comm(self) -> MPI.Intracomm:

@@ -217,22 +217,22 @@ def _classes(
     classes: list[SubdomainClass] = []
     failed = ""
     everywhere = _meshed_by_all(comm, subdomains) if factored else [False] * len(subdomains)
-    for own, meshed_by_all in zip(subdomains, everywhere, strict=True):
-        sharing = comm if meshed_by_all and _made_by_all(comm, own) else None
-        by_any = touched[own.copies].any(axis=0)
+    for group, meshed_by_all in zip(subdomains, everywhere, strict=True):
+        sharing = comm if meshed_by_all and _made_by_all(comm, group) else None
+        by_any = touched[group.copies].any(axis=0)
         if sharing is not None:
             comm.Allreduce(MPI.IN_PLACE, by_any, op=MPI.LOR)
         node, component = np.nonzero(by_any)
-        given = (
-            own.stiffness, own.points, d, own.nodes[node] * d + component, len(own.bodies),
-            own.eliminated,
+        data = (
+            group.stiffness, group.points, d, group.nodes[node] * d + component, len(group.bodies),
+            group.eliminated,
         )  # fmt: skip
         with measure():
             try:
                 classes.append(
-                    subdomain_class(*given, sharing, own.kernel)
+                    subdomain_class(*data, sharing, group.kernel)
                     if factored
-                    else unfactored_class(*given, own.kernel)
+                    else unfactored_class(*data, group.kernel)
                 )
             except (ArithmeticError, ValueError) as error:  # the other ranks go on
                 failed = failed or f"{error}"
@@ -250,14 +250,14 @@ def _number_columns(
 ) -> tuple[NDArray[np.int64], int]:
     """Interface column of each component of this rank's copies, and how many columns it has."""
     columns, size = np.full((copies, d), -1, np.int64), 0
-    for own, cls in zip(subdomains, classes, strict=True):
+    for group, cls in zip(subdomains, classes, strict=True):
         width = len(cls.interface)
         place_of = np.full(cls.unknowns, -1, np.int64)
         place_of[cls.interface] = np.arange(width)
-        position = place_of[own.nodes[:, None] * d + np.arange(d)]
+        position = place_of[group.nodes[:, None] * d + np.arange(d)]
         starts = size + width * np.arange(cls.members)
         shifted = position + starts[:, None, None]
-        columns[own.copies] = np.where(position >= 0, shifted, -1)
+        columns[group.copies] = np.where(position >= 0, shifted, -1)
         size += width * cls.members
     first = comm.exscan(size) or 0
     return np.where(columns >= 0, columns + first, -1), size
@@ -274,11 +274,11 @@ def _meshed_by_all(comm: MPI.Intracomm, subdomains: Sequence[CongruentSubdomains
     return same + [False] * (len(subdomains) - shortest)
 
 
-def _made_by_all(comm: MPI.Intracomm, own: CongruentSubdomains) -> bool:
+def _made_by_all(comm: MPI.Intracomm, group: CongruentSubdomains) -> bool:
     """Whether the stiffness of the next class is equal on all ranks, to the last bit."""
     digest = sha1(usedforsecurity=False)
-    for array in (own.stiffness.indptr, own.stiffness.indices, own.stiffness.data):
+    for array in (group.stiffness.indptr, group.stiffness.indices, group.stiffness.data):
         digest.update(np.ascontiguousarray(array).data)
-    if own.eliminated is not None:
-        digest.update(own.eliminated.tobytes())
+    if group.eliminated is not None:
+        digest.update(group.eliminated.tobytes())
     return len(set(comm.allgather(digest.digest()))) == 1

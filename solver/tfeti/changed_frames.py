@@ -67,8 +67,8 @@ class RowFrame:
 
     def original(self, multiplier: Array) -> Array:
         """A multiplier (dual,) of the set in the original frames and lengths."""
-        own = multiplier if self.scale is None else self.scale * multiplier
-        return own if self.turn is None else self.turn.back(own)
+        scaled = multiplier if self.scale is None else self.scale * multiplier
+        return scaled if self.turn is None else self.turn.back(scaled)
 
 
 class ChangedDirections:
@@ -110,8 +110,8 @@ class ChangedDirections:
             LOST, stiffness, out=np.zeros(len(stiffness)), where=stiffness > 0.0
         )
         lost = vectors * ~active
-        own = (self._basis * softness) @ self._basis.T + (lost * weight) @ lost.T
-        self._inverse = self._inverted(directions.gram + self._comm.allreduce(own))
+        gram = (self._basis * softness) @ self._basis.T + (lost * weight) @ lost.T
+        self._inverse = self._inverted(directions.gram + self._comm.allreduce(gram))
 
     def _inverted(self, gram: Array) -> Array:
         """E⁻¹ on the directions that are independent to working precision (collective)."""

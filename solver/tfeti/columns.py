@@ -57,8 +57,10 @@ def on_columns(problem: DualProblem) -> tuple[NDArray[np.float64], int]:
             problem.F.apply(unit, column)
             columns[row] = column
         applications += len(missing)
-        own = np.array([columns[row] for row in rows]).reshape(len(rows), problem.size)
-        matrix = np.concatenate(comm.allgather(own[:, closed].T)) if len(rows) else np.empty((0, 0))
+        rows_of_F = np.array([columns[row] for row in rows]).reshape(len(rows), problem.size)
+        matrix = np.empty((0, 0))
+        if len(rows):
+            matrix = np.concatenate(comm.allgather(rows_of_F[:, closed].T))
         target = np.concatenate(comm.allgather(problem.d[closed]))
         try:
             forces = linalg.solve(0.5 * (matrix + matrix.T), target, assume_a="pos")
@@ -66,7 +68,7 @@ def on_columns(problem: DualProblem) -> tuple[NDArray[np.float64], int]:
             break
         result = np.zeros(problem.size)
         result[closed] = forces[np.searchsorted(rows, first + np.flatnonzero(closed))]
-        distance = np.where(problem.inequality & ~closed, problem.d - forces @ own, 0.0)
+        distance = np.where(problem.inequality & ~closed, problem.d - forces @ rows_of_F, 0.0)
         distance /= problem.spread
         opens = closed & (result < -SIGNIFICANT * largest_magnitude(comm, result))
         worst = comm.allreduce(float(distance.max(initial=0.0)), op=MPI.MAX)

@@ -48,8 +48,8 @@ def _compliance(problem: DecomposedProblem) -> NDArray[np.float64]:
     """D⁻¹, (interface,); zero for rigid bodies, which have no springs."""
     parts = [np.zeros(0)]
     for cls in problem.classes:
-        own = 0.0 if cls.rigid else 1.0 / float(cls.stiffness.diagonal().mean())
-        parts.append(np.full(cls.members * len(cls.interface), own))
+        compliance = 0.0 if cls.rigid else 1.0 / float(cls.stiffness.diagonal().mean())
+        parts.append(np.full(cls.members * len(cls.interface), compliance))
     return np.concatenate(parts)
 
 
@@ -58,8 +58,8 @@ def _coupled(M: PETSc.Mat, wide: NDArray[np.bool_]) -> NDArray[np.bool_]:
     local = local_rows(M)
     every = np.concatenate(M.comm.tompi4py().allgather(wide))
     met = np.asarray(abs(local[:, every]).sum(axis=1)).ravel()
-    own = local[:, np.arange(len(wide)) + M.getOwnershipRange()[0]].diagonal()
-    return np.asarray(wide | (met > NEGLIGIBLE * own))
+    diagonal = local[:, np.arange(len(wide)) + M.getOwnershipRange()[0]].diagonal()
+    return np.asarray(wide | (met > NEGLIGIBLE * diagonal))
 
 
 def _with_rows(
@@ -112,9 +112,9 @@ class CoupledRows:
     B: ConstraintMatrix
 
     def __init__(self, problem: DecomposedProblem) -> None:
-        self.comm, own = problem.comm, problem.deforming
+        self.comm, deforming = problem.comm, problem.deforming
         others = np.flatnonzero(~np.isin(problem.kinds, (RowKind.GLUING, RowKind.DIRICHLET)))
-        rows = petsc_rows(self.comm, own.local[others], own.columns)
+        rows = petsc_rows(self.comm, deforming.local[others], deforming.columns)
         divided = rows.copy()
         with lent(self.comm, _compliance(problem)) as (right,):
             divided.diagonalScale(R=right)
@@ -123,7 +123,7 @@ class CoupledRows:
         coupled = _coupled(M, problem.wide[others])
         self._rows = others[coupled]
         gathered = self._gathered(M, np.flatnonzero(coupled))
-        self.B = _with_rows(own, local_rows(divided)[coupled], self._rows)
+        self.B = _with_rows(deforming, local_rows(divided)[coupled], self._rows)
         for matrix in (rows, divided, transpose, M):
             matrix.destroy()
         counts = self.comm.allgather(len(self._rows))
@@ -155,9 +155,9 @@ class CoupledRows:
         free : (dual,)
             Rows that are free; None for all rows.
         """
-        own = np.ones(len(self._rows), bool) if free is None else free[self._rows]
-        values, in_set = x[self._rows], own
+        is_free = np.ones(len(self._rows), bool) if free is None else free[self._rows]
+        values, in_set = x[self._rows], is_free
         if self.comm.size > 1:
-            pairs = self.comm.allgather((values, own))
+            pairs = self.comm.allgather((values, is_free))
             values, in_set = (np.concatenate(part) for part in zip(*pairs, strict=True))
         x[self._rows] = self._factor.solve(values, in_set & self._filled)[self._own_part]

@@ -190,8 +190,8 @@ class DecomposedProblem:
 
         Corrections of rows, overlaps and preconditioners use it (collective at the first call).
         """
-        own = [np.full(c.members * len(c.interface), c.rigid) for c in self.classes]
-        return without_columns(self.B, np.concatenate([np.zeros(0, bool), *own]))
+        rigid = [np.full(c.members * len(c.interface), c.rigid) for c in self.classes]
+        return without_columns(self.B, np.concatenate([np.zeros(0, bool), *rigid]))
 
     @cached_property
     def overlap(self) -> NDArray[np.float64]:
@@ -276,9 +276,9 @@ class DecomposedProblem:
         parts = [np.tile(c.stiffness.diagonal()[c.interface], c.members) for c in self.classes]
         diagonal = np.concatenate([np.empty(0), *parts])
         squares = self.B.local[rows].power(2)
-        found = np.empty(squares.shape[0])
-        ConstraintMatrix(self.comm, squares, self.B.columns).apply(diagonal, found)
-        return found
+        result = np.empty(squares.shape[0])
+        ConstraintMatrix(self.comm, squares, self.B.columns).apply(diagonal, result)
+        return result
 
     def kernel_slices(self) -> list[slice]:
         """Slices of the kernels of each class in a coarse vector."""

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from solver.backend import Turn
 from solver.contact.row_kinds import RowKind
 from solver.tfeti.constraints.matrix import TurnedConstraintMatrix
-from solver.tfeti.dual import DualProblem, Known
+from solver.tfeti.dual import DualProblem, Reused
 
 
 def with_active(
@@ -41,12 +41,12 @@ def with_active(
         Factors on the rows; λ is the factor times the multiplier of the scaled row.
     """
     keep = np.where(problem.conditional & ~active, 0.0, 1.0 if weights is None else weights)
-    own, loads = problem.system.constraints, problem.system.loads
+    every_row, loads = problem.system.constraints, problem.system.loads
     constraints = replace(
-        own,
+        every_row,
         B=problem.B.scaled(keep),
         kinds=np.where(problem.conditional, np.int8(RowKind.SUPPORT), problem.kinds),
-        coarse=None if own.coarse is None else own.coarse.weighted(keep),
+        coarse=None if every_row.coarse is None else every_row.coarse.weighted(keep),
     )
     system = replace(
         problem.system,
@@ -63,7 +63,7 @@ def with_active(
         constraints.coarse.restrict(offset, missing)
         if tractions is not None:
             loaded = np.empty_like(missing)
-            own.coarse.restrict(tractions, loaded)  # type: ignore[union-attr]
+            every_row.coarse.restrict(tractions, loaded)  # type: ignore[union-attr]
             missing += loaded
         constraints.coarse.least_multiplier(problem.e - missing, change)
         offset += change
@@ -72,27 +72,27 @@ def with_active(
         problem.F.solve_interface(problem.constraint_forces(tractions + keep * offset), moved)
         np.subtract(problem.free_displacements, moved, out=moved)
     return DualProblem(
-        system, Known(free=problem.free, d=keep * problem.d, offset=offset, displacements=moved)
+        system, Reused(free=problem.free, d=keep * problem.d, offset=offset, displacements=moved)
     )
 
 
 def beside_moved(problem: DualProblem, moved: NDArray[np.float64]) -> DualProblem:
     """The problem with other right-hand sides of the constraints: c + moved, (dual,)."""
     loads = replace(problem.system.loads, c=problem.c + moved)
-    return DualProblem(replace(problem.system, loads=loads), replace(problem.known, d=None))
+    return DualProblem(replace(problem.system, loads=loads), replace(problem.reused, d=None))
 
 
 def turned(problem: DualProblem, turn: Turn) -> DualProblem:
     """The problem in turned tangential frames."""
-    own, loads = problem.system.constraints, problem.system.loads
+    constraints, loads = problem.system.constraints, problem.system.loads
     B = TurnedConstraintMatrix(problem.B, turn)
-    coarse = None if own.coarse is None else own.coarse.turned(B)
+    coarse = None if constraints.coarse is None else constraints.coarse.turned(B)
     system = replace(
         problem.system,
-        constraints=replace(own, B=B, coarse=coarse),
+        constraints=replace(constraints, B=B, coarse=coarse),
         loads=replace(loads, c=turn.turned(loads.c)),
     )
-    return DualProblem(system, Known(free=problem.free, d=turn.turned(problem.d)))
+    return DualProblem(system, Reused(free=problem.free, d=turn.turned(problem.d)))
 
 
 def beginning_at(
@@ -106,8 +106,8 @@ def beginning_at(
     displacements : (interface,)
         K⁺ Bᵀ times the change.
     """
-    known = Known(
+    reused = Reused(
         problem.F, problem.free, problem.d, problem.offset + change,
         problem.displacements_of_offset - displacements,
     )  # fmt: skip
-    return DualProblem(problem.system, known)
+    return DualProblem(problem.system, reused)

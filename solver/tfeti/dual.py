@@ -27,8 +27,8 @@ from solver.vectors import largest_magnitude
 
 
 @dataclass(frozen=True, eq=False)
-class Known:
-    """Known results of another problem of the same system; None where they have to be computed.
+class Reused:
+    """Results of another problem of the same system; None where they have to be computed.
 
     Attributes
     ----------
@@ -58,11 +58,11 @@ class DualProblem(DecomposedProblem):
 
     Attributes
     ----------
-    known
+    reused
         Results that other problems of the same system have computed already.
     """
 
-    known: Known = Known()
+    reused: Reused = Reused()
 
     def with_loads(
         self,
@@ -74,9 +74,9 @@ class DualProblem(DecomposedProblem):
 
         Parameters are those of `ContactSystem.with_loads`.
         """
-        known = Known(operator=self.F) if self.factored else Known()
-        known = replace(known, directions=self.known.directions)
-        return DualProblem(self.system.with_loads(forces, lifting, c), known)
+        reused = Reused(operator=self.F) if self.factored else Reused()
+        reused = replace(reused, directions=self.reused.directions)
+        return DualProblem(self.system.with_loads(forces, lifting, c), reused)
 
     def without_factors(self) -> DualProblem:
         """The problem without factors, for the evaluation of its answer alone."""
@@ -93,8 +93,8 @@ class DualProblem(DecomposedProblem):
         """
         if directions is None or directions.B is not self.B:
             directions = Directions(self.B, self.conditional)
-        known = replace(self.known, operator=self.F, directions=directions)
-        return DualProblem(self.system, known)
+        reused = replace(self.reused, operator=self.F, directions=directions)
+        return DualProblem(self.system, reused)
 
     def with_slip_from(self, displacements: list[NDArray[np.float64]]) -> DualProblem:
         """The problem with slip measured from given displacements, not from the unstrained state.
@@ -111,20 +111,20 @@ class DualProblem(DecomposedProblem):
         moved = np.empty(self.size)
         self.B.apply(self.on_interface(displacements), moved)
         loads = replace(self.system.loads, c=np.where(self.tangential, moved, self.c))
-        return DualProblem(replace(self.system, loads=loads), replace(self.known, d=None))
+        return DualProblem(replace(self.system, loads=loads), replace(self.reused, d=None))
 
     @cached_property
     def F(self) -> DualOperator:
         """The dual operator."""
-        if self.known.operator is not None:
-            return self.known.operator
+        if self.reused.operator is not None:
+            return self.reused.operator
         return DualOperator(self.B, self.classes)
 
     @cached_property
     def free(self) -> FreeSolution:
         """The displacements under the loads without constraints."""
-        if self.known.free is not None:
-            return self.known.free
+        if self.reused.free is not None:
+            return self.reused.free
         return solve_free(self.classes, self.loads)
 
     @property
@@ -165,15 +165,15 @@ class DualProblem(DecomposedProblem):
             K⁺ (f - Bᵀ λ).
         """
         free, works = self.free
-        own = sum(float(work.sum()) for work in works)
-        own -= float(self.constraint_forces(multiplier) @ (free + displacements))
-        return float(self.comm.allreduce(own))
+        total = sum(float(work.sum()) for work in works)
+        total -= float(self.constraint_forces(multiplier) @ (free + displacements))
+        return float(self.comm.allreduce(total))
 
     @cached_property
     def d(self) -> NDArray[np.float64]:
         """d = B K⁺ f - c."""
-        if self.known.d is not None:
-            return self.known.d
+        if self.reused.d is not None:
+            return self.reused.d
         return self.residual(self.free_displacements)
 
     @property
@@ -188,8 +188,8 @@ class DualProblem(DecomposedProblem):
         On contact rows -λ̃ is the bound of x; rounding errors of zero entries are removed. A
         problem with a given initial multiplier has another λ̃ in equilibrium.
         """
-        if self.known.offset is not None:
-            return self.known.offset
+        if self.reused.offset is not None:
+            return self.reused.offset
         result = np.zeros(self.size)
         if self.coarse is not None:
             self.coarse.least_multiplier(self.e, result)
@@ -200,8 +200,8 @@ class DualProblem(DecomposedProblem):
     @cached_property
     def displacements_of_offset(self) -> NDArray[np.float64]:
         """K⁺ (f - Bᵀ λ̃) on the interface."""
-        if self.known.displacements is not None:
-            return self.known.displacements
+        if self.reused.displacements is not None:
+            return self.reused.displacements
         result = np.empty_like(self.free_displacements)
         self.F.solve_interface(self.constraint_forces(self.offset), result)
         return np.subtract(self.free_displacements, result, out=result)

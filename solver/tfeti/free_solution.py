@@ -29,8 +29,8 @@ def solve_free(
     for cls, part, load, work in zip(classes, interface_slices(classes), loads, works, strict=True):
         loaded = np.flatnonzero(load.any(axis=0))
         if len(loaded):
-            own = np.asfortranarray(load[:, loaded])
-            u = cls.solve(own)
+            some_loads = np.asfortranarray(load[:, loaded])
+            u = cls.solve(some_loads)
             result[part].reshape(cls.members, -1)[loaded] = u[cls.interface].T
-            work[loaded] = np.einsum("ij,ij->j", own, u)
+            work[loaded] = np.einsum("ij,ij->j", some_loads, u)
     return result, works

@@ -182,20 +182,20 @@ def _classes(subdomains: Sequence[Subdomain], copies: _Copies) -> list[Congruent
         groups.setdefault((id(s.stiffness), id(s.kernel)), []).append(local)
     classes = []
     for members in groups.values():
-        own = subdomains[members[0]]
+        first = subdomains[members[0]]
         forces = np.asfortranarray(np.stack([subdomains[m].load for m in members], axis=1))
-        nodes = np.arange(len(own.nodes))
+        nodes = np.arange(len(first.nodes))
         classes.append(
             CongruentSubdomains(
-                stiffness=_sparse(own.stiffness),
-                points=_in_space(own.points),
+                stiffness=_sparse(first.stiffness),
+                points=_in_space(first.points),
                 nodes=nodes,
                 copies=copies.starts[members][:, None] + nodes,
                 forces=forces,
                 lifting=np.zeros_like(forces),
                 eliminated=None,
                 bodies=np.array([subdomains[m].body for m in members], np.int64),
-                kernel=own.kernel,
+                kernel=first.kernel,
             )
         )
     return classes
@@ -209,9 +209,9 @@ def _with_held_without_contact(problem: DualProblem) -> DualProblem:
     coarse = with_active(problem, np.zeros(problem.size, bool)).coarse
     assert coarse is not None
     probe = np.where(problem.inequality, 0.0, np.cos(np.arange(problem.size)))
-    own, held = problem.system, coarse.is_regular(probe)
+    system, held = problem.system, coarse.is_regular(probe)
     return DualProblem(
-        replace(own, constraints=replace(own.constraints, held_without_contact=held))
+        replace(system, constraints=replace(system.constraints, held_without_contact=held))
     )
 
 

@@ -151,10 +151,10 @@ class ContactSystem:
 
         Displacements and gaps stay unchanged unless given.
         """
-        own, contact = self.loads, self.contact
-        lifting = own.lifting if lifting is None else lifting
+        loads, contact = self.loads, self.contact
+        lifting = loads.lifting if lifting is None else lifting
         if c is None:
-            c = own.c
+            c = loads.c
         else:
             of_contact = self.constraints.kinds == RowKind.CONTACT
             contact = replace(contact, gaps=c[of_contact] / contact.spread)

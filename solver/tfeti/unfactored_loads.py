@@ -36,11 +36,11 @@ def loads_in_energy(
     """
     stiffness = [cls.resistance[cls.free] for cls in classes]
     parts = [
-        (load[cls.free] / np.sqrt(own)[:, None]).ravel()
-        for cls, load, own in zip(classes, loads, stiffness, strict=True)
+        (load[cls.free] / np.sqrt(diagonal)[:, None]).ravel()
+        for cls, load, diagonal in zip(classes, loads, stiffness, strict=True)
     ]
-    elastic = [own for cls, own in zip(classes, stiffness, strict=True) if not cls.rigid]
-    sums = np.array([sum(own.sum() for own in elastic), sum(map(len, elastic))])
+    elastic = [diagonal for cls, diagonal in zip(classes, stiffness, strict=True) if not cls.rigid]
+    sums = np.array([sum(diagonal.sum() for diagonal in elastic), sum(map(len, elastic))])
     total, count = comm.allreduce(sums)
     return np.concatenate([*parts, prescribed * np.sqrt(total / max(count, 1.0))])
 

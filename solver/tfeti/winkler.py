@@ -87,20 +87,20 @@ def winkler_contact(problem: DualProblem) -> NDArray[np.bool_]:
         return np.where(contact, np.maximum(pull, 0.0), pull)
 
     def cost(alpha: NDArray[np.float64], forces: NDArray[np.float64]) -> float:
-        own = 0.5 * float(forces @ (forces / stiffness)) + float(problem.e @ alpha)
-        return float(comm.allreduce(own))
+        value = 0.5 * float(forces @ (forces / stiffness)) + float(problem.e @ alpha)
+        return float(comm.allreduce(value))
 
     load = _norm(comm, problem.e)
     alpha = np.zeros(coarse.kernels)
     rest, step = np.empty(coarse.kernels), np.empty(coarse.kernels)
-    found = force(alpha)
-    value = cost(alpha, found)
+    forces = force(alpha)
+    value = cost(alpha, forces)
     for _ in range(RIGID_STEPS):
-        coarse.restrict(found, rest)
+        coarse.restrict(forces, rest)
         rest -= problem.e
         if _norm(comm, rest) <= BALANCED * load:
             break
-        faint = np.where(found <= 0.0, FAINT, 1.0)
+        faint = np.where(forces <= 0.0, FAINT, 1.0)
         weights = np.where(contact, faint * stiffness / top, 1.0)
         weights[problem.tangential] = FAINT
         coarse.weighted(np.sqrt(weights)).solve(rest, step)
@@ -108,13 +108,13 @@ def winkler_contact(problem: DualProblem) -> NDArray[np.bool_]:
         share = 1.0
         while True:
             trial = alpha + share * step
-            found = force(trial)
-            after = cost(trial, found)
+            forces = force(trial)
+            after = cost(trial, forces)
             if after <= value or share < SHORTEST:
                 break
             share *= 0.5
         alpha, value = trial, after
-    return contact & (found > 0.0)
+    return contact & (forces > 0.0)
 
 
 def _norm(comm: MPI.Intracomm, x: NDArray[np.float64]) -> float:

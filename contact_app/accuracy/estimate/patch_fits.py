@@ -164,9 +164,9 @@ class Meeting:
         comes[first] = 1
         self._place = np.cumsum(comes)[first] - 1
         self._at = self._place[at.reshape(-1)]
-        local, foreign = self._at[exchange.own_part], np.delete(self._at, exchange.own_part)
+        local, foreign = self._at[exchange.local_part], np.delete(self._at, exchange.local_part)
         self._sums = sparse.csr_matrix(
-            (np.ones(len(local)), (local, exchange.own)), shape=(len(self.known), len(numbers))
+            (np.ones(len(local)), (local, exchange.local)), shape=(len(self.known), len(numbers))
         )
         # values from other ranks belong to few of the nodes
         self._shared, place = np.unique(foreign, return_inverse=True)

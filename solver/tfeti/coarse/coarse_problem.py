@@ -169,12 +169,12 @@ class CoarseProblem:
     def solve(self, rhs: NDArray[np.float64], out: NDArray[np.float64]) -> None:
         """(G W Gᵀ)⁻¹ times a coarse vector."""
         self.factor.solve(self._layout.spread(rhs), self._solution)
-        out[:] = self._solution[self._layout.own]
+        out[:] = self._solution[self._layout.of_rank]
 
     def restrict(self, dual: NDArray[np.float64], out: NDArray[np.float64]) -> None:
         """G times a dual vector."""
         self._product.restrict(dual, self._coarse, metric=False)
-        out[:] = self._coarse[self._layout.own]
+        out[:] = self._coarse[self._layout.of_rank]
 
     def extend(self, coarse: NDArray[np.float64], out: NDArray[np.float64]) -> None:
         """Gᵀ times a coarse vector."""
@@ -187,7 +187,7 @@ class CoarseProblem:
 
     def coefficients(self, dual: NDArray[np.float64]) -> NDArray[np.float64]:
         """(G W Gᵀ)⁻¹ G W times a dual vector: the α whose Gᵀ α is closest to it."""
-        return self._solved(dual, self._oblique)[self._layout.own].copy()
+        return self._solved(dual, self._oblique)[self._layout.of_rank].copy()
 
     def apply(self, x: NDArray[np.float64], out: NDArray[np.float64]) -> None:
         """Q x."""
@@ -275,14 +275,14 @@ class _Layout:
         self.on_every_rank = comm.size == 1 or self.gathered
         self.of_factor = MPI.COMM_SELF if self.gathered else comm
         self._first, self.rows = (0, self.total) if self.gathered else (first, kernels)
-        self.own = slice(first, last) if self.gathered else slice(0, kernels)
+        self.of_rank = slice(first, last) if self.gathered else slice(0, kernels)
 
-    def spread(self, own: NDArray[np.float64]) -> NDArray[np.float64]:
+    def spread(self, local: NDArray[np.float64]) -> NDArray[np.float64]:
         """The vector in this layout, from this rank's part (collective)."""
         if not self.gathered:
-            return own
+            return local
         result = np.empty(self.total)
-        self.comm.Allgatherv(own, (result, self.counts))
+        self.comm.Allgatherv(local, (result, self.counts))
         return result
 
     def collected(self, blocks: Blocks) -> Blocks:
@@ -399,10 +399,10 @@ class _Restriction:
 
     def extend(self, coarse: NDArray[np.float64], out: NDArray[np.float64], metric: bool) -> None:
         """Gᵀ, or W Gᵀ, times a coarse vector (collective)."""
-        own = coarse[self._layout.own]
+        local = coarse[self._layout.of_rank]
         for interface, part, members, R in self._classes:
             motions = self._interface[interface].reshape(members, -1)
-            np.matmul(own[part].reshape(members, -1), R.T, out=motions)
+            np.matmul(local[part].reshape(members, -1), R.T, out=motions)
         self._B.apply(self._interface, out)
         out *= self._weights[metric]
 

@@ -192,7 +192,7 @@ class KernelRows:
         self._begins, self._columns, self._values = B.local.indptr, B.local.indices, B.local.data
         self.entries = np.diff(self._begins)
         self._first, self._last = B.first, B.first + B.columns
-        self._distant = self._columns[:0], self._own(np.empty(0, np.int64))
+        self._distant = self._columns[:0], self._local_places(np.empty(0, np.int64))
         if self.comm.size > 1:
             self._distant = self._ask(B.local.shape[1])
 
@@ -205,13 +205,13 @@ class KernelRows:
         columns = np.unique(away).astype(np.int64)
         starts = np.array([*self.comm.allgather(self._first), total], np.int64)
         exchange = NodeExchange(self.comm, columns, total, starts)
-        start, width, place = self._own(exchange.nodes - self._first)
+        start, width, place = self._local_places(exchange.nodes - self._first)
         start, width, kernel = map(exchange.from_owners, (start, width, self._table[place]))
         place = len(self._table) + np.arange(len(columns))
         self._table = np.concatenate([self._table, kernel])
         return columns, (start, width, place)
 
-    def _own(self, columns: NDArray[np.int64]) -> Places:
+    def _local_places(self, columns: NDArray[np.int64]) -> Places:
         """First coarse unknown, width and place in the table of local columns (n,)."""
         cls = np.searchsorted(self._ends, columns, side="right")
         begins = self._ends[cls - 1] * (cls > 0) if len(self._ends) else columns
@@ -223,13 +223,13 @@ class KernelRows:
         """First coarse unknown, width and place in the table of any columns of local rows."""
         here = (columns >= self._first) & (columns < self._last)
         if here.all():
-            return self._own(columns.astype(np.int64) - self._first)
-        known, received = self._distant
-        own = self._own(columns[here].astype(np.int64) - self._first)
-        at = np.searchsorted(known, columns[~here])
+            return self._local_places(columns.astype(np.int64) - self._first)
+        distant_columns, received = self._distant
+        local = self._local_places(columns[here].astype(np.int64) - self._first)
+        at = np.searchsorted(distant_columns, columns[~here])
         result = np.empty((3, len(columns)), np.int64)
-        for part, own_part, distant in zip(result, own, received, strict=True):
-            part[here], part[~here] = own_part, distant[at]
+        for part, near, distant in zip(result, local, received, strict=True):
+            part[here], part[~here] = near, distant[at]
         return result[0], result[1], result[2]
 
     def row_sets(self, rows: NDArray[np.int64]) -> Iterator[RowSets]:

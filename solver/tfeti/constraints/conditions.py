@@ -210,7 +210,7 @@ class ContactRows:
         place[order] = np.arange(len(order))
         return cls(
             **{name: values[order] for name, values in joined.items()},
-            **{name: replace(own, row=place[own.row]) for name, own in entries.items()},
+            **{name: replace(of_name, row=place[of_name.row]) for name, of_name in entries.items()},
         )
 
     def of(self, keep: NDArray[np.bool_]) -> ContactRows:
@@ -290,9 +290,9 @@ def unit_rows(rows: ContactRows) -> tuple[sparse.csr_matrix, NDArray[np.float64]
     """
     entries = rows.entries
     column = entries.node * rows.normals.shape[1] + entries.component
-    known, place = np.unique(column, return_inverse=True)
+    columns, place = np.unique(column, return_inverse=True)
     matrix = sparse.csr_matrix(
-        (entries.value, (entries.row, place.reshape(-1))), shape=(len(rows.nodes), len(known))
+        (entries.value, (entries.row, place.reshape(-1))), shape=(len(rows.nodes), len(columns))
     )
     norm = np.sqrt(np.asarray(matrix.multiply(matrix).sum(axis=1)).ravel())
     return matrix.multiply(1.0 / norm[:, None]).tocsr(), norm

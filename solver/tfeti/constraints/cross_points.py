@@ -85,8 +85,8 @@ class Neighbours:
     """
 
     def __init__(self, comm: MPI.Intracomm, pairs: NDArray[np.int64]) -> None:
-        own = np.unique(self._keys(pairs[:, 0], pairs[:, 1]))
-        self._known = np.unique(np.concatenate(comm.allgather(own)))
+        keys = np.unique(self._keys(pairs[:, 0], pairs[:, 1]))
+        self._of_all_ranks = np.unique(np.concatenate(comm.allgather(keys)))
 
     @staticmethod
     def _keys(a: NDArray[np.int64], b: NDArray[np.int64]) -> NDArray[np.int64]:
@@ -95,10 +95,10 @@ class Neighbours:
     def adjacent(self, subdomains: NDArray[np.int64]) -> NDArray[np.bool_]:
         """Masks (n, m, m) of neighbours among the subdomains (n, m) at each node."""
         keys = self._keys(subdomains[:, :, None], subdomains[:, None])
-        if len(self._known) == 0:
+        if len(self._of_all_ranks) == 0:
             return np.zeros(keys.shape, bool)
-        at = np.minimum(np.searchsorted(self._known, keys), len(self._known) - 1)
-        return np.asarray(self._known[at] == keys)
+        at = np.minimum(np.searchsorted(self._of_all_ranks, keys), len(self._of_all_ranks) - 1)
+        return np.asarray(self._of_all_ranks[at] == keys)
 
     def patterns(
         self, subdomains: NDArray[np.int64]
@@ -112,5 +112,5 @@ class Neighbours:
         kinds, kind = np.unique(np.packbits(adjacent, axis=1), axis=0, return_inverse=True)
         kind = kind.reshape(-1)
         for number in range(len(kinds)):
-            own = np.flatnonzero(kind == number)
-            yield own, *joining(adjacent[own[0]].reshape(m, m))
+            chosen = np.flatnonzero(kind == number)
+            yield chosen, *joining(adjacent[chosen[0]].reshape(m, m))

@@ -32,9 +32,9 @@ class NodeExchange:
     nodes : (arrived,)
         Node numbers of the copies that arrived at this rank, the owner; ordered by their rank of
         origin, and for each rank as on that rank.
-    own : (kept,)
+    local : (kept,)
         Copies on this rank of nodes that it owns.
-    own_part
+    local_part
         Places of these copies among the arrived copies.
     """
 
@@ -54,12 +54,12 @@ class NodeExchange:
         self.first, self.last = int(starts[comm.rank]), int(starts[comm.rank + 1])
         self._copies = len(nodes)
         self._of_rank = [np.flatnonzero(owner == rank) for rank in range(comm.size)]
-        self.own: NDArray[np.int64] = self._of_rank[comm.rank]
-        self._of_rank[comm.rank] = self.own[:0]  # most copies stay on their rank
+        self.local: NDArray[np.int64] = self._of_rank[comm.rank]
+        self._of_rank[comm.rank] = self.local[:0]  # most copies stay on their rank
         arrived = comm.alltoall([nodes[copies] for copies in self._of_rank])
-        arrived[comm.rank] = nodes[self.own]
+        arrived[comm.rank] = nodes[self.local]
         self._ends = np.cumsum([0, *map(len, arrived)])
-        self.own_part = slice(*map(int, self._ends[comm.rank : comm.rank + 2]))
+        self.local_part = slice(*map(int, self._ends[comm.rank : comm.rank + 2]))
         self.nodes: NDArray[np.int64] = np.concatenate(arrived)
 
     def among(self, nodes: NDArray[np.int64]) -> NodeExchange:
@@ -72,9 +72,9 @@ class NodeExchange:
             return values.copy()
         result = np.empty((len(self.nodes), *values.shape[1:]), values.dtype)
         others = self.of_others(values)
-        result[: self.own_part.start] = others[: self.own_part.start]
-        np.take(values, self.own, 0, out=result[self.own_part], mode="clip")
-        result[self.own_part.stop :] = others[self.own_part.start :]
+        result[: self.local_part.start] = others[: self.local_part.start]
+        np.take(values, self.local, 0, out=result[self.local_part], mode="clip")
+        result[self.local_part.stop :] = others[self.local_part.start :]
         return result
 
     def of_others(self, values: NDArray) -> NDArray:
@@ -88,7 +88,7 @@ class NodeExchange:
         parts = np.split(values, self._ends[1:-1])
         parts[self.comm.rank] = values[:0]
         result = np.empty((self._copies, *values.shape[1:]), values.dtype)
-        result[self.own] = values[self.own_part]
+        result[self.local] = values[self.local_part]
         for copies, part in zip(self._of_rank, self.comm.alltoall(parts), strict=True):
             result[copies] = part
         return result

@@ -61,19 +61,19 @@ def _thickness(problem: DecomposedProblem, rows: NDArray[np.int64]) -> float:
     comm, d = problem.comm, problem.dimension
     if d == 1:  # without other nodes the thickness is one
         return 1.0
-    node_of, found = np.empty(problem.B.columns, np.int64), 0
+    node_of, count = np.empty(problem.B.columns, np.int64), 0
     for cls, part in zip(problem.classes, interface_slices(problem.classes), strict=True):
         nodes = cls.unknowns // d
-        members = found + nodes * np.arange(cls.members)
+        members = count + nodes * np.arange(cls.members)
         node_of[part] = (members[:, None] + cls.interface // d).ravel()
-        found += nodes * cls.members
+        count += nodes * cls.members
     B = problem.B
     columns = np.concatenate(comm.allgather(np.unique(B.local[rows].indices)))  # of all ranks
-    own = columns[(columns >= B.first) & (columns < B.first + B.columns)] - B.first
-    touched = len(np.unique(node_of[own]))
-    found, touched, total = comm.allreduce(np.array([found, touched, len(rows)]))
+    local = columns[(columns >= B.first) & (columns < B.first + B.columns)] - B.first
+    touched = len(np.unique(node_of[local]))
+    count, touched, total = comm.allreduce(np.array([count, touched, len(rows)]))
     spacing = (touched / max(total, 1)) ** (1.0 / (d - 1))
-    return float(found / max(touched, 1) / max(spacing, 1.0))
+    return float(count / max(touched, 1) / max(spacing, 1.0))
 
 
 def _levels(problem: DecomposedProblem) -> list[NDArray[np.bool_]]:

@@ -182,12 +182,12 @@ class ScaledConstraintMatrix(ConstraintMatrix):
         self._B.apply_transpose(np.multiply(self._weights, x, out=self._room), out)
 
 
-def without_columns(B: ConstraintMatrix, own: NDArray[np.bool_]) -> ConstraintMatrix:
+def without_columns(B: ConstraintMatrix, removed: NDArray[np.bool_]) -> ConstraintMatrix:
     """B without some columns of this rank (interface,).
 
     B itself if no rank names any (collective).
     """
-    columns = np.concatenate(B.comm.allgather(B.first + np.flatnonzero(own)))
+    columns = np.concatenate(B.comm.allgather(B.first + np.flatnonzero(removed)))
     if not len(columns):
         return B
     local = B.local.copy()

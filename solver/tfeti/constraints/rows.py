@@ -150,7 +150,7 @@ class SharedEntries:
         together: NDArray[np.int64],
         rigid: ContactEntries,
     ) -> None:
-        own, rows = len(entries.row), len(together)
+        local, rows = len(entries.row), len(together)
         entries = ContactEntries.join([entries, rigid], [0, 0])
         self._entries = entries
         self._order = np.argsort(exchange.nodes, kind="stable")
@@ -165,7 +165,7 @@ class SharedEntries:
         share = entries.value**2 / self.copies
         square, of_rigid = (
             np.bincount(entries.row[some], share[some], minlength=rows)
-            for some in (slice(own), slice(own, None))
+            for some in (slice(local), slice(local, None))
         )
         longest = np.zeros(int(together.max(initial=-1)) + 1)
         np.maximum.at(longest, together, np.where(square > 0.0, square, of_rigid))
@@ -182,14 +182,14 @@ class SharedEntries:
         """Row, column and value on the copies, rows of unit length; `columns` as in `Rows`."""
         comm = self._query.comm
         most = comm.allreduce(int(self._count.max(initial=0)), op=MPI.MAX)
-        found = np.full((len(self._count), most), -1, np.int64)
+        places = np.full((len(self._count), most), -1, np.int64)
         copy, requested = self._requested_copies()
-        found[requested, self._nth(requested)] = columns[copy, self._components[requested]]
-        found = self._query.from_owners(found)
-        entry, place = np.nonzero(found >= 0)
+        places[requested, self._nth(requested)] = columns[copy, self._components[requested]]
+        places = self._query.from_owners(places)
+        entry, place = np.nonzero(places >= 0)
         row = self._entries.row[entry]
         value = (self._entries.value / self.copies)[entry] / self.lengths[row]
-        return row, found[entry, place], value
+        return row, places[entry, place], value
 
     def _requested_copies(self) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
         """Arrived copies of the requested nodes, and the request of each copy."""

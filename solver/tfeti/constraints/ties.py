@@ -31,11 +31,11 @@ def undecided(comm: MPI.Intracomm, contact: ContactRows, tied: ContactRows) -> N
     nodes = np.concatenate([part[3] for part in gathered])
     if not len(nodes) or not len(contact.nodes):
         return np.ones(len(contact.nodes), bool)
-    known = np.unique(np.concatenate([columns, _columns(contact)]))
-    every = _unit(columns, rows, values, len(nodes), known)
-    own = _unit(_columns(contact), contact.entries.row, contact.entries.value,
-                len(contact.nodes), known)  # fmt: skip
-    cosine = (own @ every.T).tocoo()
+    all_columns = np.unique(np.concatenate([columns, _columns(contact)]))
+    every = _unit(columns, rows, values, len(nodes), all_columns)
+    of_contact = _unit(_columns(contact), contact.entries.row, contact.entries.value,
+                len(contact.nodes), all_columns)  # fmt: skip
+    cosine = (of_contact @ every.T).tocoo()
     at_node, number = np.unique(nodes, return_inverse=True)
     share = sparse.csr_matrix(
         (cosine.data**2, (cosine.row, number.reshape(-1)[cosine.col])),
@@ -54,11 +54,11 @@ def _unit(
     rows: NDArray[np.int64],
     values: NDArray[np.float64],
     count: int,
-    known: NDArray[np.int64],
+    all_columns: NDArray[np.int64],
 ) -> sparse.csr_matrix:
     """Rows of unit length over the known columns."""
-    place = np.searchsorted(known, columns)
-    matrix = sparse.csr_matrix((values, (rows, place)), shape=(count, len(known)))
+    place = np.searchsorted(all_columns, columns)
+    matrix = sparse.csr_matrix((values, (rows, place)), shape=(count, len(all_columns)))
     length = np.sqrt(np.asarray(matrix.multiply(matrix).sum(axis=1)).ravel())
     length[length == 0.0] = 1.0  # of rigid bodies alone
     return sparse.diags(1.0 / length) @ matrix

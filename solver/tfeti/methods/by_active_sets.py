@@ -73,14 +73,14 @@ def solve_from_first_set(
     -------
     The outcome of the loop and the certified answer; None where SMALBE-M has to go on.
     """
-    found, answer = _solve(task, restart, saver, guess)
-    if guess is not None and found.state is None:
-        before = found.counts
-        found, answer = _solve(task, restart, saver.after(before), None)
-        found, guess = replace(found, counts=before + found.counts), None
+    outcome, answer = _solve(task, restart, saver, guess)
+    if guess is not None and outcome.state is None:
+        before = outcome.counts
+        outcome, answer = _solve(task, restart, saver.after(before), None)
+        outcome, guess = replace(outcome, counts=before + outcome.counts), None
     if answer is not None:
-        answer = replace(answer, counts=found.counts, warm=guess is not None)
-    return found, answer
+        answer = replace(answer, counts=outcome.counts, warm=guess is not None)
+    return outcome, answer
 
 
 def _solve(
@@ -96,8 +96,8 @@ def _solve(
     def save(state: State, work: Counts) -> None:
         saver(without_outer_iterations(state.multiplier, state.active, work))
 
-    found, answer = solve_from(task, start, StateSaver(lambda: saver.due, save))
-    return replace(found, counts=before + found.counts), answer
+    outcome, answer = solve_from(task, start, StateSaver(lambda: saver.due, save))
+    return replace(outcome, counts=before + outcome.counts), answer
 
 
 def initial_active_set(problem: DualProblem, guess: NDArray[np.float64] | None) -> Start:
@@ -133,17 +133,17 @@ def solve_from(
     stopping_test = StoppingTest(test.required_reduction, test.accept, task.rule.may_end_early)
     law = contact_law(task.problem)
     options = options_of(task.problem, task.active_sets)
-    found = active_set_loop(
+    outcome = active_set_loop(
         TotalFeti(task.problem), start, stopping_test, task.inner, task.monitor, saver, options, law
     )
-    if found.reason not in ENDS:
-        return found, None
+    if outcome.reason not in ENDS:
+        return outcome, None
     answer = test.answer
-    if found.reason is not Reason.ACCEPTED:
-        assert found.state is not None
-        answer = test.certified(found.state)
+    if outcome.reason is not Reason.ACCEPTED:
+        assert outcome.state is not None
+        answer = test.certified(outcome.state)
     assert answer is not None
-    return found, replace(answer, reason=found.reason, method=METHOD)
+    return outcome, replace(answer, reason=outcome.reason, method=METHOD)
 
 
 def options_of(problem: DualProblem, options: ActiveSetOptions) -> ActiveSetOptions:

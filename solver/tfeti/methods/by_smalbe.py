@@ -74,8 +74,8 @@ def solve_as_in_the_paper(task: Task) -> Solution:
         Hooks(task.monitor, saver, lambda: saver.due),
     )
     restart = task.checkpoint.load(problem) if task.checkpoint else None
-    found = _to_a_certificate(task, frozen, frozen.begin(None, None, restart), None)
-    return replace(found, counts=Counts(norm_estimation=multiplications) + found.counts)
+    answer = _to_a_certificate(task, frozen, frozen.begin(None, None, restart), None)
+    return replace(answer, counts=Counts(norm_estimation=multiplications) + answer.counts)
 
 
 def solve_by_smalbe(
@@ -123,8 +123,8 @@ def solve_by_smalbe(
             lambda: saver.due,
         ),
     )
-    found = _to_a_certificate(task, frozen, frozen.begin(x0, multiplier0, restart), sets)
-    return replace(found, counts=counts + found.counts)
+    answer = _to_a_certificate(task, frozen, frozen.begin(x0, multiplier0, restart), sets)
+    return replace(answer, counts=counts + answer.counts)
 
 
 class _Frozen:
@@ -157,8 +157,8 @@ class _Frozen:
         if limits is None or not limits.follow:
             return None
         force = problem.offset + state.x
-        own = force[problem.inequality]
-        pressing = math.sqrt(problem.comm.allreduce(float(own @ own)))
+        pressing_forces = force[problem.inequality]
+        pressing = math.sqrt(problem.comm.allreduce(float(pressing_forces @ pressing_forces)))
         if state.residual_norm > KNOWN * pressing or not limits.settles(force, KNOWN):
             return None
         limits.advance(force)
@@ -295,19 +295,19 @@ class _ActiveSetsBetween:
         problem = self._task.problem
         assert problem.lower is not None
 
-        def save(found: State, set_work: Counts) -> None:
+        def save(set_state: State, set_work: Counts) -> None:
             self._saver(
                 Restart(
-                    state.iteration, *found.homogenised(problem), state.rho, state.M,
+                    state.iteration, *set_state.homogenised(problem), state.rho, state.M,
                     state.target, -math.inf, (), state.counts + set_work,
                 )
             )  # fmt: skip
 
         active = problem.inequality & (state.x > problem.lower)
         start = Start(active, problem.offset + state.x)
-        found, answer = solve_from(self._task, start, StateSaver(lambda: self._saver.due, save))
-        self.set_work = self.set_work + found.counts
-        return found, answer
+        outcome, answer = solve_from(self._task, start, StateSaver(lambda: self._saver.due, save))
+        self.set_work = self.set_work + outcome.counts
+        return outcome, answer
 
 
 def _lengths(problem: DualProblem, state: OuterState) -> NDArray[np.float64]:

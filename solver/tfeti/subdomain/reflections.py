@@ -99,8 +99,8 @@ class Symmetry:
         bits = 1 << np.arange(self.order)
         kind = np.stack([bits @ fixed, bits @ (self.signs[:, first] > 0)], axis=1)
         families = []
-        for known in np.unique(kind, axis=0):
-            firsts = first[(kind == known).all(axis=1)]
+        for kinds in np.unique(kind, axis=0):
+            firsts = first[(kind == kinds).all(axis=1)]
             families.append(self._family(firsts))
         families.sort(key=lambda family: len(family.unknowns))
         return Split(tuple(families), self.order)
@@ -341,10 +341,8 @@ def find_symmetry(
     images = [np.arange(unknowns)]
     signs = [np.ones(unknowns, np.int8)]
     for image, sign in generators:
-        images += [image[known] for known in images]
-        signs += [
-            known_sign * sign[known] for known, known_sign in zip(images, signs, strict=False)
-        ]
+        images += [image[earlier] for earlier in images]
+        signs += [before * sign[earlier] for earlier, before in zip(images, signs, strict=False)]
     return Symmetry(np.array(images), np.array(signs), dimension)
 
 
