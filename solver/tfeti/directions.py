@@ -68,7 +68,7 @@ class Directions:
     """Vectors p of earlier operator applications, F p on all rows, and K⁺ Bᵀ p on the interface.
 
     They belong to one operator F and are independent of the loads. Problems that differ in their
-    loads alone may share them (`DecomposedProblem.recycling`).
+    loads alone may share them (`DualProblem.recycling`).
 
     Parameters
     ----------
