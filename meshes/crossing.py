@@ -181,7 +181,7 @@ def segment_crossings(surface: ClosedSurface) -> NDArray[np.int64]:
     The ends of both are farther from the line of the other than `ClosedSurface.depth`.
     """
     places, segments = surface.places, surface.simplices
-    boxes, crossings = Boxes.of(places, segments), [np.zeros((0, 2), np.int64)]
+    boxes, crossing_pairs = Boxes.of(places, segments), [np.zeros((0, 2), np.int64)]
     for i, j in meeting_each_other(boxes, np.arange(len(segments))):
         new = (segments[i][:, :, None] != segments[j][:, None, :]).all(axis=(1, 2))
         i, j = i[new], j[new]
@@ -191,8 +191,8 @@ def segment_crossings(surface: ClosedSurface) -> NDArray[np.int64]:
         on_j = _apart(_signed_distance(r, s, p), _signed_distance(r, s, q), least)
         on_i = _apart(_signed_distance(p, q, r), _signed_distance(p, q, s), least)
         crossed = on_i & on_j
-        crossings.append(np.stack([i[crossed], j[crossed]], axis=1))
-    return np.concatenate(crossings)
+        crossing_pairs.append(np.stack([i[crossed], j[crossed]], axis=1))
+    return np.concatenate(crossing_pairs)
 
 
 def _signed_distance(
