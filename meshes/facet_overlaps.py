@@ -317,10 +317,11 @@ def clip(
         crossing = valid & (inside != (next_side >= 0.0))
         share = side / np.where(crossing, side - next_side, 1.0)
         cut = polygon + share[..., None] * (next_point - polygon)
-        made = np.stack([polygon, cut], axis=2).reshape(n, -1, 2)
-        keep = np.stack([valid & inside, crossing], axis=2).reshape(n, -1)
+        most = 2 * polygon.shape[1]
+        made = np.stack([polygon, cut], axis=2).reshape(n, most, 2)
+        keep = np.stack([valid & inside, crossing], axis=2).reshape(n, most)
         count = keep.sum(axis=1)
-        order = np.argsort(~keep, axis=1, kind="stable")[:, : max(count.max(initial=0), 1)]
+        order = np.argsort(~keep, axis=1, kind="stable")[:, : max(count.max(initial=0), 3)]
         polygon = np.take_along_axis(made, order[..., None], axis=1)
     return polygon, count
 
