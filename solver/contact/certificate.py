@@ -217,10 +217,7 @@ class Measures:
 
 
 def certificate_of(
-    answer: MeasuredAnswer,
-    tolerance: float,
-    relaxations: int = 0,
-    unsolved: NDArray[np.float64] | None = None,
+    answer: MeasuredAnswer, tolerance: float, unsolved: NDArray[np.float64] | None = None
 ) -> tuple[Certificate, Measures]:
     """Compute the certificate of an answer (collective).
 
@@ -228,10 +225,6 @@ def certificate_of(
     ----------
     tolerance
         `solver.tolerance` of the scene.
-    relaxations
-        Number of steps that sharpen the gap. In each step the interior of û is equilibrated with
-        its interface (exactly where there are Schur complements), and û moves on the interface
-        where no constraint holds it.
     unsolved : (bodies,)
         Squared error in energy norm of the group of each body that an iterative solver left in K u
         = f - Bᵀ λ. The gap assumes this equation, so the root of this number is added to the root
@@ -246,7 +239,7 @@ def certificate_of(
     state, (rounded, disturbed) = answer.equilibrium(), answer.round_off()
     force = np.where(problem.conditional, multiplier * problem.spread, 0.0)
     forces = answer.forces_on_bodies(force, state.reactions)
-    gaps = answer.gaps(relaxations)
+    gaps = answer.gaps()
     bounds = gaps if unsolved is None else _with_unsolved(bodies, gaps, unsolved)
     work = float(comm.allreduce(multiplier @ residual - _friction_work(answer)))
     idle = comm.allreduce(bodies.sum_rows(np.abs(force * slack), contact))

@@ -139,8 +139,8 @@ class MeasuredAnswer(Protocol):
             At eliminated unknowns.
         """
 
-    def gaps(self, relaxations: int) -> Array:
-        """Duality gap of each group of bodies, (groups,), after `relaxations` sharpening steps."""
+    def gaps(self) -> Array:
+        """Duality gap of each group of bodies, (groups,)."""
 
 
 def energy_scales(

@@ -38,9 +38,6 @@ GAIN = 8.0
 If the error exceeds its limit by n such factors, the next n answers are not certified.
 """
 
-SHARPENS = 20.0
-"""Largest factor by which relaxations reduce the duality gap."""
-
 AGAIN = 0.7
 """Factor on the required error of the next answer on an active set after a rejected answer."""
 
@@ -52,7 +49,7 @@ The estimate is then right to a few per cent.
 
 Assess = Callable[[Solution], Accuracy]
 
-Gap = Callable[[bool], float]
+Gap = Callable[[], float]
 
 
 class StoppingRule:
@@ -64,14 +61,11 @@ class StoppingRule:
         Upper limit of the certificate's numbers.
     patience
         Operator applications between a failed certificate and the next one.
-    relaxations
-        Steps that sharpen the duality gap of certificates.
     may_end_early
         Whether answers are certified before the active set has settled.
     """
 
     patience = 0
-    relaxations = 0
     may_end_early = False
 
     def __init__(self, tolerance: float) -> None:
@@ -87,8 +81,7 @@ class StoppingRule:
         strained
             Twice the strain energy, a(u, u).
         gap
-            Function that returns the duality gap without tensile contact forces; with True a
-            sharper one, at a higher cost.
+            Function that returns the duality gap without tensile contact forces.
         """
         return worst / self.tolerance
 
@@ -114,7 +107,6 @@ class AutomaticRule(StoppingRule):
     """
 
     patience = 6
-    relaxations = 3
     may_end_early = True
 
     def __init__(self, assess: Assess, tightest: float) -> None:
@@ -134,10 +126,7 @@ class AutomaticRule(StoppingRule):
             self._required = max(self._required / GAIN, required)
             return self._required
         if required <= 1.0 and strained > 0.0:
-            for sharp in (False, True):
-                error = math.sqrt(2.0 * max(gap(sharp), 0.0) / strained)
-                if not 1.0 < error / (self._limit * self._demand) <= SHARPENS:
-                    break
+            error = math.sqrt(2.0 * max(gap(), 0.0) / strained)
             required = max(required, error / self._limit)
         self._required = required / self._demand
         self._skipped_tests = int(math.log(max(self._required, 1.0)) / math.log(GAIN))

@@ -167,9 +167,7 @@ def _certified(backend: Multigrid, rule: StoppingRule, state: PrimalState) -> So
     problem = backend.problem
     pressing = np.where(problem.inequality, np.maximum(state.multiplier, 0.0), state.multiplier)
     u, multiplier = recover(backend.system, state.u, pressing)
-    certificate, measures = certify(
-        problem, multiplier, u, rule.tolerance, rule.relaxations, state.errors
-    )
+    certificate, measures = certify(problem, multiplier, u, rule.tolerance, state.errors)
     return rule.judge(
         Solution(multiplier, u, certificate, measures, Counts(), Reason.CONVERGED, rule.tolerance)
     )
@@ -192,6 +190,6 @@ def _required_reduction(
     if problem.friction is not None:
         left = friction_residual(problem, state.multiplier, state.jumps, state.lengths)
         worst = max(worst, left / SURE)
-    required = rule.required_reduction(worst, state.strained, lambda _: 0.5 * state.error_square)
+    required = rule.required_reduction(worst, state.strained, lambda: 0.5 * state.error_square)
     relative = state.error_square / state.strained if state.strained > 0.0 else 0.0
     return max(required, float(np.sqrt(relative / rule.tolerance)))

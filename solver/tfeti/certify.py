@@ -153,9 +153,9 @@ class DualAnswer:
         """Magnitudes of loads, of reactions and ties, and of contact forces, (3, bodies)."""
         return forces_on_bodies(self.problem, self.multiplier, force, reactions)
 
-    def gaps(self, relaxations: int) -> Array:
+    def gaps(self) -> Array:
         """The duality gap of each group of bodies, (groups,)."""
-        return group_gaps(self.problem, self.multiplier, self.interface, relaxations)
+        return group_gaps(self.problem, self.multiplier, self.interface)
 
 
 def certify(
@@ -163,7 +163,6 @@ def certify(
     multiplier: Array,
     displacements: list[Array],
     tolerance: float,
-    relaxations: int = 0,
     unsolved: Array | None = None,
 ) -> tuple[Certificate, Measures]:
     """The certificate of an answer, as `certificate_of` computes it (collective).
@@ -176,7 +175,7 @@ def certify(
         Displacements u.
     """
     answer = DualAnswer(problem, multiplier, displacements)
-    return certificate_of(answer, tolerance, relaxations, unsolved)
+    return certificate_of(answer, tolerance, unsolved)
 
 
 def friction_residual(

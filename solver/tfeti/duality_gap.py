@@ -28,7 +28,6 @@ def duality_gap(
     problem: DecomposedProblem,
     multiplier: NDArray[np.float64],
     interface: NDArray[np.float64],
-    relaxations: int = 0,
     rest: float = 0.0,
 ) -> float:
     """J(û) - D(λ) for λ and the displacements of u on the interface, an energy.
@@ -37,27 +36,20 @@ def duality_gap(
     ----------
     multiplier : (dual,)
         λ ≥ 0 on contact rows, in equilibrium with the loads.
-    relaxations
-        As for `certify`.
     rest
         As for `feasible_displacements`.
     """
-    return float(group_gaps(problem, multiplier, interface, relaxations, rest).sum())
+    return float(group_gaps(problem, multiplier, interface, rest).sum())
 
 
 def group_gaps(
     problem: DecomposedProblem,
     multiplier: NDArray[np.float64],
     interface: NDArray[np.float64],
-    relaxations: int = 0,
     rest: float = 0.0,
 ) -> NDArray[np.float64]:
     """`duality_gap` of each group, (groups,)."""
-    change, opened, gaps = _nearest(problem, multiplier, interface, rest)
-    if not relaxations:
-        return gaps
-    energies = problem.bodies.sum_by_group(motion_energies(problem, change, relaxations))
-    return np.asarray(problem.comm.allreduce(opened + energies))
+    return _nearest(problem, multiplier, interface, rest)[1]
 
 
 def _nearest(
@@ -65,12 +57,11 @@ def _nearest(
     multiplier: NDArray[np.float64],
     interface: NDArray[np.float64],
     rest: float = 0.0,
-) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
-    """The change û - u to an admissible û of least gap, λᵀ (c - B û) on this rank, and the gap.
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """The change û - u to an admissible û of least gap, and the gap of each group, (groups,).
 
     Two admissible û are tried: one closes the contact rows of `worth_closing`, the other does not.
-    Each group of bodies takes the one with the smaller gap. The last two results are given for each
-    group, (groups,).
+    Each group of bodies takes the one with the smaller gap.
     """
     bodies = problem.bodies
     candidates = [_candidate(problem, multiplier, interface, None, rest)]
@@ -80,17 +71,10 @@ def _nearest(
     costs = np.array(
         [opened + bodies.sum_by_group(motion_energies(problem, w)) for w, opened in candidates]
     )
-    costs = problem.comm.allreduce(costs)
-    if len(candidates) == 1 or not (costs[1] < costs[0]).any():
-        return *candidates[0], costs[0]
-    second = costs[1] < costs[0]
-    change, opened = (
-        np.where(chosen, b, a)
-        for chosen, a, b in zip(
-            (second[bodies.groups[bodies.columns]], second), *candidates, strict=True
-        )
-    )
-    return change, opened, np.where(second, costs[1], costs[0])
+    costs, changes = problem.comm.allreduce(costs), [change for change, _ in candidates]
+    second = costs[-1] < costs[0]
+    change = np.where(second[bodies.groups[bodies.columns]], changes[-1], changes[0])
+    return change, np.where(second, costs[-1], costs[0])
 
 
 def _candidate(

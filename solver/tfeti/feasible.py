@@ -12,7 +12,6 @@ from numpy.typing import NDArray
 
 from solver.tfeti.decomposed import DecomposedProblem
 from solver.tfeti.dual_operator import interface_slices
-from solver.tfeti.subdomain.classes import SubdomainClass
 from solver.vectors import largest_magnitude
 
 ROUNDS = 40
@@ -204,18 +203,13 @@ def worth_closing(
     return opened & (-multiplier * gaps > 0.5 * gaps * share)
 
 
-def motion_energies(
-    problem: DecomposedProblem, motion: NDArray[np.float64], relaxations: int = 0
-) -> NDArray[np.float64]:
-    """½ wᵀ K w of each body on this rank, (bodies,).
-
-    w is `motion` on the interface. Inside the subdomains it is zero, or improved towards the least
-    energy by some steps of conjugate gradients with the diagonal as preconditioner.
+def motion_energies(problem: DecomposedProblem, motion: NDArray[np.float64]) -> NDArray[np.float64]:
+    """½ wᵀ K w of each body on this rank, (bodies,), w zero inside the subdomains.
 
     Parameters
     ----------
-    relaxations
-        Number of steps; each takes one product with the stiffness of every subdomain.
+    motion : (interface,)
+        w on the interface.
     """
     energies = []
     for cls, part in zip(problem.classes, interface_slices(problem.classes), strict=True):
@@ -223,33 +217,5 @@ def motion_energies(
         for members in cls.batches():
             some = moved[members].T.copy()
             energy[members] = 0.5 * np.einsum("im,im->m", some, cls.interface_stiffness @ some)
-            if relaxations:
-                energy[members] -= _relaxed(cls, some, relaxations)
         energies.append(energy)
     return problem.bodies.sum_members(energies)
-
-
-def _relaxed(cls: SubdomainClass, motion: NDArray[np.float64], steps: int) -> NDArray[np.float64]:
-    """Energy (members,) that each member loses when its inside comes to equilibrium."""
-    inside = np.setdiff1d(cls.free, cls.interface)
-    if len(inside) == 0:
-        return np.zeros(motion.shape[1])
-    full = np.zeros((cls.unknowns, motion.shape[1]))
-    full[cls.interface] = motion
-    residual = -(cls.stiffness @ full)[inside]
-    full[cls.interface] = 0.0
-    diagonal = cls.stiffness.diagonal()[inside, None]
-    direction = residual / diagonal
-    square = np.einsum("im,im->m", residual, direction)
-    gain = np.zeros(len(square))
-    for _ in range(steps):
-        full[inside] = direction
-        force = (cls.stiffness @ full)[inside]
-        curvature = np.einsum("im,im->m", direction, force)
-        length = np.divide(square, curvature, out=np.zeros_like(gain), where=curvature > 0.0)
-        gain += 0.5 * length * square
-        residual -= length * force
-        before, square = square, np.einsum("im,im->m", residual, residual / diagonal)
-        ratio = np.divide(square, before, out=np.zeros_like(gain), where=before > 0.0)
-        direction = residual / diagonal + ratio * direction
-    return gain

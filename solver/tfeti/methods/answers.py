@@ -23,15 +23,13 @@ def answer_of_iterate(
     equality_force: NDArray[np.float64] | None,
 ) -> Solution:
     """The `certified_answer` of an iterate, judged by a stopping rule."""
-    return certified_answer(problem, x, equality_force, rule.tolerance, rule.relaxations)
+    return certified_answer(problem, x, equality_force, rule.tolerance)
 
 
 def answer_of_state(problem: DualProblem, rule: StoppingRule, state: State) -> Solution:
     """The certified answer of the solution on an active set, judged by a stopping rule."""
     multiplier = feasible_multiplier(problem, state.multiplier, state.active)
-    return rule.judge(
-        _certified(problem, multiplier, state.motions, rule.tolerance, rule.relaxations)
-    )
+    return rule.judge(_certified(problem, multiplier, state.motions, rule.tolerance))
 
 
 def certified_answer(
@@ -39,7 +37,6 @@ def certified_answer(
     x: NDArray[np.float64],
     equality_force: NDArray[np.float64] | None,
     tolerance: float,
-    relaxations: int = 0,
 ) -> Solution:
     """Recover the displacements of an iterate of the solver and certify them (collective).
 
@@ -49,8 +46,6 @@ def certified_answer(
     ----------
     tolerance
         Limit of the numbers of the certificate.
-    relaxations
-        Number of steps that sharpen the duality gap of the certificate.
     """
     balanced = x.copy()
     if problem.coarse is not None:
@@ -62,7 +57,7 @@ def certified_answer(
         active &= ~problem.friction.sliding(problem.offset + x)
     multiplier = feasible_multiplier(problem, problem.offset + balanced, active)
     alpha = kernel_coefficients(problem, multiplier, equality_force)
-    return _certified(problem, multiplier, alpha, tolerance, relaxations)
+    return _certified(problem, multiplier, alpha, tolerance)
 
 
 def _certified(
@@ -70,8 +65,7 @@ def _certified(
     multiplier: NDArray[np.float64],
     alpha: NDArray[np.float64],
     tolerance: float,
-    relaxations: int,
 ) -> Solution:
     u = recover(problem, multiplier, alpha)
-    certificate, measures = certify(problem, multiplier, u, tolerance, relaxations)
+    certificate, measures = certify(problem, multiplier, u, tolerance)
     return Solution(multiplier, u, certificate, measures, Counts(), Reason.CONVERGED, tolerance)

@@ -187,9 +187,8 @@ def _required_reduction(problem: DualProblem, rule: StoppingRule, state: State) 
     multiplier[problem.inequality] = np.maximum(multiplier[problem.inequality], 0.0)
     lengths = problem.lengths(state.displacements)
 
-    def gap(sharp: bool) -> float:
-        steps = rule.relaxations if sharp else 0
-        return duality_gap(problem, multiplier, state.displacements, steps, LOOSE)
+    def gap() -> float:
+        return duality_gap(problem, multiplier, state.displacements, LOOSE)
 
     worst = max(worst, friction_residual(problem, multiplier, state.jumps, lengths) / SURE)
     return rule.required_reduction(worst, state.strained, gap)
