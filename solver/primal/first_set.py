@@ -3,9 +3,10 @@
 On the coarse space of a level, Q = C P₁ … P_k, `solver.primal.spring_levels` states the problem.
 s_i is the stiffness that K has against row i alone, so that the springs are as compliant as the
 finest mesh at one node. The faint springs (w) hold bodies that only contact holds, and pull open
-rows near; tangential rows have faint springs only. The coarsest level is solved by a factor, the
-others by a few conjugate gradients with a cycle of the levels below. The rows with a pressing
-spring are the first active set, and its solve begins with this displacement.
+rows near, before proximal steps replace them; tangential rows have faint springs only. The coarsest
+level is solved by a factor, the others by a few conjugate gradients with a cycle of the levels
+below. The rows with a pressing spring are the first active set, and its solve begins with this
+displacement.
 """
 
 from __future__ import annotations
@@ -80,8 +81,10 @@ def find_first_set(
         level = CycleLevel(rows, below, Q[k:], loads[k], options)
         if k == depth and A[k].getSize()[0] <= options.largest:
             x = _on_every_rank(level)
-        else:
+        elif k == depth:  # bodies may have no place yet
             x = level.minimise(x, options.steps)
+        else:
+            x = level.proximal_step(x, options.steps, options.settled)
         pressed = level.pressed(x)
         x = multiply(P[k - 1], x)
     return FirstSet(pressed | system.equality, start + x)
@@ -92,8 +95,7 @@ def _on_every_rank(level: SharedLevel) -> Array:
 
     The messages of a small distributed problem cost more than its work.
     """
-    gathered = DenseLevel.gathered(level)
-    x = gathered.minimise(np.zeros(len(gathered.load)), level.options.exact_steps)
+    x = DenseLevel.gathered(level).solve()
     return x[slice(*level.A.getOwnershipRange())].copy()
 
 

@@ -3,8 +3,11 @@
     min ½ xᵀ A x - bᵀ x + ½ Σ s_i max(0, (Q x - c)_i)² + ½ Σ w s_i (Q x - c)_i²
 
 is solved by Newton's method with an exact line search, which ends after finitely many steps
-(D. Sun, J. Han, 1997). Three kinds of levels differ in how they solve for a step: by a sparse
-factor, by a dense one on every rank, or by a few conjugate gradients with a V-cycle.
+(D. Sun, J. Han, 1997). The last sum pulls open rows near and so places bodies that nothing else
+holds. A slender body that lifts off is more compliant than these springs, so that proximal steps
+follow: fainter springs, which hold each open row where the step before left it. Three kinds of
+levels differ in how they solve for a step: by a sparse factor, by a dense one on every rank, or by
+a few conjugate gradients with a V-cycle.
 """
 
 from __future__ import annotations
@@ -45,6 +48,12 @@ class FirstSetOptions:
     faint
         w. With a hundredth contact zones move visibly; below 1e-6 bodies that only these springs
         hold move so far that no digits are left.
+    proximal
+        w of the proximal steps. Without them most of a slender body starts closed and lifts off row
+        after row: the ribbed panel of 128,112 unknowns takes 119 operator applications in 17 sets
+        instead of 57 in 9.
+    proximal_steps
+        Most proximal steps on the coarsest level; they end where the set stays the same.
     exact_steps, steps
         Most Newton steps on the coarsest level, which a factor solves, and on finer ones: three
         steps, each with a reduction of 0.3, left contact there that had not settled. With eight and
@@ -70,6 +79,8 @@ class FirstSetOptions:
     """
 
     faint: float = 1e-4
+    proximal: float = 1e-7
+    proximal_steps: int = 10
     exact_steps: int = 60
     steps: int = 8
     reduction: float = 0.1
@@ -153,49 +164,76 @@ class Level(ABC):
         """Rows whose spring presses, (rows,)."""
         return np.asarray(self.rows.normal & (self.images(x) > self.rows.c))
 
-    def minimise(self, x: Array, steps: int) -> Array:
-        """The minimum, or the result of the given number of steps (collective)."""
-        jump = self.images(x) - self.rows.c
-        Ax = self.stiffness(x)
-        for _ in range(steps):
-            weights = self._weights(jump)
-            gradient = Ax - self.load + self.near * x
-            step = self.newton_step(weights, -gradient - self.forces(weights * jump))
-            image, product = self.images(step), self.stiffness(step)
-            slope, bent = float(step @ gradient), float(step @ (product + self.near * step))
-            length = self._length(jump, image, slope, bent)
-            x, jump, Ax = x + length * step, jump + length * image, Ax + length * product
-            if self._settled(weights, self._weights(jump), length):
+    def solve(self) -> Array:
+        """The minimum without the faint springs, as far as proximal steps find it (collective)."""
+        options = self.options
+        x = self.minimise(np.zeros_like(self.load), options.exact_steps)
+        for _ in range(options.proximal_steps):
+            before = self.pressed(x)
+            x = self.proximal_step(x, options.exact_steps, 0.0)
+            if not self.comm.allreduce(int((before != self.pressed(x)).sum())):
                 break
         return x
 
-    def _settled(self, before: Array, after: Array, length: float) -> bool:
+    def proximal_step(self, x: Array, steps: int, settled: float) -> Array:
+        """The minimum with springs that hold open rows where x has them (collective)."""
+        faint = self.options.proximal
+        jump = self.images(x) - self.rows.c
+        pulls = np.where(self.rows.equality, 0.0, faint * self.rows.stiffness * jump)
+        return self._newton(x, self.load + self.forces(pulls), steps, faint, settled)
+
+    def minimise(self, x: Array, steps: int) -> Array:
+        """The minimum, or the result of the given number of steps (collective)."""
+        return self._newton(x, self.load, steps, self.options.faint, self.options.settled)
+
+    def _newton(self, x: Array, load: Array, steps: int, faint: float, settled: float) -> Array:
+        """Newton steps under a load, until few springs change in a step (collective)."""
+        jump = self.images(x) - self.rows.c
+        Ax = self.stiffness(x)
+        for _ in range(steps):
+            weights = self._weights(jump, faint)
+            gradient = Ax - load + self.near * x
+            step = self.newton_step(weights, -gradient - self.forces(weights * jump))
+            image, product = self.images(step), self.stiffness(step)
+            slope, bent = float(step @ gradient), float(step @ (product + self.near * step))
+            length = self._length(jump, image, (slope, bent), faint)
+            x, jump, Ax = x + length * step, jump + length * image, Ax + length * product
+            if self._settled(weights, self._weights(jump, faint), length, settled):
+                break
+        return x
+
+    def _settled(self, before: Array, after: Array, length: float, share: float) -> bool:
         """Whether a step of some length changed few springs, or none with its full length.
 
-        (collective)
+        Few are this share of the springs that press (collective).
         """
         count = (before != after).sum(), (after >= self.rows.stiffness).sum()
         changed, stiff = self.comm.allreduce(np.array(count))
         if changed:
-            return bool(changed <= self.options.settled * stiff)
+            return bool(changed <= share * stiff)
         return abs(length - 1.0) < 1e-3
 
-    def _weights(self, jump: Array) -> Array:
-        """Stiffness of each spring, (rows,)."""
+    def _weights(self, jump: Array, faint: float) -> Array:
+        """Stiffness of each spring, (rows,); `faint` is that of open rows over s."""
         stiff = (self.rows.normal & (jump >= 0.0)) | self.rows.equality
-        return self.rows.stiffness * np.where(stiff, 1.0, self.options.faint)
+        return self.rows.stiffness * np.where(stiff, 1.0, faint)
 
-    def _length(self, jump: Array, image: Array, slope: float, bent: float) -> float:
+    def _length(self, jump: Array, image: Array, along: tuple[float, float], faint: float) -> float:
         """The minimum along a step: the root of a piecewise linear, increasing function.
 
         Newton's method finds it once it comes to the right piece; bisection leads there.
+
+        Parameters
+        ----------
+        along
+            Slope and curvature along the step without springs, of this rank.
         """
-        slope, bent = (float(v) for v in self.comm.allreduce(np.array([slope, bent])))
+        slope, bent = (float(v) for v in self.comm.allreduce(np.array(along)))
 
         def rising(t: float) -> tuple[float, float]:
             """Value and slope."""
             at = jump + t * image
-            pulls = self._weights(at) * image
+            pulls = self._weights(at, faint) * image
             push, stiff = self.comm.allreduce(np.array([pulls @ at, pulls @ image]))
             return slope + bent * t + float(push), bent + float(stiff)
 

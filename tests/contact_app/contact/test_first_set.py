@@ -36,6 +36,28 @@ def test_a_dense_level_is_solved_to_its_minimum(full: float) -> None:
     np.testing.assert_array_equal(level.pressed(x), pressed & ~equality)
 
 
+def test_a_slender_beam_lifts_off() -> None:
+    """A beam pressed evenly on a floor and pulled up at one end, softer than the faint springs.
+
+    These leave it on the floor, and proximal steps find the exact set.
+    """
+    n = 40
+    bending = sparse.diags([1.0, -2.0, 1.0], [0, 1, 2], (n - 2, n))
+    A = sparse.csr_matrix(100.0 * (bending.T @ bending))
+    load = np.ones(n)  # downwards, as the rows point
+    load[-1] -= 12.0
+    every, stiff = np.ones(n, bool), np.full(n, 1e7)
+    rows = Rows(MPI.COMM_SELF, np.zeros(n), every, ~every, stiff)
+    options = replace(FirstSetOptions(), proximal=1e-10)
+    level = DenseLevel(rows, A, sparse.identity(n, format="csr"), load, options)
+    pressed = level.pressed(level.solve())
+    springs = sparse.diags(np.where(pressed, stiff, 0.0))
+    exact = spsolve(sparse.csc_matrix(A + springs), load)
+    np.testing.assert_array_equal(pressed, exact > 0.0)
+    assert pressed.sum() < 25
+    assert level.pressed(level.minimise(np.zeros(n), 60)).sum() > 30
+
+
 def test_a_cycle_has_the_springs_of_rows_on_all_levels() -> None:
     """Twenty bars, held by nothing but the rows between them, take nine conjugate gradients."""
     bars, nodes, each = 20, 40, 4
