@@ -6,10 +6,29 @@ Nodes have two or three unknowns, and couple with all unknowns of their neighbou
 
 from __future__ import annotations
 
+import weakref
+from collections.abc import Callable
+from typing import Any
+
 import numpy as np
 from petsc4py import PETSc
 
 from solver.tfeti.constraints.matrix import local_rows
+
+_MADE: dict[tuple[int, str], Any] = {}
+"""Results of `made_once`, by the identity of the matrix and a name."""
+
+
+def made_once(matrix: PETSc.Mat, name: str, make: Callable[[], Any]) -> Any:
+    """The result of the first call for a matrix and a name; freed with the matrix.
+
+    An attribute of the matrix would outlive it: petsc4py 3.18 does not free attributes.
+    """
+    key = id(matrix), name
+    if key not in _MADE:
+        _MADE[key] = make()
+        weakref.finalize(matrix, _MADE.pop, key).atexit = False
+    return _MADE[key]
 
 
 def in_blocks(matrix: PETSc.Mat) -> PETSc.Mat:
@@ -17,16 +36,11 @@ def in_blocks(matrix: PETSc.Mat) -> PETSc.Mat:
 
     The matrix itself where its blocks are single entries. Values that change later do not reach it.
     """
-    made: PETSc.Mat | None = matrix.getAttr("blocks")
-    if made is None:
-        made = _in_blocks(matrix, matrix.getBlockSize())
-        matrix.setAttr("blocks", made)
-    return made
+    d = matrix.getBlockSize()
+    return matrix if d == 1 else made_once(matrix, "blocks", lambda: _in_blocks(matrix, d))
 
 
 def _in_blocks(matrix: PETSc.Mat, d: int) -> PETSc.Mat:
-    if d == 1:
-        return matrix
     local = local_rows(matrix).tobsr((d, d))
     local.sort_indices()
     begins, places = (part.astype(PETSc.IntType) for part in (local.indptr, local.indices))

@@ -23,6 +23,7 @@ from scipy import sparse
 
 from solver.backend import Turn
 from solver.contact.row_kinds import RowKind
+from solver.primal.blocks import made_once
 from solver.primal.merged_nodes import MergedNodes
 from solver.tfeti.constraints.matrix import lent, local_rows, petsc_rows
 from solver.tfeti.decomposed import DecomposedProblem
@@ -203,11 +204,8 @@ def vectors_of(matrix: PETSc.Mat) -> tuple[PETSc.Vec, PETSc.Vec]:
 
     They are made once: to make one is collective.
     """
-    stored: tuple[PETSc.Vec, PETSc.Vec] | None = matrix.getAttr("vectors")
-    if stored is None:
-        stored = matrix.createVecs()
-        matrix.setAttr("vectors", stored)
-    return stored
+    vectors: tuple[PETSc.Vec, PETSc.Vec] = made_once(matrix, "vectors", matrix.createVecs)
+    return vectors
 
 
 def chosen_rows(matrix: PETSc.Mat, rows: NDArray[np.int64]) -> PETSc.Mat:

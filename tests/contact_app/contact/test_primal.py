@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import weakref
 from dataclasses import replace
 from pathlib import Path
 
@@ -9,6 +10,7 @@ import numpy as np
 import pytest
 from mpi4py import MPI
 from numpy.typing import NDArray
+from petsc4py import PETSc
 
 from contact_app.model.model import build_model
 from contact_app.scene.build import build_scene
@@ -21,7 +23,7 @@ from solver.primal.by_active_sets import solve_by_multigrid
 from solver.primal.cycle import CycleOnSets
 from solver.primal.factor import FactorOptions
 from solver.primal.hierarchy import build_hierarchy
-from solver.primal.merged import merge, multiply
+from solver.primal.merged import merge, multiply, vectors_of
 from solver.primal.projector import Projector
 from solver.primal.vertices import vertex_level
 from solver.qp.mprgp import MPRGP
@@ -154,6 +156,7 @@ ON_RANKS = """
 import sys
 from mpi4py import MPI
 from numpy.typing import NDArray
+from petsc4py import PETSc
 from tests import scenes
 from tests.comparison import solve
 made = scenes.ALL[sys.argv[1]](sys.argv[2], 4)
@@ -223,6 +226,18 @@ def test_blocks_multiply_as_single_entries() -> None:
     assert np.abs(multiply(in_blocks(K), x) - expected).max() < 1e-12 * np.abs(expected).max()
 
 
+def test_blocks_and_vectors_are_freed_with_their_matrix() -> None:
+    """Else each solve would leave a copy of the stiffness behind."""
+    K = PETSc.Mat().createAIJ((6, 6), csr=(range(7), range(6), 6 * [2.0]), comm=PETSc.COMM_SELF)
+    K.setBlockSize(2)
+    made = in_blocks(K), *vectors_of(K)
+    assert in_blocks(K) is made[0]
+    assert vectors_of(K)[0] is made[1]
+    left = [weakref.ref(value) for value in made]
+    del made, K
+    assert [value() for value in left] == [None] * 3
+
+
 def of_degree_2(name: str, cell: str, n: int) -> scenes.Config:
     """A scene with bodies of degree 2."""
     made = scenes.ALL[name](cell, n)
@@ -270,6 +285,7 @@ def test_a_part_of_degree_2_takes_few_products() -> None:
 DEGREE_2_ON_RANKS = """
 from mpi4py import MPI
 from numpy.typing import NDArray
+from petsc4py import PETSc
 from tests import scenes
 from tests.contact_app.contact.test_primal import MULTIGRID_ALWAYS, of_degree_2
 from contact_app.model.model import build_model
