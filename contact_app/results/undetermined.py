@@ -74,6 +74,8 @@ class Undetermined:
         play = "can move without limit, one way,"
         if np.isfinite(self.reach):
             play = f"has a play of {self.reach:.3g}"
+            if "turn" in self.along:
+                play += ", at its point that moves most,"
         return f"{self.name} {play} along {self.along}"
 
 

@@ -1,7 +1,9 @@
 """Subdivision of the skin of second-order tetrahedra into pieces that look round.
 
 A side of six nodes is cut at the middles of its edges into four triangles and these once more, with
-nodes where the side's own polynomial has them: x = Σ_k N_k x_k, and the same of every field.
+nodes where the side's own polynomial has them: x = Σ_k N_k x_k, and the same of every field. Values
+of numbers stay between the smallest and the largest of the nodes, so that pressures are not
+negative beside the edge of a contact.
 """
 
 from __future__ import annotations
@@ -53,11 +55,20 @@ def finer(stored: Stored) -> Stored:
         drawn += [(False, y, z), (x, False, z), (x, y, False), (False,) * 3]
     sides = np.concatenate([np.stack(piece, axis=1) for piece in pieces])
     W = weights.matrix()
-    data = {name: np.concatenate([v, W @ v]) for name, v in stored.point_data.items()}
+    data = {name: _with_new(W, values) for name, values in stored.point_data.items()}
     return replace(
         stored, points=np.concatenate([stored.points, W @ stored.points]), point_data=data,
         pieces=((sides, np.tile(rows, len(pieces))),), drawn=np.repeat(drawn, len(faces), axis=0),
     )  # fmt: skip
+
+
+def _with_new(W: csr_array, values: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Values at the known nodes and then at the new ones."""
+    found = W @ values
+    known = values[np.isfinite(values)] if values.ndim == 1 else values[:0]
+    if len(known):
+        found = np.clip(found, known.min(), known.max())
+    return np.concatenate([values, found])
 
 
 def _faces(stored: Stored) -> tuple[Integers, Integers]:

@@ -41,6 +41,16 @@ def test_fields_of_second_order_are_exact_at_new_nodes() -> None:
     np.testing.assert_allclose(fine.point_data["vector"], x)
 
 
+def test_values_stay_between_those_of_nodes() -> None:
+    coarse = two_tetrahedra()
+    pressure = np.zeros(len(coarse.points))
+    pressure[-1] = 1.0
+    coarse.point_data["pressure"] = np.where(np.arange(len(pressure)) == 0, np.nan, pressure)
+    values = finer(coarse).point_data["pressure"]
+    assert np.isnan(values).sum() > 1
+    assert (np.nanmin(values), np.nanmax(values)) == (0.0, 1.0)
+
+
 def test_the_pieces_cover_the_skin_once_and_hang_together() -> None:
     coarse = two_tetrahedra()
     fine = finer(coarse)

@@ -93,6 +93,7 @@ def test_a_body_on_a_single_point_has_the_play_of_a_tilt() -> None:
         {"on": "block.y-", "obstacle": {"plane": {"point": [0, -0.01], "normal": [0, 1]}}},
     ]
     (told,) = plays(made)
+    assert "at its point that moves most, along" in told
     assert "a turn about z" in told
 
 
