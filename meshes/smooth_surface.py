@@ -22,8 +22,11 @@ ignores the other.
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 from numpy.typing import NDArray
+from scipy.sparse import csr_matrix
 
 SMOOTH = np.deg2rad(30.0)
 """Angle between facets above which their edge is not part of a round surface."""
@@ -37,6 +40,13 @@ MOST_LAYERS = 4
 FEWEST_POINTS = (3, 8)
 """Vertices besides its own from which a quadric is fitted, in the plane and in space: as many as it
 has coefficients, and two more in space, where vertices may lie on two lines."""
+
+ROUNDING = 1e-13
+"""Singular values below this times the largest are rounding errors."""
+
+AT_ONCE = 20_000
+"""Corners of facets whose normals are fitted together: some 50 facets lie about each, so that their
+coordinates take 25 MB."""
 
 Array = NDArray[np.float64]
 
@@ -62,59 +72,162 @@ def bulges(corners: NDArray[np.int64], points: Array, normals: Array) -> Array:
 def _normals_at_vertices(corners: NDArray[np.int64], points: Array, normals: Array) -> Array:
     """Normals of the smooth surface at the vertices of each facet, (facets, v, 3)."""
     facets, v = corners.shape
-    numbers, at, place = np.unique(corners, return_index=True, return_inverse=True)
-    vertices, place = points.reshape(-1, 3)[at], place.reshape(corners.shape)
-    of_vertex: list[list[int]] = [[] for _ in numbers]
-    for facet, nodes in enumerate(place):
-        for vertex in nodes:
-            of_vertex[vertex].append(facet)
-    centres = points.mean(axis=1)
-    sizes = np.linalg.norm(points - centres[:, None], axis=2).max(axis=1)
-    area = sizes ** (points.shape[1] - 1 if v == 2 else 2)
-    result = np.empty((facets, v, 3))
-    of_ring: dict[tuple[int, bytes], Array] = {}
-    for facet in range(facets):
-        for k in range(v):
-            near = set(of_vertex[place[facet, k]])
-            for layer in range(MOST_LAYERS):
-                near = {g for f in near for w in place[f] for g in of_vertex[w]}
-                ring = np.array(sorted(near))
-                ring = ring[normals[ring] @ normals[facet] > np.cos(2.0 * SMOOTH)]
-                if layer and len(np.unique(place[ring])) > FEWEST_POINTS[v > 2]:
-                    break
-            key = int(place[facet, k]), ring.tobytes()
-            if key not in of_ring:
-                first = _fitted(centres[ring] - points[facet, k], normals[ring], area[ring])
-                others = np.setdiff1d(place[ring], place[facet, k])
-                around = vertices[others] - vertices[place[facet, k]]
-                of_ring[key] = _of_quadric(around, first)
-            result[facet, k] = of_ring[key]
-    return result
+    _, at, place = np.unique(corners, return_index=True, return_inverse=True)
+    mesh = _Facets.of(place.reshape(corners.shape), points.reshape(-1, 3)[at], points, normals)
+    result = np.empty((facets * v, 3))
+    missing = np.argsort(place.ravel(), kind="stable")
+    about = mesh.of_vertices @ mesh.beside
+    for layer in range(1, MOST_LAYERS):
+        about = about @ mesh.beside
+        few = [
+            _fit(mesh, part, about[place.ravel()[part]], result, layer == MOST_LAYERS - 1)
+            for part in np.split(missing, np.arange(AT_ONCE, len(missing), AT_ONCE))
+        ]
+        missing = np.concatenate(few)
+    return result.reshape(facets, v, 3)
+
+
+@dataclass(frozen=True, eq=False)
+class _Facets:
+    """The facets of a surface.
+
+    Attributes
+    ----------
+    place : (facets, v)
+        Vertices of each.
+    vertices : (vertices, 3)
+    centres, normals : (facets, 3)
+    areas : (facets,)
+        In their order of magnitude.
+    vertices_of : (facets, vertices)
+        Ones at the vertices of each.
+    beside : (facets, facets)
+        Positive where two share a vertex.
+    """
+
+    place: NDArray[np.int64]
+    vertices: Array
+    centres: Array
+    normals: Array
+    areas: Array
+    vertices_of: csr_matrix
+    beside: csr_matrix
+
+    @classmethod
+    def of(
+        cls, place: NDArray[np.int64], vertices: Array, points: Array, normals: Array
+    ) -> _Facets:
+        """Facets with corners at points (facets, v, 3)."""
+        facets, v = place.shape
+        starts = np.arange(0, facets * v + 1, v)
+        shape = facets, len(vertices)
+        vertices_of = csr_matrix((np.ones(facets * v, bool), place.ravel(), starts), shape)
+        centres = points.mean(axis=1)
+        sizes = np.linalg.norm(points - centres[:, None], axis=2).max(axis=1)
+        areas = sizes ** (v - 1 if v == 2 else 2)
+        beside = (vertices_of @ vertices_of.T).tocsr()
+        return cls(place, vertices, centres, normals, areas, vertices_of, beside)
+
+    @property
+    def of_vertices(self) -> csr_matrix:
+        """Facets of each vertex, (vertices, facets)."""
+        return self.vertices_of.T.tocsr()
+
+
+def _fit(
+    mesh: _Facets, corners: NDArray[np.int64], about: csr_matrix, result: Array, last: bool
+) -> NDArray[np.int64]:
+    """Write the normals at corners (c,); return the corners with too few vertices, unless last.
+
+    Parameters
+    ----------
+    about : (c, facets)
+        Facets about each.
+    """
+    v = mesh.place.shape[1]
+    rings = _of_one_side(about, mesh.normals, corners // v)
+    vertex = mesh.place.ravel()[corners]
+    first, same = _distinct(vertex, rings)
+    rings, vertex = rings[first], vertex[first]
+    around = (rings @ mesh.vertices_of).tocsr()
+    enough = np.diff(around.indptr) > FEWEST_POINTS[v > 2]
+    if last:
+        enough[:] = True
+    if not enough.any():
+        return corners
+    rings, around, vertex = rings[enough], around[enough], vertex[enough]
+    origin = mesh.vertices[vertex]
+    facets, weights = _padded(rings)
+    normal = _fitted(
+        mesh.centres[facets] - origin[:, None], mesh.normals[facets], weights * mesh.areas[facets]
+    )
+    others, weights = _padded(around)
+    away = (mesh.vertices[others] - origin[:, None]) * weights[..., None]
+    values = np.empty((len(first), 3))
+    values[enough] = _of_quadric(away, normal)
+    result[corners[enough[same]]] = values[same[enough[same]]]
+    return np.asarray(corners[~enough[same]])
+
+
+def _of_one_side(about: csr_matrix, normals: Array, facets: NDArray[np.int64]) -> csr_matrix:
+    """Facets about each corner (c, facets) that no edge of the body parts from its own facet."""
+    row = np.repeat(np.arange(about.shape[0]), np.diff(about.indptr))
+    cosine = np.einsum("ri,ri->r", normals[about.indices], normals[facets[row]])
+    smooth = cosine > np.cos(2.0 * SMOOTH)
+    entries = np.ones(smooth.sum(), bool), (row[smooth], about.indices[smooth])
+    return csr_matrix(entries, shape=about.shape)
+
+
+def _distinct(
+    vertex: NDArray[np.int64], rings: csr_matrix
+) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """First of the corners with one vertex and one set of facets, and their number for each.
+
+    Sets are compared by sums of random numbers of their facets, modulo 2⁶⁴.
+    """
+    random = np.random.default_rng(0).integers(2**63, size=rings.shape[1], dtype=np.uint64)
+    sums = np.add.reduceat(random[rings.indices], rings.indptr[:-1])
+    keys = np.column_stack([vertex.astype(np.uint64), sums])
+    _, first, same = np.unique(keys, axis=0, return_index=True, return_inverse=True)
+    return first, same.ravel()
+
+
+def _padded(rows: csr_matrix) -> tuple[NDArray[np.int64], Array]:
+    """Columns of the entries of each row, (rows, most), and 1 where there is one, else 0."""
+    counts = np.diff(rows.indptr)
+    filled = np.arange(counts.max(initial=0)) < counts[:, None]
+    columns = np.zeros(filled.shape, np.int64)
+    columns[filled] = rows.indices
+    return columns, filled.astype(np.float64)
 
 
 def _of_quadric(around: Array, normal: Array) -> Array:
-    """Normal at zero of the quadric through zero near points (n, 3), given about its normal.
+    """Normals at zero of quadrics through zero near points (r, n, 3), about given normals (r, 3).
 
-    Where the points do not determine the quadric, its coefficients are the smallest, C in the
-    Frobenius norm: so the normal does not depend on the axes of s.
+    Points at zero do not count. Where the points do not determine the quadric, its coefficients
+    are the smallest, C in the Frobenius norm: so the normal does not depend on the axes of s.
     """
-    size = np.linalg.norm(around, axis=1)
-    axes = np.linalg.svd(normal[None])[2][1:]
-    s, h = around @ axes.T / size.max(), around @ normal / size.max()
-    twist = np.sqrt(2.0) * s[:, 0] * s[:, 1]
-    square = np.column_stack([s[:, 0] ** 2, twist, s[:, 1] ** 2, h**2])
-    columns = np.hstack([s, square]) / size[:, None]
-    slopes = np.linalg.lstsq(columns, h / size, rcond=RANK)[0][:2]
-    value = normal - slopes @ axes
-    return np.asarray(value / np.linalg.norm(value))
+    size = np.linalg.norm(around, axis=2)
+    largest = size.max(axis=1)[:, None]
+    inverse = np.divide(1.0, size, out=np.zeros_like(size), where=size > 0.0)
+    axes = np.linalg.svd(normal[:, None])[2][:, 1:]
+    s = around @ axes.transpose(0, 2, 1) / largest[..., None]
+    h = np.einsum("rni,ri->rn", around, normal) / largest
+    x, y = s[..., 0], s[..., 1]
+    columns = np.stack([x, y, x**2, np.sqrt(2.0) * x * y, y**2, h**2], axis=2)
+    inverses = np.linalg.pinv(columns * inverse[..., None], rcond=RANK)
+    slopes = np.einsum("rcn,rn->rc", inverses[:, :2], h * inverse)
+    value = normal - np.einsum("rc,rci->ri", slopes, axes)
+    return np.asarray(value / np.linalg.norm(value, axis=1, keepdims=True))
 
 
 def _fitted(away: Array, normals: Array, weights: Array) -> Array:
-    """Value at zero of a linear fit to normals (n, 3) at places (n, 3), a unit vector."""
-    root = np.sqrt(weights)[:, None]
-    mean = (weights @ away) / weights.sum()
-    _, spread, axes = np.linalg.svd((away - mean) * root, full_matrices=False)
-    axes = axes[:2][spread[:2] > RANK * spread[0]] if spread[0] > 0.0 else axes[:0]
-    columns = np.hstack([np.ones((len(away), 1)), away @ axes.T])
-    value = np.linalg.lstsq(columns * root, normals * root, rcond=None)[0][0]
-    return np.asarray(value / np.linalg.norm(value))
+    """Values at zero of linear fits to normals (r, n, 3) at places (r, n, 3), unit vectors."""
+    root = np.sqrt(weights)[..., None]
+    mean = np.einsum("rn,rni->ri", weights, away) / weights.sum(axis=1)[:, None]
+    _, spread, axes = np.linalg.svd((away - mean[:, None]) * root, full_matrices=False)
+    axes = axes[:, :2] * (spread[:, :2] > RANK * spread[:, :1])[..., None]
+    columns = np.concatenate([np.ones_like(root), away @ axes.transpose(0, 2, 1)], axis=2)
+    inverses = np.linalg.pinv(columns * root, rcond=ROUNDING)
+    value = np.einsum("rn,rni->ri", inverses[:, 0], normals * root)
+    return np.asarray(value / np.linalg.norm(value, axis=1, keepdims=True))
