@@ -27,7 +27,7 @@ from solver.primal.hierarchy import Hierarchy, build_hierarchy, no_hierarchy
 from solver.primal.lanczos import Lanczos
 from solver.primal.merged import MergedSystem, bodies_alone, merge, multiply, multiply_transposed
 from solver.primal.projector import REDUNDANT, Projector
-from solver.primal.rigid_space import RigidSpace, floating_motions
+from solver.primal.rigid_space import FloatingMotions, RigidSpace
 from solver.primal.springs import Springs
 from solver.qp.box_qp import BoxQP
 from solver.qp.iterate import Iterate, Watch
@@ -130,7 +130,7 @@ class Multigrid:
         self.release()
         self.hierarchy_of_levels: Hierarchy = make(self.system)
         self.release()
-        self.floating = floating_motions(self.system)
+        self.floating = FloatingMotions(self.system)
         self.begin_at(self.system.at_rest)
         self._cycle: Cycle | CycleOnSets | None = None
         self._held = HeldEnergy(self.system)
@@ -248,7 +248,7 @@ class PrimalSet:
         jumps = (multiply(system.C, backend.u) - system.c)[projector.rows]
         lifting = -projector.lifting(jumps)
         operator = _ProjectedStiffness(system, projector, springs)
-        self._rigid = rigid = RigidSpace(system, projector, backend.floating, operator.product)
+        self._rigid = rigid = RigidSpace(system, projector, backend.floating, springs)
         self._start = backend.u + lifting
         if not rigid.empty:
             left = backend.left() + (self._load - system.load) - springs.forces_at(backend.u)

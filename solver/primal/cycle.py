@@ -3,7 +3,8 @@
 A coarse correction that moves an active row is undone by the projector Π, and with it most of what
 it corrected beside the contact. So the prolongation to the finest level is Π P instead of P
 (C. Gräser, R. Kornhuber, *Multigrid methods for obstacle problems*, J. Comput. Math. 27, 2009).
-Π is applied, and Π P is never made. Its Galerkin operator Pᵀ Πᵀ K Π P is Pᵀ K P and the energy that
+Π is applied, and Π P is never made; smoothing steps are projected, too (`solver.primal.smoother`).
+Its Galerkin operator Pᵀ Πᵀ K Π P is Pᵀ K P and the energy that
 it costs to keep the active rows where the coarse displacement moves them. A spring on each active
 row, as stiff as K is against this row alone, costs nearly the same:
 
@@ -27,6 +28,7 @@ from solver.primal.factor import row_stiffness
 from solver.primal.hierarchy import Hierarchy, MultigridOptions, galerkin, lent_options
 from solver.primal.merged import MergedSystem, chosen_rows, multiply, multiply_transposed
 from solver.primal.projector import Projector
+from solver.primal.smoother import Smoother
 from solver.tfeti.constraints.matrix import local_rows, scale_rows
 from solver.vectors import on_arrays
 
@@ -98,8 +100,7 @@ class CycleOnSets:
     def __init__(self, system: MergedSystem, hierarchy: Hierarchy) -> None:
         K, self._P = hierarchy.operators[0], hierarchy.prolongations[0]
         self._K = in_blocks(K)
-        self._smoother = _chebyshev(self._K, hierarchy.options)
-        self._residual, self._correction = self._K.createVecs()
+        self._smoother = Smoother(self._K, system.flexibility, hierarchy.options.smoothing)
         self._prolongations = hierarchy.prolongations[1:]
         self._operators = [operator.copy() for operator in hierarchy.operators[1:]]
         self._options = hierarchy.options
@@ -147,18 +148,16 @@ class CycleOnSets:
 
     def apply(self, residual: Array, out: Array) -> None:
         """Put the correction into out."""
-        self._smooth(residual, out, begins=True)
+        projector = self._projector
+        out[:] = 0.0
+        self._smoother.apply(residual, out, residual, projector)
         left = residual - multiply(self._K, out)
-        coarse = multiply_transposed(self._P, self._projector.apply_transpose(left))
+        coarse = multiply_transposed(self._P, projector.apply_transpose(left))
         correction = np.empty_like(coarse)
         assert self._coarse is not None
         self._coarse.apply(coarse, correction)
-        out += self._projector.apply(multiply(self._P, correction))
-        self._smooth(residual, out, begins=False)
-
-    def _smooth(self, residual: Array, out: Array, begins: bool) -> None:
-        self._smoother.setInitialGuessNonzero(not begins)
-        on_arrays(self._smoother.solve, self._residual, residual, self._correction, out)
+        out += projector.apply(multiply(self._P, correction))
+        self._smoother.apply(residual, out, residual - multiply(self._K, out), projector)
 
 
 def _smoothing(options: MultigridOptions) -> dict[str, object]:
@@ -168,18 +167,6 @@ def _smoothing(options: MultigridOptions) -> dict[str, object]:
         "ksp_norm_type": "none",
         "pc_type": "jacobi",
     }
-
-
-def _chebyshev(K: PETSc.Mat, options: MultigridOptions) -> PETSc.KSP:
-    """The smoother of one level; its eigenvalues are estimated once (collective)."""
-    ksp = PETSc.KSP().create(K.comm)
-    prefix = "contact_smoother_"
-    ksp.setOptionsPrefix(prefix)
-    ksp.setOperators(K)
-    with lent_options(prefix, _smoothing(options)):
-        ksp.setFromOptions()
-        ksp.setUp()
-    return ksp
 
 
 def coarse_inverse(operator: PETSc.Mat, singular: float) -> PETSc.Mat:

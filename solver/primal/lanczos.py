@@ -1,9 +1,17 @@
-"""The smallest Ritz value from the step lengths of conjugate gradients."""
+"""Ritz values: estimates of the smallest and of the largest eigenvalue."""
 
 from __future__ import annotations
 
 import numpy as np
+from mpi4py import MPI
+from numpy.typing import NDArray
+from petsc4py import PETSc
 from scipy.linalg import eigvalsh_tridiagonal
+
+from solver.primal.merged import multiply
+
+STEPS = 10
+"""Steps of Lanczos' iteration for the largest eigenvalue, as many as PETSc takes."""
 
 
 class Lanczos:
@@ -41,3 +49,29 @@ class Lanczos:
         diagonal[1:] += ratios / lengths[:-1]
         off = np.sqrt(np.maximum(ratios, 0.0)) / lengths[:-1]
         return float(eigvalsh_tridiagonal(diagonal, off, select="i", select_range=(0, 0))[0])
+
+
+def largest_eigenvalue(K: PETSc.Mat, flexibility: NDArray[np.float64]) -> float:
+    """The largest Ritz value of D⁻¹ K after `STEPS` steps (collective).
+
+    Parameters
+    ----------
+    flexibility : (unknowns,)
+        D⁻¹.
+    """
+    comm: MPI.Intracomm = K.comm.tompi4py()
+    root = np.sqrt(flexibility)
+    w = root * np.random.default_rng(comm.rank).uniform(-1.0, 1.0, len(root))
+    v, length = np.zeros_like(w), float(np.sqrt(comm.allreduce(w @ w)))
+    diagonal: list[float] = []
+    lengths: list[float] = []
+    while length > 0.0 and len(diagonal) < STEPS:
+        before, v = v, w / length
+        w = root * multiply(K, root * v) - length * before
+        diagonal.append(float(comm.allreduce(w @ v)))
+        w -= diagonal[-1] * v
+        length = float(np.sqrt(comm.allreduce(w @ w)))
+        lengths.append(length)
+    if not diagonal:
+        return 1.0
+    return float(eigvalsh_tridiagonal(np.array(diagonal), np.array(lengths[:-1]))[-1])

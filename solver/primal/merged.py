@@ -217,6 +217,15 @@ def chosen_rows(matrix: PETSc.Mat, rows: NDArray[np.int64]) -> PETSc.Mat:
     return matrix.createSubMatrix(chosen, columns)
 
 
+def chosen_columns(matrix: PETSc.Mat, columns: NDArray[np.int64]) -> PETSc.Mat:
+    """Some of this rank's columns, all rows (collective)."""
+    first = matrix.getOwnershipRangeColumn()[0]
+    chosen = PETSc.IS().createGeneral((first + columns).astype(PETSc.IntType), comm=matrix.comm)
+    begin, end = matrix.getOwnershipRange()
+    rows = PETSc.IS().createStride(end - begin, begin, 1, comm=matrix.comm)
+    return matrix.createSubMatrix(rows, chosen)
+
+
 def merge(problem: DecomposedProblem) -> MergedSystem:
     """Put the subdomains of an unfactored problem together (collective)."""
     comm, d = problem.comm, problem.dimension

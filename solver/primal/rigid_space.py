@@ -15,15 +15,16 @@ preconditioner.
 
 from __future__ import annotations
 
-from collections.abc import Callable
-
 import numpy as np
 from mpi4py import MPI
 from numpy.typing import NDArray
 from scipy import sparse
 
-from solver.primal.merged import MergedSystem
+from solver.primal.blocks import in_blocks
+from solver.primal.factor import squared_rows
+from solver.primal.merged import MergedSystem, chosen_columns, multiply, multiply_transposed
 from solver.primal.projector import Projector
+from solver.primal.springs import Springs
 
 Array = NDArray[np.float64]
 
@@ -77,36 +78,68 @@ def floating_motions(system: MergedSystem) -> Array:
     return np.concatenate([np.zeros((system.size, 0)), *motions.values()], axis=1)
 
 
+class FloatingMotions:
+    """The rigid motions that held unknowns do not stop, and their products with K (collective).
+
+    Attributes
+    ----------
+    motions : (motions, unknowns)
+        Rᵀ, from `floating_motions`.
+    images : (motions, unknowns)
+        (K R)ᵀ.
+    """
+
+    def __init__(self, system: MergedSystem) -> None:
+        self.motions = np.ascontiguousarray(floating_motions(system).T)
+        if len(self.motions) == 0:
+            return
+        self.images = np.stack([multiply(in_blocks(system.K), motion) for motion in self.motions])
+        in_rows = multiply_transposed(squared_rows(system), np.ones(len(system.rows))) > 0.0
+        self._in_rows = np.flatnonzero(in_rows)
+        self._columns = chosen_columns(system.K, self._in_rows)
+
+    def image(self, lifted: Array) -> Array:
+        """K v of a displacement v (unknowns,) of unknowns in contact rows alone (collective)."""
+        return multiply(self._columns, lifted[self._in_rows])
+
+
 class RigidSpace:
     """W and its data for one active set (collective).
 
     Parameters
     ----------
-    motions : (unknowns, motions)
-        R, from `floating_motions`.
-    stiffness
-        Product with K including springs.
+    floating
+        R and K R. Π moves the unknowns of contact rows alone, so that K W needs few columns of K.
+    springs
+        They belong to K.
     """
 
     def __init__(
         self,
         system: MergedSystem,
         projector: Projector,
-        motions: Array,
-        stiffness: Callable[[Array], Array],
+        floating: FloatingMotions,
+        springs: Springs,
     ) -> None:
         self._comm = system.comm
-        self.empty = motions.shape[1] == 0
+        motions = floating.motions
+        self.empty = len(motions) == 0
         if self.empty:
             return
-        W = np.empty(motions.shape, order="F")
-        for k, motion in enumerate(motions.T):
-            W[:, k] = projector.apply(np.ascontiguousarray(motion))
-        norms = [np.einsum("i,ij,ij->j", system.diagonal, R, R) for R in (motions, W)]
+        W, images = np.empty(motions.shape), floating.images.copy()
+        for k, motion in enumerate(motions):
+            lifted = motion - projector.apply(motion)
+            W[k] = motion - lifted
+            images[k] -= floating.image(lifted)
+            if not springs.empty:
+                images[k] += springs.forces(W[k])
+        W = W.T
+        norms = [np.einsum("i,ij,ij->j", system.diagonal, R, R) for R in (motions.T, W)]
         before, after = self._comm.allreduce(np.stack(norms))
         some = after > SINGULAR * before
-        W *= np.divide(1.0, np.sqrt(after), out=np.zeros_like(after), where=some)
-        images = np.stack([stiffness(w) for w in W.T])
+        scale = np.divide(1.0, np.sqrt(after), out=np.zeros_like(after), where=some)
+        W *= scale
+        images *= scale[:, None]
         images[np.abs(images) < ROUNDING * np.sqrt(system.diagonal.max(initial=0.0))] = 0.0
         self._at = np.flatnonzero(images.any(axis=0))
         few = np.ascontiguousarray(images[:, self._at])

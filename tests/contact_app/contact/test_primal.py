@@ -11,6 +11,8 @@ import pytest
 from mpi4py import MPI
 from numpy.typing import NDArray
 from petsc4py import PETSc
+from scipy import sparse
+from scipy.sparse.linalg import eigsh
 
 from contact_app.model.model import build_model
 from contact_app.scene.build import build_scene
@@ -21,8 +23,9 @@ from solver.driver import solve as solve_problem
 from solver.primal.blocks import in_blocks
 from solver.primal.by_active_sets import solve_by_multigrid
 from solver.primal.cycle import CycleOnSets
-from solver.primal.factor import FactorOptions
+from solver.primal.factor import FactorOptions, squared
 from solver.primal.hierarchy import build_hierarchy
+from solver.primal.lanczos import largest_eigenvalue
 from solver.primal.merged import merge, multiply, vectors_of
 from solver.primal.projector import Projector
 from solver.primal.vertices import vertex_level
@@ -193,7 +196,10 @@ def test_rows_that_hold_a_motion_in_the_mean_do_not_cut_the_coarse_spaces() -> N
 
 
 def test_the_cycle_that_has_followed_sets_is_that_of_the_last_one() -> None:
-    """It changes the springs of changed rows alone; both cycles are symmetric."""
+    """It changes the springs of changed rows alone.
+
+    Both cycles are symmetric, and their corrections leave the active rows alone.
+    """
     scene = build_scene(load(CONFIGS / "pin_in_lug.yaml", ["solver.method=primal"]))
     system = merge(build_model(scene, MPI.COMM_SELF, needed="distinct").problem)
     hierarchy, number = build_hierarchy(system), np.arange(len(system.rows))
@@ -215,6 +221,17 @@ def test_the_cycle_that_has_followed_sets_is_that_of_the_last_one() -> None:
     assert np.abs(again - expected).max() < 1e-6 * scale
     for z in (other, expected):
         assert residuals[0] @ z[1] == pytest.approx(residuals[1] @ z[0], rel=1e-6)
+    moved = [np.abs(multiply(last.C, z)).max() for z in expected]
+    sizes = [multiply(squared(last.C), z**2).max() ** 0.5 for z in expected]
+    assert max(moved) < 1e-9 * min(sizes)
+
+
+def test_the_largest_eigenvalue_is_estimated_to_a_tenth() -> None:
+    scene = build_scene(load(CONFIGS / "pin_in_lug.yaml", ["solver.method=primal"]))
+    system = merge(build_model(scene, MPI.COMM_SELF, needed="distinct").problem)
+    root = sparse.diags(np.sqrt(system.flexibility))
+    exact = eigsh(root @ local_rows(system.K) @ root, 1, return_eigenvectors=False)[0]
+    assert 0.9 * exact < largest_eigenvalue(in_blocks(system.K), system.flexibility) < 1.001 * exact
 
 
 def test_blocks_multiply_as_single_entries() -> None:

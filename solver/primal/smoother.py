@@ -1,0 +1,62 @@
+"""Chebyshev's iteration within the displacements that leave the active rows alone.
+
+Jacobi's correction D⁻¹ r moves active rows. If the projector Π undid that only at the end of a
+V-cycle, the residual that the coarse levels receive would contain forces of motions that are not
+there. So each step is projected, x ← x + ω Π D⁻¹ (r - K x). Π is orthogonal in the norm of D, so
+that Π D⁻¹ = Π D⁻¹ Πᵀ is symmetric, and its eigenvalues with K are not larger than those of D⁻¹ K.
+The polynomials are those of Saad, Iterative Methods for Sparse Linear Systems, 2003, algorithm
+12.1.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+from petsc4py import PETSc
+
+from solver.primal.lanczos import largest_eigenvalue
+from solver.primal.merged import multiply
+from solver.primal.projector import Projector
+
+Array = NDArray[np.float64]
+
+INTERVAL = (0.1, 1.1)
+"""Damped eigenvalues of D⁻¹ K over the estimate of the largest one, as PETSc has them."""
+
+
+class Smoother:
+    """The smoother of the finest level.
+
+    Parameters
+    ----------
+    K
+        Stiffness, for products.
+    flexibility : (unknowns,)
+        D⁻¹.
+    steps
+        Of Chebyshev's iteration.
+    """
+
+    def __init__(self, K: PETSc.Mat, flexibility: Array, steps: int) -> None:
+        self._K, self._flexibility, self._steps = K, flexibility, steps
+        lower, upper = (share * largest_eigenvalue(K, flexibility) for share in INTERVAL)
+        self._middle, self._half = 0.5 * (upper + lower), 0.5 * (upper - lower)
+
+    def apply(self, residual: Array, x: Array, left: Array, projector: Projector) -> None:
+        """Improve x in place (collective).
+
+        Parameters
+        ----------
+        residual, left : (unknowns,)
+            r, and r - K x for the given x.
+        """
+        ratio = self._half / self._middle
+        last, step = ratio, projector.apply(self._flexibility * left) / self._middle
+        x += step
+        for _ in range(1, self._steps):
+            left = residual - multiply(self._K, x)
+            factor = 1.0 / (2.0 / ratio - last)
+            step *= factor * last
+            step += 2.0 * factor / self._half * projector.apply(self._flexibility * left)
+            last = factor
+            x += step
