@@ -212,7 +212,7 @@ def mean_gaps(on: Surface, against: Surface, comm: MPI.Intracomm = MPI.COMM_SELF
         sides, pairs, touched, along(psi.mass[touched], touched), along(functions @ pairs.shared, i)
     )
     total, weak = psi.total(sides)
-    shares = distribute(sides.corners, psi.weight, total, weak)
+    shares = distribute(sides.corners, psi.weight, total, weak | psi.narrow(sides))
     strong = np.flatnonzero(shares.diagonal() > 0.0)
     total, gaps, shares = (shares @ total)[strong], (shares @ gaps)[strong], shares[strong]
     rows = (sparse.diags(1.0 / total) @ (shares @ matrix)).tocsr()
@@ -278,17 +278,27 @@ class Multipliers:
 
     def total(self, sides: BothSides) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
         """∫ ψ_j over all facets, and the mask of weak nodes, (n,) each."""
+        weight, area = self._areas(sides)
+        return weight, weight < WEAK * area
+
+    def narrow(self, sides: BothSides) -> NDArray[np.bool_]:
+        """Mask (n,) of nodes beyond the edge of the other surface, which covers a narrow strip."""
+        weight, area = self._areas(sides)
+        inside, beside = np.zeros((2, sides.count), bool)
+        inside[sides.corners[self.covered]] = True
+        partial = (self.weight > 0.0).any(axis=1) & inside[sides.corners].any(axis=1)
+        beside[sides.corners[partial]] = True
+        beyond = BEYOND[int(self.mass.shape[2] > self.weight.shape[1])]
+        return np.asarray(beside & ~inside & (weight < beyond * area))
+
+    def _areas(self, sides: BothSides) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """∫ ψ_j over all facets, and the area about each node, covered or not, (n,) each."""
         v = self.weight.shape[1]
         weight, area = (
             np.bincount(sides.corners.ravel(), values.ravel(), sides.count).astype(np.float64)
             for values in (self.weight, np.repeat(self.sizes / v, v))
         )
-        inside, beside = np.zeros((2, sides.count), bool)
-        inside[sides.corners[self.covered]] = True
-        partial = (self.weight > 0.0).any(axis=1) & inside[sides.corners].any(axis=1)
-        beside[sides.corners[partial]] = True
-        beyond = BEYOND[int(self.mass.shape[2] > v)]
-        return weight, weight < np.where(beside & ~inside, beyond, WEAK) * area
+        return weight, area
 
 
 def _on_facets(pairs: Overlaps, facets: int, values: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -130,7 +130,7 @@ def _with_rigid(
 def _tied(system: reference.System, sides: list[Any], moved: set[int]) -> reference.System:
     """The same with two rows for each component of the mean jumps of tied boundaries."""
     d, dofs = system.dimension, len(system.load)
-    found, _, _ = mortar_reference.mortar_rows(*sides, moved)
+    found, _, _ = mortar_reference.mortar_rows(*sides, moved, tied=True)
     normal = sides[0][0].normal
     matrix = sp.lil_matrix((d * len(found), dofs))
     for row, node in enumerate(found):

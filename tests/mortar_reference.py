@@ -132,7 +132,7 @@ def overlap(a: np.ndarray, b: np.ndarray) -> list[tuple[np.ndarray, float]]:
 
 
 def mortar_rows(
-    on: list[Facet], against: list[Facet], decided: Collection[int] = ()
+    on: list[Facet], against: list[Facet], decided: Collection[int] = (), tied: bool = False
 ) -> tuple[dict[int, dict[int, np.ndarray]], dict[int, float], dict[int, float]]:
     """Rows by `on` node: vectors by node, mean gap, area.
 
@@ -188,7 +188,8 @@ def mortar_rows(
                 gaps[node] = gaps.get(node, 0.0) + w * psi * gap
                 for k, there in enumerate(m.nodes):
                     row[there] = row.get(there, 0.0) - w * psi * theirs[k] * s.normal
-    beyond = {n for nodes in met if inside & set(nodes) for n in nodes} - inside
+    beside = {n for nodes in met if inside & set(nodes) for n in nodes}
+    beyond = set() if tied else beside - inside
     strip = 0.15 if any(len(s.nodes) > s.vertices for s in on) else 0.05
     least = {n: strip if n in beyond else 0.01 for n in rows}
     weak = {n for n in rows if areas[n] < least[n] * full[n] or n in decided}

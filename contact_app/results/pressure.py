@@ -43,7 +43,7 @@ from contact_app.results.covered_pressure import OnSide
 from contact_app.results.division import ContactLoads, contact_loads
 from contact_app.results.smoothed_pressure import smoothed_pressure
 from contact_app.results.surface_nodes import SurfaceNodes, facet_shares
-from contact_app.scene.conditions import BodyContact, Contact, RigidTie
+from contact_app.scene.conditions import BodyContact, Contact, RigidTie, Tie
 from solver.contact.solution import Solution
 
 Array = NDArray[np.float64]
@@ -249,6 +249,13 @@ def boundary_shares(
     return surface.shares(model, chosen)
 
 
+def side_of(
+    model: Model, surface: SurfaceNodes, touching: BodyContact | Tie, degree: int
+) -> OnSide:
+    """The `on` side of a contact of two bodies or a tie (collective)."""
+    return _Boundary(model, surface, touching).side(degree)
+
+
 class _Boundary:
     """The facets of one contact, and averages over them; all methods are collective.
 
@@ -259,7 +266,7 @@ class _Boundary:
     """
 
     def __init__(
-        self, model: Model, surface: SurfaceNodes, touching: Contact | BodyContact
+        self, model: Model, surface: SurfaceNodes, touching: Contact | BodyContact | Tie
     ) -> None:
         self._model, self._surface, self._scene = model, surface, model.scene
         self._touching = touching

@@ -9,14 +9,18 @@ from mpi4py import MPI
 from numpy.typing import NDArray
 
 from contact_app.model.model import Model
-from contact_app.results.pressure import boundary_shares
+from contact_app.results.covered_pressure import OnSide
+from contact_app.results.pressure import boundary_shares, side_of
 from contact_app.results.resultants import Resultant, joined
 from contact_app.results.smoothed_pressure import smoothed_tractions
 from contact_app.results.surface_nodes import SurfaceNodes
-from contact_app.scene.conditions import RigidTie
+from contact_app.scene.conditions import RigidTie, Tie
 from contact_app.scene.scene import Scene
 from solver.contact.solution import Solution
+from solver.tfeti.constraints.conditions import ContactRows
 from solver.tfeti.dual import DualProblem
+
+Array = NDArray[np.float64]
 
 WITHOUT = 1e-9
 """Share of the largest area of a node below which a node has none: vertices of triangles of degree
@@ -53,6 +57,10 @@ def tie_records(model: Model, solution: Solution) -> list[dict[str, Any]]:
         np.maximum.at(size, at.reshape(-1), area)
         tractions = np.zeros((len(nodes), 3))
         np.add.at(tractions, at.reshape(-1), f / np.maximum(area, 1e-300)[:, None])
+        if isinstance(tie, Tie):
+            degree = scene.bodies[tie.body].degree
+            side = side_of(model, surface, tie, degree)
+            tractions = _over_covered(side, rows.of(rows.sources == number), f, (nodes, tractions))
         some = size > WITHOUT * size.max(initial=0.0)
         tractions = tractions[some]
         smoothed = smoothed_tractions(model, tie, nodes[some], tractions)
@@ -72,6 +80,30 @@ def tie_records(model: Model, solution: Solution) -> list[dict[str, Any]]:
             "nodes": {"open": 0, "stick": int(count), "slip": 0},
         })  # fmt: skip
     return records
+
+
+def _over_covered(
+    side: OnSide, rows: ContactRows, force: Array, known: tuple[NDArray[np.int64], Array]
+) -> Array:
+    """Tractions with means over covered parts in place of extrapolations, (n, 3) (collective).
+
+    Parameters
+    ----------
+    rows, force : (k, 3)
+        The rows of a tie of two bodies and their forces, along one axis each.
+    known : (n,), (n, 3)
+        Nodes with rows, and forces over areas.
+    """
+    nodes, tractions = known
+    at = np.searchsorted(side.owned, nodes)
+    result = tractions.copy()
+    axis = np.abs(rows.normals).argmax(axis=1)
+    for i in range(rows.normals.shape[1]):
+        own = np.zeros((len(side.owned), 1))
+        own[at, 0] = tractions[:, i]
+        columns = np.column_stack([rows.areas, force[:, i]])[axis == i]
+        result[:, i] = side.with_means(rows.of(axis == i), columns, own)[at, 0]
+    return result
 
 
 def _contact_at_tied_nodes(problem: DualProblem, solution: Solution) -> NDArray[np.float64]:
