@@ -166,6 +166,8 @@ class Multigrid:
         if self._peels:
             return FirstSet(np.ones(len(self.system.rows), bool), self.u)
         first_set = find_first_set(self.system, self.hierarchy_of_levels)
+        if self._cycle is None and first_set.made is not None and not self.direct:
+            self._cycle = CycleOnSets(self.system, self.hierarchy_of_levels, first_set.made)
         self.release()
         return first_set
 

@@ -17,6 +17,7 @@ a cycle follows the active set at little cost.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,7 +26,7 @@ from scipy import sparse
 
 from solver.primal.blocks import in_blocks
 from solver.primal.factor import row_stiffness
-from solver.primal.hierarchy import Hierarchy, MultigridOptions, galerkin, lent_options
+from solver.primal.hierarchy import Hierarchy, MultigridOptions, lent_options
 from solver.primal.merged import MergedSystem, chosen_rows, multiply, multiply_transposed
 from solver.primal.projector import Projector
 from solver.primal.smoother import Smoother
@@ -91,24 +92,57 @@ class Cycle:
             made.destroy()
 
 
+@dataclass(frozen=True, eq=False)
+class CycleWithSprings:
+    """The cycle of the level below the finest one with springs on contact rows.
+
+    Attributes
+    ----------
+    cycle
+    operators
+        Stiffness of its levels with springs.
+    Q
+        C on its finest level.
+    springs, open : (rows,)
+        Stiffness of each spring, and its stiffness while the row is open.
+    """
+
+    cycle: Cycle
+    operators: Sequence[PETSc.Mat]
+    Q: PETSc.Mat
+    springs: Array
+    open: Array
+
+
 class CycleOnSets:
     """One V-cycle that leaves the active rows alone and follows the active set.
 
     Without active rows it is `Cycle` on all levels of the hierarchy, which has at least two.
+
+    Parameters
+    ----------
+    made
+        The cycle of the coarser levels of the first set, to begin with.
     """
 
-    def __init__(self, system: MergedSystem, hierarchy: Hierarchy) -> None:
+    def __init__(
+        self, system: MergedSystem, hierarchy: Hierarchy, made: CycleWithSprings | None = None
+    ) -> None:
         K, self._P = hierarchy.operators[0], hierarchy.prolongations[0]
         self._K = in_blocks(K)
         self._smoother = Smoother(self._K, system.flexibility, hierarchy.options.smoothing)
         self._prolongations = hierarchy.prolongations[1:]
-        self._operators = [operator.copy() for operator in hierarchy.operators[1:]]
         self._options = hierarchy.options
-        self._coarse: Cycle | None = None
-        self._Q = system.C.matMult(self._P)
         self._stiffness = row_stiffness(system)
-        self._springs = np.zeros(len(self._stiffness))
-        self._placed = np.zeros(len(self._stiffness), bool)
+        self._coarse: Cycle | None = None
+        if made is None:
+            self._operators = [operator.copy() for operator in hierarchy.operators[1:]]
+            self._Q = system.C.matMult(self._P)
+            self._open = self._springs = np.zeros(len(self._stiffness))
+        else:
+            self._coarse, self._operators = made.cycle, list(made.operators)
+            self._Q, self._open, self._springs = made.Q, made.open, made.springs
+        self._placed = self._springs > 0.0
 
     def _cycle(self) -> Cycle:
         return Cycle(self._operators, self._prolongations, self._options)
@@ -116,7 +150,7 @@ class CycleOnSets:
     def follow(self, projector: Projector) -> None:
         """Take another active set over (collective)."""
         self._projector = projector.narrow()
-        springs = np.zeros(len(self._stiffness))
+        springs = self._open.copy()
         springs[self._projector.rows] = self._stiffness[self._projector.rows]
         change = springs - self._springs
         comm = self._K.comm.tompi4py()
@@ -132,14 +166,17 @@ class CycleOnSets:
         root = np.sqrt(np.abs(change[some]))
         scale_rows(left, root)
         scale_rows(right, np.sign(change[some]) * root)
-        product = left.transposeMatMult(right)
         for k, operator in enumerate(self._operators):
+            if k:
+                finer, P = (left, right), self._prolongations[k - 1]
+                left, right = left.matMult(P), right.matMult(P)
+                for used in finer:
+                    used.destroy()
+            product = left.transposeMatMult(right)
             operator.axpy(1.0, product, structure)
-            if k < len(self._prolongations):
-                finer, product = product, galerkin(product, self._prolongations[k])
-                finer.destroy()
-        for used in (left, right, product):
-            used.destroy()
+            product.destroy()
+        left.destroy()
+        right.destroy()
         self._springs = springs
         self._placed[some] = True
         if self._coarse is not None:
@@ -147,17 +184,16 @@ class CycleOnSets:
         self._coarse = self._cycle()  # PETSc's own would keep parts of its set-up
 
     def apply(self, residual: Array, out: Array) -> None:
-        """Put the correction into out."""
+        """Put the correction of a residual Πᵀ r into out."""
         projector = self._projector
-        out[:] = 0.0
-        self._smoother.apply(residual, out, residual, projector)
+        out[:] = self._smoother.begin(residual, projector)
         left = residual - multiply(self._K, out)
         coarse = multiply_transposed(self._P, projector.apply_transpose(left))
         correction = np.empty_like(coarse)
         assert self._coarse is not None
         self._coarse.apply(coarse, correction)
         out += projector.apply(multiply(self._P, correction))
-        self._smoother.apply(residual, out, residual - multiply(self._K, out), projector)
+        self._smoother.apply(residual, out, projector)
 
 
 def _smoothing(options: MultigridOptions) -> dict[str, object]:

@@ -39,20 +39,25 @@ class Smoother:
 
     def __init__(self, K: PETSc.Mat, flexibility: Array, steps: int) -> None:
         self._K, self._flexibility, self._steps = K, flexibility, steps
-        lower, upper = (share * largest_eigenvalue(K, flexibility) for share in INTERVAL)
-        self._middle, self._half = 0.5 * (upper + lower), 0.5 * (upper - lower)
+        lower, upper = largest_eigenvalue(K, flexibility) * np.array(INTERVAL)
+        self._middle, self._half = 0.5 * float(upper + lower), 0.5 * float(upper - lower)
 
-    def apply(self, residual: Array, x: Array, left: Array, projector: Projector) -> None:
-        """Improve x in place (collective).
+    def begin(self, residual: Array, projector: Projector) -> Array:
+        """x from zero, for a residual Πᵀ r: the first step needs no projection (collective)."""
+        x = self._flexibility * residual / self._middle
+        self._go_on(residual, x, x.copy(), projector)
+        return x
 
-        Parameters
-        ----------
-        residual, left : (unknowns,)
-            r, and r - K x for the given x.
-        """
-        ratio = self._half / self._middle
-        last, step = ratio, projector.apply(self._flexibility * left) / self._middle
+    def apply(self, residual: Array, x: Array, projector: Projector) -> None:
+        """Improve x in place (collective)."""
+        left = residual - multiply(self._K, x)
+        step = projector.apply(self._flexibility * left) / self._middle
         x += step
+        self._go_on(residual, x, step, projector)
+
+    def _go_on(self, residual: Array, x: Array, step: Array, projector: Projector) -> None:
+        """The steps after the first one, in place."""
+        last = ratio = self._half / self._middle
         for _ in range(1, self._steps):
             left = residual - multiply(self._K, x)
             factor = 1.0 / (2.0 / ratio - last)

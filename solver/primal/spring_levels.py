@@ -25,7 +25,7 @@ from scipy.linalg import LinAlgError, cho_factor, cho_solve
 from scipy.linalg.blas import dsyrk
 
 from solver.primal.cholesky import factored
-from solver.primal.cycle import Cycle
+from solver.primal.cycle import Cycle, CycleWithSprings
 from solver.primal.factor import with_springs
 from solver.primal.hierarchy import Hierarchy
 from solver.primal.merged import multiply, multiply_transposed
@@ -296,6 +296,11 @@ class CycleLevel(SharedLevel):
         This level and those below.
     Q
         C on these levels.
+
+    Attributes
+    ----------
+    made
+        The cycle, from the first Newton step on.
     """
 
     def __init__(
@@ -304,7 +309,7 @@ class CycleLevel(SharedLevel):
     ) -> None:  # fmt: skip
         super().__init__(rows, hierarchy.operators[0], Q[0], load, options)
         self._hierarchy, self._below = hierarchy, Q[1:]
-        self._cycle: Cycle | None = None
+        self.made: CycleWithSprings | None = None
 
     def newton_step(self, weights: Array, residual: Array) -> Array:
         """A few conjugate gradients from zero; in the norm of the preconditioner (collective)."""
@@ -333,14 +338,16 @@ class CycleLevel(SharedLevel):
 
     def _cycle_of(self, weights: Array) -> Cycle:
         """The cycle, made with the springs of the first call (collective)."""
-        if self._cycle is None:
+        if self.made is None:
             levels = self._hierarchy
             operators = [with_springs(self.A, self.Q, weights, self.near)]
             for A, Q in zip(levels.operators[1:], self._below, strict=True):
                 near = self._addition(A.getDiagonal().getArray())
                 operators.append(with_springs(A, Q, weights, near))
-            self._cycle = Cycle(operators, levels.prolongations, levels.options)
-        return self._cycle
+            cycle = Cycle(operators, levels.prolongations, levels.options)
+            open_rows = np.minimum(weights, self.options.faint * self.rows.stiffness)
+            self.made = CycleWithSprings(cycle, operators, self.Q, weights, open_rows)
+        return self.made.cycle
 
 
 class DenseLevel(Level):

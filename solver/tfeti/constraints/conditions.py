@@ -295,4 +295,4 @@ def unit_rows(rows: ContactRows) -> tuple[sparse.csr_matrix, NDArray[np.float64]
         (entries.value, (entries.row, place.reshape(-1))), shape=(len(rows.nodes), len(columns))
     )
     norm = np.sqrt(np.asarray(matrix.multiply(matrix).sum(axis=1)).ravel())
-    return matrix.multiply(1.0 / norm[:, None]).tocsr(), norm
+    return sparse.csr_matrix(sparse.diags(1.0 / norm) @ matrix), norm
