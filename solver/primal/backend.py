@@ -126,7 +126,9 @@ class Multigrid:
         self.thin = thinness(self.system) >= self.factors.thin
         limit = self.factors.thin_seconds if self.thin else self.factors.small
         self.direct = self._seconds <= limit
-        make = no_hierarchy if self.direct else build_hierarchy
+        # thin bodies take their first set from levels, though a factor solves on the sets
+        on_levels = not self.direct or (self.thin and not self._peels)
+        make = build_hierarchy if on_levels else no_hierarchy
         self.release()
         self.hierarchy_of_levels: Hierarchy = make(self.system)
         self.release()
