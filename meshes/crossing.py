@@ -125,21 +125,21 @@ def meeting_each_other(boxes: Boxes, rows: NDArray[np.int64]) -> Iterator[Pairs]
     Only pairs that belong to some rows; those of disjoint sets of rows are disjoint.
     """
     (level,) = _levels(boxes)
-    mine = np.zeros(len(level), bool)
-    mine[rows] = True
+    is_chosen = np.zeros(len(level), bool)
+    is_chosen[rows] = True
     for top in np.unique(level):
         at = np.flatnonzero(level == top)
-        yield from _near(boxes, boxes, at[mine[at]], np.flatnonzero(level < top))
-        if mine.all() and len(at) <= EACH_OTHER:  # in a third of the time
+        yield from _near(boxes, boxes, at[is_chosen[at]], np.flatnonzero(level < top))
+        if is_chosen.all() and len(at) <= EACH_OTHER:  # in a third of the time
             centres = 0.5 * (boxes.lower[at] + boxes.upper[at])
             tree = cKDTree(centres, balanced_tree=False, compact_nodes=False)
             reach = _reach((boxes, at, centres), (boxes, at, centres))
             pairs = at[tree.query_pairs(reach, p=np.inf, output_type="ndarray")]
             yield _met(boxes, boxes, pairs[:, 0], pairs[:, 1])
             continue
-        for i, j in _near(boxes, boxes, at[mine[at]], at):
-            once = i < j
-            yield i[once], j[once]
+        for i, j in _near(boxes, boxes, at[is_chosen[at]], at):
+            ordered = i < j
+            yield i[ordered], j[ordered]
 
 
 def _reach(*some: tuple[Boxes, NDArray[np.int64], NDArray[np.float64]]) -> float:
@@ -188,8 +188,8 @@ def segment_crossings(surface: ClosedSurface) -> NDArray[np.int64]:
         p, q = (places[segments[i, k]] for k in range(2))
         r, s = (places[segments[j, k]] for k in range(2))
         least = surface.depth(i, j)
-        on_j = _apart(_signed_distance(r, s, p), _signed_distance(r, s, q), least)
-        on_i = _apart(_signed_distance(p, q, r), _signed_distance(p, q, s), least)
+        on_j = _separated(_signed_distance(r, s, p), _signed_distance(r, s, q), least)
+        on_i = _separated(_signed_distance(p, q, r), _signed_distance(p, q, s), least)
         crossed = on_i & on_j
         crossing_pairs.append(np.stack([i[crossed], j[crossed]], axis=1))
     return np.concatenate(crossing_pairs)
@@ -204,7 +204,7 @@ def _signed_distance(
     return (along[:, 0] * (x - a)[:, 1] - along[:, 1] * (x - a)[:, 0]) / length
 
 
-def _apart(
+def _separated(
     first: NDArray[np.float64], second: NDArray[np.float64], least: NDArray[np.float64]
 ) -> NDArray[np.bool_]:
     """Mask of pairs of distances with different signs and magnitudes above `least`."""
@@ -228,8 +228,8 @@ def triangle_crossings(surface: ClosedSurface, comm: MPI.Intracomm) -> NDArray[n
         deep = 0.5 * surface.depth(i, j)
         for s, t in ((i, j), (j, i)):
             origin, across = a[t], normal[t]
-            apart = [np.einsum("ni,ni->n", corner[s] - origin, across) for corner in (a, b, c)]
-            both = (np.minimum.reduce(apart) < -deep) & (np.maximum.reduce(apart) > deep)
+            heights = [np.einsum("ni,ni->n", corner[s] - origin, across) for corner in (a, b, c)]
+            both = (np.minimum.reduce(heights) < -deep) & (np.maximum.reduce(heights) > deep)
             through_planes.append(np.stack([s[both], t[both]], axis=1))
     s, t = np.concatenate(through_planes).T  # s reaches through the plane of t
     edge = np.repeat([(0, 1), (1, 2), (2, 0)], len(s), axis=0)
@@ -255,7 +255,7 @@ def _pierces(
     double = np.maximum(np.sqrt(np.einsum("ni,ni->n", normal, normal)), np.finfo(float).tiny)
     first = np.einsum("ni,ni->n", places[edges[:, 0]] - a, normal) / double
     second = np.einsum("ni,ni->n", places[edges[:, 1]] - a, normal) / double
-    rows = np.flatnonzero(_apart(first, second, least))
+    rows = np.flatnonzero(_separated(first, second, least))
     a, u, v, normal, double = (x[rows] for x in (a, u, v, normal, double))
     p, q = places[edges[rows, 0]], places[edges[rows, 1]]
     share = (first[rows] / (first[rows] - second[rows]))[:, None]

@@ -193,8 +193,8 @@ def _cut(
             return rows_of(label[b], part_range)
         return bisected(centres[b], counts[b], part_range)
 
-    requested = _wanted(counts, comm).items()
-    parts_of = {b: rows(b, part_range) for b, part_range in requested if b in bodies}
+    requested = _requested(counts, comm)
+    parts_of = {b: rows(b, part_range) for b, part_range in requested.items() if b in bodies}
     hanging = {b: through_facets(bodies[b], parts) for b, parts in parts_of.items()}
     broken = np.array([len(hanging[b][1]) - len(parts) for b, parts in parts_of.items()])
     broken = comm.allreduce(broken)
@@ -207,7 +207,9 @@ def _cut(
             label[b] = without_crumbs(bodies[b], piece, part, counts[b])
             counts[b] = int(label[b].max()) + 1
         parts_of = {
-            b: rows(b, part_range) for b, part_range in _wanted(counts, comm).items() if b in bodies
+            b: rows(b, part_range)
+            for b, part_range in _requested(counts, comm).items()
+            if b in bodies
         }
     centres.clear()
     starts = np.cumsum([0, *counts])
@@ -249,7 +251,7 @@ def _cells(shape: Shape) -> Cells:
     return BoxCells(shape) if isinstance(shape, BoxShape) else shape
 
 
-def _wanted(counts: Sequence[int], comm: MPI.Intracomm) -> dict[int, range]:
+def _requested(counts: Sequence[int], comm: MPI.Intracomm) -> dict[int, range]:
     """Subdomains of each body on this rank, counted from the first one of the body."""
     begin, end = owned_range(sum(counts), comm)
     starts = np.cumsum([0, *counts]).tolist()

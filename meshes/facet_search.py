@@ -42,7 +42,7 @@ def facets_along_normals(
     for group, tree in zip(groups, trees, strict=True):
         across = radii + sizes[group].max()
         which, queried, radius = _filled(centres, normals, tree, reach, across)
-        for part in _alike(radius):
+        for part in _of_like_size(radius):
             balls, largest = cKDTree(queried[part]), radius[part].max()
             hits = balls.sparse_distance_matrix(tree, largest, output_type="ndarray")
             ball = part[hits["i"]]
@@ -55,7 +55,7 @@ def facets_along_normals(
     return chosen[i[near]], j[near]
 
 
-def _alike(radius: NDArray[np.float64]) -> list[NDArray[np.int64]]:
+def _of_like_size(radius: NDArray[np.float64]) -> list[NDArray[np.int64]]:
     """Numbers of balls whose radii differ by less than a factor of two, in parts of `QUERIES`."""
     level = np.floor(np.log2(radius))
     groups = [np.flatnonzero(level == k) for k in np.unique(level)]

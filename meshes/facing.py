@@ -128,8 +128,8 @@ def _nearest_behind(
         leaves a body there) or along it (one enters a body there, also at depth 0).
     """
     along = np.einsum("ij,ij->i", on.normals[i], other.normals[j])
-    wanted = along < 0.0 if exits else along > 0.0
-    crossed = Overlaps.of(on, other, i[wanted], j[wanted])
+    ahead = along < 0.0 if exits else along > 0.0
+    crossed = Overlaps.of(on, other, i[ahead], j[ahead])
     depth = -crossed.distance
     before = depth > 0.0 if exits else depth > -ROUND_OFF * on.radii[crossed.i]
     return smallest(crossed.i[before], depth[before], len(on.nodes))

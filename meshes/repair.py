@@ -138,7 +138,7 @@ def load_mesh(
     """
     content, comm = read(path, dimension), comm or MPI.COMM_SELF
     notes, groups = list(content.notes), tuple(groups)
-    distinct, row, _ = _once(content.cells)  # Gmsh 2.2 writes a cell once for each of its groups
+    distinct, row, _ = _distinct(content.cells)  # Gmsh 2.2 repeats a cell for each of its groups
     members = {name: np.unique(row[rows]) for name, rows in content.cell_groups.items()}
     chosen = _chosen(members, groups) if groups else np.arange(len(distinct))
     cells = distinct[chosen]
@@ -162,7 +162,7 @@ def load_mesh(
         notes.append(f"{merged} nodes lie where another one does: merged")
     cells = rename[cells]
 
-    cells, rows, doubled = _once(cells)
+    cells, rows, doubled = _distinct(cells)
     number = number[np.unique(rows, return_index=True)[1]]
     doubled += 0 if content.cell_groups else len(content.cells) - len(distinct)
     if doubled:
@@ -329,7 +329,7 @@ def _pairs_within(points: NDArray[np.float64], reach: float) -> NDArray[np.int64
     return np.asarray(some[pairs], np.int64)
 
 
-def _once(
+def _distinct(
     cells: NDArray[np.int64],
 ) -> tuple[NDArray[np.int64], NDArray[np.int64], int]:
     """Cells without repetitions, the row of each given cell, the number of repetitions."""

@@ -69,10 +69,8 @@ POINTING_NAMES = {"mine", "apart", "alike", "beside", "wanted", "there", "stands
 """Names that point at something instead of saying what it is."""
 
 PLAIN = {
-    "solver": VAGUE_NAMES | EMPTY_NAMES,
-    "meshes": VAGUE_NAMES | EMPTY_NAMES,
-    "solver/qp": VAGUE_NAMES | POINTING_NAMES,
-    "solver/tfeti": VAGUE_NAMES | POINTING_NAMES | {"give", "carry", "brought"},
+    "solver": VAGUE_NAMES | EMPTY_NAMES | POINTING_NAMES | {"give", "carry", "brought"},
+    "meshes": VAGUE_NAMES | EMPTY_NAMES | POINTING_NAMES,
     "contact_app": {"apart", "mine", "there"},
     **{
         f"contact_app/{room}": VAGUE_NAMES | POINTING_NAMES

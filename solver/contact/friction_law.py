@@ -211,11 +211,11 @@ class Friction(Frictionless):
         slides = (limit > 0.0) & ~stuck & ~sticks & ~springs
         if relaxation is None:
             limit, relaxation = self._relaxed(limit, slides, before)
-        wanted = direction * limit[points.point]
+        prescribed = direction * limit[points.point]
         turning = np.where(stuck | overshot, 0.0, self._rho(limit, length, stuck))
-        wanted = self._at_limits(wanted + turning[points.point] * slips, limit)
-        wanted = np.where(sticks[points.point], forces, wanted)
-        changes = points.sizes(wanted - self._prescribed(before))
+        prescribed = self._at_limits(prescribed + turning[points.point] * slips, limit)
+        prescribed = np.where(sticks[points.point], forces, prescribed)
+        changes = points.sizes(prescribed - self._prescribed(before))
         least = self.options.round_off * state.strongest * spread
         unchanged = (stuck == sticks) & (changes <= np.maximum(slack, least))
         if self._changes_set(~unchanged, touching, before):
@@ -223,7 +223,7 @@ class Friction(Frictionless):
         slip_compliance = np.divide(
             length, limit, out=np.zeros(len(limit)), where=(limit > 0.0) & ~stuck
         )
-        after = self._statuses(normals, sticks, wanted, slip_compliance)
+        after = self._statuses(normals, sticks, prescribed, slip_compliance)
         guessed = np.zeros(len(normals), bool)
         guessed[points.rows[points.first]] = early
         after = self._with_former_tractions(after, before, unchanged)

@@ -52,15 +52,15 @@ class SlipLimits:
 
     def settles(self, multiplier: Array, share: float) -> bool:
         """Whether μ λ_n has changed by less than a share of |s - μ λ_n| since the last call."""
-        wanted = self._points.slip_limits(multiplier)
-        moved = np.inf if self._last is None else self._norm(wanted - self._last)
-        self._last = wanted
-        return moved <= share * self._norm(wanted - self.values)
+        limits = self._points.slip_limits(multiplier)
+        moved = np.inf if self._last is None else self._norm(limits - self._last)
+        self._last = limits
+        return moved <= share * self._norm(limits - self.values)
 
     def advance(self, multiplier: Array) -> None:
         """Move to the next limits, given the contact forces under the present ones (collective)."""
-        wanted = self._points.slip_limits(multiplier)
-        residual = wanted - self.values
+        limits = self._points.slip_limits(multiplier)
+        residual = limits - self.values
         size = self._norm(residual)
         grown, self._size, self._last = size > GROWN * self._size, size, None
         if grown:

@@ -208,8 +208,8 @@ class AugmentedLagrangian:
         return Outcome(None if goes_on else ended, on_set.state(), statuses, self._counts)
 
     def _iterated(self, on_set: PrimalSet) -> Reason:
-        wanted = self.options.reduction * on_set.residual
-        return on_set.solve(self._inner(), wanted, self._monitor(on_set.statuses))
+        tolerance = self.options.reduction * on_set.residual
+        return on_set.solve(self._inner(), tolerance, self._monitor(on_set.statuses))
 
     def _with_equality(self, now: _Iterate) -> Outcome[PrimalState]:
         """The solve on the pressing rows with equality, from an iterate (collective)."""

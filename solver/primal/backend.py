@@ -343,11 +343,11 @@ class PrimalSet:
                 watch(it)
 
         def stop(it: Iterate) -> Reason | None:
-            wanted = max(residual * self._scale, self._rounding)
-            if it.projected_gradient_norm <= wanted and it.drift > 0.5 * wanted:
+            tolerance = max(residual * self._scale, self._rounding)
+            if it.projected_gradient_norm <= tolerance and it.drift > 0.5 * tolerance:
                 it.evaluate()
                 self._lanczos = Lanczos(self._preconditioner.square)
-            if it.projected_gradient_norm <= wanted:
+            if it.projected_gradient_norm <= tolerance:
                 return Reason.CONVERGED
             if self._is_slow() and self._backend.give_up_multigrid():
                 self._preconditioner = it.preconditioner = self._make_preconditioner()

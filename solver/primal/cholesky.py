@@ -55,7 +55,7 @@ class SmallInverse:
         if self._comm.size > 1:
             matrix = gathered(self._comm, local)
         self._counts = np.array(self._comm.allgather(local.shape[0]))
-        self._mine = slice(first, first + local.shape[0])
+        self._of_rank = slice(first, first + local.shape[0])
         self._pc = factored(matrix)
         self._right, self._left = matrix.createVecs()
 
@@ -69,7 +69,7 @@ class SmallInverse:
             self._comm.Allgatherv(np.ascontiguousarray(values), [every, self._counts])
         out = np.empty_like(every)
         on_arrays(self._pc.apply, self._right, every, self._left, out)
-        return out[self._mine]
+        return out[self._of_rank]
 
 
 def gathered(comm: MPI.Intracomm, local: sparse.csr_matrix) -> PETSc.Mat:

@@ -106,9 +106,9 @@ class MergedSystem:
         if not self.has_rigid_bodies:
             return self.C
         first = self.C.getOwnershipRangeColumn()[0]
-        mine = first + np.flatnonzero(self.stiffless)
+        rigid = first + np.flatnonzero(self.stiffless)
         local = local_rows(self.C)
-        of_rigid = np.isin(local.indices, np.concatenate(self.comm.allgather(mine)))
+        of_rigid = np.isin(local.indices, np.concatenate(self.comm.allgather(rigid)))
         local.data[of_rigid] = 0.0
         row = np.repeat(np.arange(local.shape[0]), np.diff(local.indptr))
         others = np.bincount(row[~of_rigid], minlength=local.shape[0])

@@ -54,7 +54,7 @@ class RowsOfMotions:
         if self.empty:
             return
         first = sum(counts[: comm.rank])
-        self._mine = slice(first, first + len(self._chosen))
+        self._local_rows = slice(first, first + len(self._chosen))
         self._q = np.flatnonzero(system.stiffless)
         columns = np.concatenate(comm.allgather(C.getOwnershipRangeColumn()[0] + self._q))
         starts = np.cumsum([0, *comm.allgather(len(self._q))])
@@ -68,7 +68,7 @@ class RowsOfMotions:
         if self.empty:
             return
         forces = np.concatenate(self._comm.allgather(residual[self._q]))
-        multipliers[self._chosen] = (self._inverse.T @ forces)[self._mine]
+        multipliers[self._chosen] = (self._inverse.T @ forces)[self._local_rows]
 
     def lifting(self, jumps: Array) -> Array:
         """The smallest motions with these jumps (active,); zero elsewhere, (unknowns,)."""

@@ -317,7 +317,7 @@ class CycleLevel(SharedLevel):
         x, left, z = np.zeros_like(residual), residual.copy(), np.empty_like(residual)
         cycle.apply(left, z)
         direction, square = z.copy(), comm.allreduce(float(left @ z))
-        wanted = self.options.reduction**2 * square
+        least = self.options.reduction**2 * square
         if not square > 0.0:
             return x
         for _ in range(self.options.iterations):
@@ -331,7 +331,7 @@ class CycleLevel(SharedLevel):
             left -= length * product
             cycle.apply(left, z)
             before, square = square, comm.allreduce(float(left @ z))
-            if square <= wanted:
+            if square <= least:
                 break
             direction = z + square / before * direction
         return x
