@@ -75,6 +75,7 @@ def test_friction_alone_holds_a_block_on_a_slope(cell: str, along: float) -> Non
 MULTIGRID_ALWAYS = FactorOptions(small=0.0, thin_seconds=0.0, slow_seconds=0.0)
 
 
+@pytest.mark.ratchet
 @pytest.mark.parametrize("law", LAWS, ids=str)
 def test_multigrid_handles_elastic_rows(law: dict[str, float]) -> None:
     """The test uses multigrid although `auto` would use a factor; the V-cycle alone would not

@@ -129,6 +129,7 @@ def test_discs(seed: int, expansion: str, singular: bool) -> None:
     assert (size <= feasible.radius * (1.0 + 1e-12)).all()
 
 
+@pytest.mark.ratchet
 @given(st.integers(0, 10_000))
 def test_small_discs_far_from_zero(seed: int) -> None:
     """Rounding errors of the centre are larger than `ACTIVITY`: points on the edge are not free.
