@@ -228,59 +228,17 @@ class _Run(Generic[S]):
         -------
         The last outcome with the work of all runs, and the reason if the sets failed.
         """
-        backend, options, multiplier = self.backend, self.options, start.multiplier
-        ahead = options.looks_ahead
-        update = ActiveSetUpdate(backend, backend.hierarchy(coarsened=False), law, options, ahead)
-        rules = SetRules(update, options.first_reduction, multiplier is not None or not law.settles)
-        statuses = start.statuses or law.initial(start.active, multiplier, ahead)
-        early = EarlyReleases.none(start.active)
-        turnovers, strained, counts = list[Turnover](), list[float](), self.work_before
-        on_all_rows = list[Turnover]()
-        outcome: Outcome[S] = Outcome(None, None, statuses, counts)
-        slides = 0
-        for number in range(options.most_sets):
-            rules, statuses = rules.for_set(number, statuses, turnovers)
-            solved = self._solve(number, statuses, multiplier, rules, counts)
-            slides = slides + 1 if solved is None else 0
-            state = outcome.state
-            if slides and state is not None and not law.settles:
-                if slides == options.sliding:
-                    outcome = replace(outcome, reason=Reason.SLIDES)
-                    break
-                statuses = law.yielding(statuses, state.jumps)
-                solved = self._solve(number, statuses, multiplier, rules, counts)
-            if solved is None:
+        loop = _Loop(self, start, law)
+        for number in range(self.options.most_sets):
+            if not loop.solve_and_evaluate(number):
                 break
-            outcome, counts = solved, counts + solved.counts
-            backend.release()
-            if outcome.reason is not None or outcome.state is None or outcome.released is None:
-                break
-            turnovers.append(_turnover(backend, statuses, outcome.following))
-            if rules.update.hierarchy.finest:
-                on_all_rows.append(turnovers[-1])
-            if law.settles and options.jumps(on_all_rows):
-                break
-            early = early.after(outcome.following.active, outcome.released)
-            rules = rules.with_ahead(early.are_right(backend.comm, options.returning))
-            multiplier, statuses = outcome.state.multiplier, outcome.following
-            if number == 1 and start.alternative is not None and options.all_peel(turnovers):
-                fewer = statuses.active & (start.alternative() | ~backend.contact_rows)
-                statuses = law.consistent(replace(statuses, active=fewer))
-            strained.append(outcome.state.strained)
-            if not law.settles and options.fades(strained):
-                if not law.fades:  # SMALBE-M finds the answer without forces from no forces on
-                    return replace(outcome, state=None, counts=counts), _Failure.OTHER
-                open_all = replace(statuses, active=statuses.active & ~backend.contact_rows)
-                multiplier, statuses = None, law.consistent(open_all)
-                strained.clear()
-            if not law.settles and start.multiplier is None and options.is_unsettled(turnovers):
-                return replace(outcome, counts=counts), _Failure.UNSETTLED
-        failed_ahead = outcome.reason in (None, Reason.SLIDES) and (
-            early.any(backend.comm) or (ahead and _begins_ahead(backend.comm, start, law))
-        )
-        return replace(outcome, counts=counts), _Failure.AHEAD if failed_ahead else _Failure.OTHER
+            failure = loop.failure()
+            if failure is not None:
+                return loop.result(), failure
+            loop.update()
+        return loop.result(), _Failure.AHEAD if loop.failed_ahead() else _Failure.OTHER
 
-    def _solve(
+    def solve(
         self,
         number: int,
         statuses: Statuses,
@@ -309,6 +267,102 @@ class _Run(Generic[S]):
             )
         except QPError:
             return Outcome(None, None, statuses, on_set.counts)
+
+
+class _Loop(Generic[S]):
+    """The sets of one run: the next set, and the history of those before it.
+
+    `solve_and_evaluate`, `failure` and `update` are the steps from one set to the next.
+    """
+
+    def __init__(self, run: _Run[S], start: Start, law: ContactLaw) -> None:
+        self._run, self._start, self._law = run, start, law
+        backend, options, ahead = run.backend, run.options, run.options.looks_ahead
+        update = ActiveSetUpdate(backend, backend.hierarchy(coarsened=False), law, options, ahead)
+        coarsened = start.multiplier is not None or not law.settles
+        self._rules = SetRules(update, options.first_reduction, coarsened)
+        self._multiplier = start.multiplier
+        self._statuses = start.statuses or law.initial(start.active, start.multiplier, ahead)
+        self._outcome: Outcome[S] = Outcome(None, None, self._statuses, run.work_before)
+        self._counts, self._unheld = run.work_before, 0
+        self._turnovers, self._on_all_rows = list[Turnover](), list[Turnover]()
+        self._strained, self._early = list[float](), EarlyReleases.none(start.active)
+
+    def result(self) -> Outcome[S]:
+        """The outcome of the last set, with the work of all."""
+        return replace(self._outcome, counts=self._counts)
+
+    def solve_and_evaluate(self, number: int) -> bool:
+        """Solve on the next set and evaluate its KKT residuals (collective).
+
+        If a set leaves a body unheld, sliding points yield like springs; after many such sets
+        friction is said not to hold the body.
+
+        Returns
+        -------
+        Whether the residuals ask for another set.
+        """
+        run, law, state = self._run, self._law, self._outcome.state
+        self._rules, self._statuses = self._rules.for_set(number, self._statuses, self._turnovers)
+        solved = self._solved(number)
+        self._unheld = self._unheld + 1 if solved is None else 0
+        if self._unheld and state is not None and not law.settles:
+            if self._unheld == run.options.sliding:
+                self._outcome = replace(self._outcome, reason=Reason.SLIDES)
+                return False
+            self._statuses = law.yielding(self._statuses, state.jumps)
+            solved = self._solved(number)
+        if solved is None:
+            return False
+        self._outcome, self._counts = solved, self._counts + solved.counts
+        run.backend.release()
+        if solved.reason is not None or solved.state is None or solved.released is None:
+            return False
+        self._turnovers.append(_turnover(run.backend, self._statuses, solved.following))
+        if self._rules.update.hierarchy.finest:
+            self._on_all_rows.append(self._turnovers[-1])
+        self._strained.append(solved.state.strained)
+        self._early = self._early.after(solved.following.active, solved.released)
+        return True
+
+    def _solved(self, number: int) -> Outcome[S] | None:
+        return self._run.solve(number, self._statuses, self._multiplier, self._rules, self._counts)
+
+    def failure(self) -> _Failure | None:
+        """The reason why the sets do not settle, by their history; None while they may."""
+        options, law = self._run.options, self._law
+        if law.settles:
+            return _Failure.OTHER if options.jumps(self._on_all_rows) else None
+        if options.fades(self._strained) and not law.fades:
+            self._outcome = replace(self._outcome, state=None)  # SMALBE-M begins without forces
+            return _Failure.OTHER
+        unsettled = self._start.multiplier is None and options.is_unsettled(self._turnovers)
+        return _Failure.UNSETTLED if unsettled else None
+
+    def update(self) -> None:
+        """Make the next set, from the last state and the history (collective)."""
+        backend, options, law = self._run.backend, self._run.options, self._law
+        outcome, alternative = self._outcome, self._start.alternative
+        assert outcome.state is not None
+        early = self._early.are_right(backend.comm, options.returning)
+        self._rules = self._rules.with_ahead(early)
+        self._multiplier, statuses = outcome.state.multiplier, outcome.following
+        if len(self._turnovers) == 2 and alternative and options.all_peel(self._turnovers):
+            fewer = statuses.active & (alternative() | ~backend.contact_rows)
+            statuses = law.consistent(replace(statuses, active=fewer))
+        if not law.settles and options.fades(self._strained):
+            open_all = replace(statuses, active=statuses.active & ~backend.contact_rows)
+            self._multiplier, statuses = None, law.consistent(open_all)
+            self._strained.clear()
+        self._statuses = statuses
+
+    def failed_ahead(self) -> bool:
+        """Whether the sets failed after points were released ahead of a state (collective)."""
+        if self._outcome.reason not in (None, Reason.SLIDES):
+            return False
+        comm, start = self._run.backend.comm, self._start
+        ahead = self._run.options.looks_ahead
+        return self._early.any(comm) or (ahead and _begins_ahead(comm, start, self._law))
 
 
 def _begins_ahead(comm: MPI.Intracomm, start: Start, law: ContactLaw) -> bool:
