@@ -76,9 +76,9 @@ def _normals_at_vertices(corners: NDArray[np.int64], points: Array, normals: Arr
     mesh = _Facets.of(place.reshape(corners.shape), points.reshape(-1, 3)[at], points, normals)
     result = np.empty((facets * v, 3))
     missing = np.argsort(place.ravel(), kind="stable")
-    about = mesh.of_vertices @ mesh.beside
+    about = mesh.of_vertices @ mesh.neighbours
     for layer in range(1, MOST_LAYERS):
-        about = about @ mesh.beside
+        about = about @ mesh.neighbours
         few = [
             _fit(mesh, part, about[place.ravel()[part]], result, layer == MOST_LAYERS - 1)
             for part in np.split(missing, np.arange(AT_ONCE, len(missing), AT_ONCE))
@@ -101,7 +101,7 @@ class _Facets:
         In their order of magnitude.
     vertices_of : (facets, vertices)
         Ones at the vertices of each.
-    beside : (facets, facets)
+    neighbours : (facets, facets)
         Positive where two share a vertex.
     """
 
@@ -111,7 +111,7 @@ class _Facets:
     normals: Array
     areas: Array
     vertices_of: csr_matrix
-    beside: csr_matrix
+    neighbours: csr_matrix
 
     @classmethod
     def of(
@@ -125,8 +125,8 @@ class _Facets:
         centres = points.mean(axis=1)
         sizes = np.linalg.norm(points - centres[:, None], axis=2).max(axis=1)
         areas = sizes ** (v - 1 if v == 2 else 2)
-        beside = (vertices_of @ vertices_of.T).tocsr()
-        return cls(place, vertices, centres, normals, areas, vertices_of, beside)
+        neighbours = (vertices_of @ vertices_of.T).tocsr()
+        return cls(place, vertices, centres, normals, areas, vertices_of, neighbours)
 
     @property
     def of_vertices(self) -> csr_matrix:
