@@ -284,12 +284,12 @@ class Multipliers:
     def narrow(self, sides: BothSides) -> NDArray[np.bool_]:
         """Mask (n,) of nodes beyond the edge of the other surface, which covers a narrow strip."""
         weight, area = self._areas(sides)
-        inside, beside = np.zeros((2, sides.count), bool)
+        inside, bordering = np.zeros((2, sides.count), bool)
         inside[sides.corners[self.covered]] = True
         partial = (self.weight > 0.0).any(axis=1) & inside[sides.corners].any(axis=1)
-        beside[sides.corners[partial]] = True
+        bordering[sides.corners[partial]] = True
         beyond = BEYOND[int(self.mass.shape[2] > self.weight.shape[1])]
-        return np.asarray(beside & ~inside & (weight < beyond * area))
+        return np.asarray(bordering & ~inside & (weight < beyond * area))
 
     def _areas(self, sides: BothSides) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """∫ ψ_j over all facets, and the area about each node, covered or not, (n,) each."""
