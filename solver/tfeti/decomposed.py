@@ -29,7 +29,19 @@ from solver.tfeti.constraints.matrix import (
 from solver.tfeti.dual_operator import interface_slices
 from solver.tfeti.subdomain.classes import SubdomainClass
 from solver.tfeti.system import ContactSystem
-from solver.tfeti.unfactored_loads import lengths_at_unknowns, loads_in_energy
+from solver.tfeti.unfactored_loads import (
+    given_motions,
+    lengths_at_unknowns,
+    loads_in_energy,
+    pushes_of_rigid_bodies,
+)
+
+GIVEN = 1e-3
+"""Reference of the displacement of a body at rest, over the largest motion given in its group.
+
+A body counts as at rest below `MOTIONLESS` times this share (`solver.contact.bodies`): its
+displacement is a rounding error of gaps from which the given motion is subtracted.
+"""
 
 
 @dataclass(frozen=True, eq=False)
@@ -218,13 +230,28 @@ class DecomposedProblem:
     def strains_at_unknowns(self) -> NDArray[np.float64]:
         """a(u, u) if each free unknown gave way to its load alone, Σ f_i² / K_ii (collective).
 
-        Of each body, (bodies,).
+        Of each body, (bodies,). Forces on rigid bodies count as if they pushed one unknown.
         """
         sums = []
         for cls, force in zip(self.classes, self.forces, strict=True):
             flexible = 1.0 / cls.resistance[cls.free]
             sums.append(np.einsum("im,im,i->m", force[cls.free], force[cls.free], flexible))
-        return np.asarray(self.comm.allreduce(self.bodies.sum_members(sums)))
+        own = np.asarray(self.comm.allreduce(self.bodies.sum_members(sums)))
+        return own + self.pushes[1]
+
+    @cached_property
+    def pushes(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Displacement and a(u, u) of each body by the forces on rigid bodies, (bodies,) each.
+
+        As `pushes_of_rigid_bodies` estimates them (collective at the first call).
+        """
+        return pushes_of_rigid_bodies(self.bodies, self.classes, self.forces, self.comm)
+
+    @cached_property
+    def resting_lengths(self) -> NDArray[np.float64]:
+        """The least references of lengths of bodies at rest, (bodies,) (collective at first)."""
+        given = given_motions(self.bodies, self.lifting, self.comm)
+        return np.maximum(self.pushes[0], GIVEN * given)
 
     @cached_property
     def free_lengths(self) -> NDArray[np.float64]:
@@ -233,7 +260,8 @@ class DecomposedProblem:
         The largest displacement without constraint forces, if each unknown gave way to its load
         alone.
         """
-        return lengths_at_unknowns(self.bodies, self.classes, self.loads, self.comm)
+        own = lengths_at_unknowns(self.bodies, self.classes, self.loads, self.comm)
+        return np.maximum(own, self.resting_lengths)
 
     @cached_property
     def free_strains(self) -> NDArray[np.float64]:

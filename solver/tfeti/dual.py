@@ -17,7 +17,6 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from solver.contact.bodies import FAINT
 from solver.tfeti.decomposed import DecomposedProblem
 from solver.tfeti.directions import Directions
 from solver.tfeti.dual_operator import DualOperator
@@ -137,9 +136,8 @@ class DualProblem(DecomposedProblem):
         """Largest K⁺ f on the interface of each body, (bodies,) (collective at the first call)."""
         if not self.factored:
             return super().free_lengths
-        moved = largest_magnitude(self.comm, *self.lifting)
         free = self.bodies.largest_on_interface(self.comm, self.free_displacements)
-        return np.maximum(free, FAINT * moved)  # rounding errors of given motions
+        return np.maximum(free, self.resting_lengths)
 
     @cached_property
     def free_strains(self) -> NDArray[np.float64]:
@@ -152,7 +150,7 @@ class DualProblem(DecomposedProblem):
         ):
             if lift.any():
                 works[number] = np.einsum("ij,ij->j", load, cls.solve(load.copy(order="F")))
-        return np.asarray(self.comm.allreduce(self.bodies.sum_members(works)))
+        return np.asarray(self.comm.allreduce(self.bodies.sum_members(works))) + self.pushes[1]
 
     def strain_energy(
         self, multiplier: NDArray[np.float64], displacements: NDArray[np.float64]

@@ -54,3 +54,36 @@ def lengths_at_unknowns(
         moved = np.abs(load[cls.free] / cls.resistance[cls.free, None])
         np.maximum.at(result, body, moved.max(axis=0, initial=0.0))
     return largest(comm, result)
+
+
+def pushes_of_rigid_bodies(
+    bodies: Bodies, classes: Sequence[SubdomainClass], forces: Sequence[Array], comm: MPI.Intracomm
+) -> tuple[Array, Array]:
+    """What the forces on rigid bodies would do to one unknown of each body (collective).
+
+    F is the largest force, or moment over the length of the scene, on the free unknowns of the
+    rigid bodies of a group, and k the mean K_ii of a body in this group.
+
+    Returns
+    -------
+    F / k and F² / k, (bodies,); zero for rigid bodies.
+    """
+    force, stiffness, unknowns = np.zeros((3, bodies.count))
+    for cls, load, body in zip(classes, forces, bodies.members, strict=True):
+        if cls.rigid:
+            np.maximum.at(force, body, np.abs(load[cls.free]).max(axis=0, initial=0.0))
+        else:
+            np.add.at(stiffness, body, cls.resistance.sum())
+            np.add.at(unknowns, body, cls.unknowns)
+    total, count = comm.allreduce(np.stack([stiffness, unknowns]))
+    mean = np.divide(total, count, out=np.full(bodies.count, np.inf), where=count > 0.0)
+    force = bodies.by_group(largest(comm, force))[bodies.groups]
+    return force / mean, force**2 / mean
+
+
+def given_motions(bodies: Bodies, lifting: Sequence[Array], comm: MPI.Intracomm) -> Array:
+    """The largest prescribed displacement in the group of each body, (bodies,) (collective)."""
+    result = np.zeros(bodies.count)
+    for lift, body in zip(lifting, bodies.members, strict=True):
+        np.maximum.at(result, body, np.abs(lift).max(axis=0, initial=0.0))
+    return bodies.by_group(largest(comm, result))[bodies.groups]
