@@ -124,18 +124,20 @@ def _undetermined(
 ) -> NDArray[np.bool_]:
     """Mask (contact rows,) of rows that tied rows do not determine (collective).
 
-    Contact with a moving rigid body is determined at nodes that are tied to it.
+    Contact with a rigid body is determined at nodes that are tied to it.
     """
     some = undecided(comm, contact, tied) | contact.on_rigid
     if not scene.rigid_ties:
         return some
-    refuse_pushed(scene, comm, contact.of(~some), tied, scene_length(scene))
+    inside = np.zeros(len(some), bool)
     of_contacts = np.array([getattr(item, "rigid", None) for item in scene.touching])
     for number, tie in enumerate(scene.rigid_ties, start=len(scene.ties)):
         both = np.flatnonzero(of_contacts == tie.rigid)
         of_tie = tied.nodes[tied.sources == number]
-        some &= ~(np.isin(contact.sources, both) & np.isin(contact.nodes, of_tie))
-    return some
+        inside |= np.isin(contact.sources, both) & np.isin(contact.nodes, of_tie)
+    others = contact.of(~some & ~inside)
+    refuse_pushed(scene, comm, others, tied, scene_length(scene))
+    return some & ~inside
 
 
 def decided_by(exchange: NodeExchange, held: HeldRows) -> Decided:

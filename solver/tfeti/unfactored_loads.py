@@ -59,7 +59,7 @@ def lengths_at_unknowns(
 def pushes_of_rigid_bodies(
     bodies: Bodies, classes: Sequence[SubdomainClass], forces: Sequence[Array], comm: MPI.Intracomm
 ) -> tuple[Array, Array]:
-    """What the forces on rigid bodies would do to one unknown of each body (collective).
+    """Displacement and a(u, u) of one unknown of each body by forces on rigid bodies (collective).
 
     F is the largest force, or moment over the length of the scene, on the free unknowns of the
     rigid bodies of a group, and k the mean K_ii of a body in this group.

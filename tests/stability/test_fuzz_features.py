@@ -16,7 +16,8 @@ from tests.stability.fuzz_features import judge
 FAST, SLOW = 12, 300
 
 
-FOUND = (123, 266, 61525, 70087, 70277, 90063, 90070, 98003, 98177, 99028, 110034, 110079, 110189)
+FOUND = (123, 266, 61525, 70087, 70277, 90063, 90070, 98003, 98177, 99028, 110034, 110079, 110189,
+         140064)  # fmt: skip
 """Scenes that found a fault once: a ball between the nodes of a body at rest (123); a rigid
 body that several held nodes stop (266); a plane that slides away from a body at rest (61525); a
 body that play alone moves, without any strain (70087), or that slid far (70277); a plane that
@@ -24,7 +25,7 @@ held nodes leave no room (90063); a warm block that Total FETI leaves without a 
 a disc that a small moment turns, without a bound (98003); bodies that play alone moves, which
 the reference leaves unanswered (98177, 99028); a rigid body that presses on nodes tied to another
 that cannot move (110034, 110079); elastic nodes that conditions and ties hold all, beside rigid
-bodies that move (110189)."""
+bodies that move (110189); a held rigid body that overlaps nodes tied to itself (140064)."""
 
 
 TIED_TO_RIGID = range(WITH_RIGID_TIES, WITH_RIGID_TIES + FAST)
