@@ -236,8 +236,8 @@ class DecomposedProblem:
         for cls, force in zip(self.classes, self.forces, strict=True):
             flexible = 1.0 / cls.resistance[cls.free]
             sums.append(np.einsum("im,im,i->m", force[cls.free], force[cls.free], flexible))
-        own = np.asarray(self.comm.allreduce(self.bodies.sum_members(sums)))
-        return own + self.pushes[1]
+        elastic = np.asarray(self.comm.allreduce(self.bodies.sum_members(sums)))
+        return elastic + self.pushes[1]
 
     @cached_property
     def pushes(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
@@ -250,8 +250,8 @@ class DecomposedProblem:
     @cached_property
     def resting_lengths(self) -> NDArray[np.float64]:
         """The least references of lengths of bodies at rest, (bodies,) (collective at first)."""
-        given = given_motions(self.bodies, self.lifting, self.comm)
-        return np.maximum(self.pushes[0], GIVEN * given)
+        motions = given_motions(self.bodies, self.lifting, self.comm)
+        return np.maximum(self.pushes[0], GIVEN * motions)
 
     @cached_property
     def free_lengths(self) -> NDArray[np.float64]:
@@ -260,8 +260,8 @@ class DecomposedProblem:
         The largest displacement without constraint forces, if each unknown gave way to its load
         alone.
         """
-        own = lengths_at_unknowns(self.bodies, self.classes, self.loads, self.comm)
-        return np.maximum(own, self.resting_lengths)
+        elastic = lengths_at_unknowns(self.bodies, self.classes, self.loads, self.comm)
+        return np.maximum(elastic, self.resting_lengths)
 
     @cached_property
     def free_strains(self) -> NDArray[np.float64]:

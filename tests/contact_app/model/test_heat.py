@@ -359,3 +359,33 @@ def test_two_ranks(tmp_path: Path) -> None:
             assert two["solution"][key] == pytest.approx(value, rel=1e-7, abs=1e-8), key
     total = one["accuracy"]["total"]
     assert two["accuracy"]["total"] == pytest.approx(total, rel=1e-6)
+
+
+@pytest.mark.parametrize("tolerance", [1e-6, 1e-8])
+def test_a_bimetal_strip_bends_onto_a_stop(tolerance: float) -> None:
+    """F = 3 E I (δ - g) / L³ with δ = 3 Δα T L² / (4 h), or the warning of a loose tolerance."""
+    length, height, gap, alphas = 100.0, 4.0, 0.3, (2.4e-5, 1.2e-5)
+    bodies: list[scenes.Config] = []
+    for k, alpha in enumerate(alphas):
+        lower, upper = [0.0, -k * height / 2.0], [length, (1 - k) * height / 2.0]
+        mesh = {"box": {"lower": lower, "upper": upper, "cells": [80, 2 + k], "cell": "triangle"}}
+        material = {"young": 1e5, "poisson": 0.3, "expansion": alpha}
+        bodies.append({"name": f"l{k}", "mesh": mesh, "degree": 2, "material": material})
+    bodies[1]["boundaries"] = {"tip": {"where": f"y < {1e-9 - height / 2.0} and x > {length - 5}"}}
+    stop = {"plane": {"point": [0.0, -height / 2.0 - gap], "normal": [0.0, 1.0]}}
+    solved = solve({
+        "title": "bimetal strip", "dimension": "plane_stress", "bodies": bodies,
+        "conditions": [{"on": "l0.x-", "displacement": [0.0, None]},
+                       {"on": "l1.x-", "displacement": [0.0, 0.0]},
+                       {"in": "l0", "temperature": 50.0}, {"in": "l1", "temperature": 50.0}],
+        "contacts": [{"on": "l0.y-", "against": "l1.y+", "tied": True},
+                     {"on": "l1.tip", "obstacle": stop}],
+        "solver": {"method": "primal", "tolerance": tolerance},
+    })  # fmt: skip
+    bent = 0.75 * (alphas[0] - alphas[1]) * 50.0 * length**2 / height
+    expected = 3.0 * 1e5 * height**3 / 12.0 * (bent - gap) / length**3
+    warned = any("small beside the loads" in w for w in solved.summary["certificate"]["warnings"])
+    away = abs(solved.summary["contacts"][1]["force"][1] / expected - 1.0)
+    assert solved.summary["certificate"]["passed"]
+    assert away < (0.02 if warned else 0.005)
+    assert warned == (tolerance > 1e-7)
