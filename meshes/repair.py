@@ -186,7 +186,7 @@ def load_mesh(
     ):  # test pieces first: overlapping pieces are bodies of their own and have hanging nodes
         refuse_overlaps(points, cells, content.kind.name, topology, middles, number, comm)
     refuse_hanging(points, topology, comm)
-    _refuse_pieces(points, cells, pieces, content.cell_groups)
+    _refuse_pieces(points, cells, pieces, content.cell_groups, groups)
     place = np.full(len(distinct), -1, np.int64)
     place[chosen] = rows
     sides, inner = _sides(content, rename, cells, topology, notes)
@@ -417,6 +417,7 @@ def _refuse_pieces(
     cells: NDArray[np.int64],
     label: NDArray[np.int64],
     groups: Collection[str],
+    chosen: Collection[str],
 ) -> None:
     """Refuse a body of more than one piece; `label` (cells,) numbers them.
 
@@ -424,6 +425,8 @@ def _refuse_pieces(
     ----------
     groups
         Names of groups of cells in the file.
+    chosen
+        Those of the body; none if it has all cells.
     """
     number = int(label.max()) + 1
     if number == 1:
@@ -435,6 +438,8 @@ def _refuse_pieces(
     names = f" ({', '.join(sorted(groups)[:9])})" if groups else (
         ", which the file lacks: give each piece a physical group in the mesher, or a file"
     )  # fmt: skip
+    if len(chosen) == 1:
+        names = f", but {min(chosen)} holds them all: give each a physical group in the mesher"
     raise MeshError(
         f"falls into {number} pieces that share no facet, the smallest of {sizes[smallest]} cells "
         f"about ({at}); each piece is a body of its own: choose its cells by `group`{names}"

@@ -1,4 +1,4 @@
-"""Contact pressure of two bodies on facets that the other body covers in part.
+"""Contact pressure, and tractions of ties, on facets that the other body covers in part.
 
 Such a facet has the pressure p = Σ p_j φ_j in its covered part alone (`meshes.mortar`), and the
 value p_j = λ_j / W_j of a node beyond the edge of the other body is an extrapolation: where a
@@ -11,7 +11,7 @@ in which S follows from the contact rows, whose entries at `on` nodes are S_jk n
 the force of the contact on the node, so that the means have the force of the contact. Where all
 facets of a node are covered, the ψ_j are dual and q_j = p_j. Under a block on a plate whose facets
 are 0.8 to 2 times as long, the largest extrapolation was up to 20 times the largest pressure of the
-scene with exchanged sides, the largest mean is 0.65 to 1.3 times it.
+scene with exchanged sides, the largest mean is 0.6 to 1.4 times it.
 
 On facets of degree 2 the φ_k are the linear functions of vertices. As the ψ_j are not dual there,
 means flatten the pressure, and only vertices of facets that are covered in part have them.

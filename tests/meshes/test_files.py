@@ -453,6 +453,21 @@ def test_a_body_in_pieces(tmp_path: Path) -> None:
         assert "falls into 2 pieces that share no facet, the smallest of 8 cells" in told
 
 
+def test_a_group_in_pieces(tmp_path: Path) -> None:
+    """Four pads of one group: another group is no remedy."""
+    given = meshfiles.block("hexahedron", 2)
+    points = np.vstack([given.points, given.points + [5.0, 0.0, 0.0]])
+    cells = np.vstack([given.cells[0].data, given.cells[0].data + 27])
+    tags = [np.ones(len(cells), int)]
+    data = {"gmsh:physical": tags, "gmsh:geometrical": tags}
+    names = {"pads": np.array([1, 3])}
+    mesh = meshio.Mesh(points, [("hexahedron", cells)], cell_data=data, field_data=names)
+    path = tmp_path / "pads.msh"
+    meshio.gmsh.write(path, mesh, "2.2", binary=False)
+    with pytest.raises(MeshError, match="pads holds them all: give each a physical group"):
+        load_mesh(path, 3, groups=("pads",))
+
+
 def test_broken_numbers(tmp_path: Path) -> None:
     given = meshfiles.block("triangle", 2)
     given.points[3, 0] = np.nan
