@@ -141,16 +141,16 @@ def bench(
             out: dict[str, str] = {}
             for n in sorted(sizes):
                 mesh = series.mesh(n, output)
-                found = [
+                measured = [
                     _attempt(run, m, series, n, mesh, tolerance, limit, out.get(m, ""))
                     for m in chosen
                 ]
-                out |= {row["method"]: row["note"] for row in found if row["note"]}
-                rows |= {_key(row): row for row in found}
+                out |= {row["method"]: row["note"] for row in measured if row["note"]}
+                rows |= {_key(row): row for row in measured}
                 alike = [row for row in rows.values() if _key(row)[:2] == (series.name, n)]
                 rows |= {_key(row): row for row in with_energy_error(alike)}
                 write(_ordered(rows), COLUMNS, table)  # rows are saved even if the next mesh fails
-                yield from (rows[_key(row)] for row in found)
+                yield from (rows[_key(row)] for row in measured)
     finally:
         ordered = _ordered(rows)
         write(ordered, COLUMNS, table)
@@ -203,15 +203,15 @@ def run_method(
     return run_one(method, config(), overrides, tolerance, limit, parallel=parallel)
 
 
-def with_energy_error(found: list[dict[str, Any]]) -> list[dict[str, Any]]:
+def with_energy_error(rows: list[dict[str, Any]]) -> list[dict[str, Any]]:
     """Add to the rows of one mesh the difference of each energy from the most direct method's.
 
     Differences are relative. Methods with contact are compared with each other, and so are linear
     methods.
     """
-    energy = {row["method"]: row["energy"] for row in found if not row["note"]}
+    energy = {row["method"]: row["energy"] for row in rows if not row["note"]}
     result = []
-    for row in found:
+    for row in rows:
         family = MOST_DIRECT_LINEAR if row["method"] in LINEAR else MOST_DIRECT
         best = next((energy[m] for m in family if m in energy), None)
         if best is not None and not row["note"]:

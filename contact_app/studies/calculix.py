@@ -1,6 +1,6 @@
 """This application beside CalculiX on the same meshes: displacements, forces, seconds, memory.
 
-    python -m contact_app.studies.calculix [NAME …] [--mesh FILE] [--penalty K] [-o DIR]
+    python -m contact_app.studies.calculix [NAME …] [-o DIR]
 
 CalculiX (G. Dhondt, *The Finite Element Method for Three-Dimensional Thermomechanical
 Applications*, 2004; Debian's calculix-ccx) uses the same nodes and tetrahedra of the mesh file, of
@@ -11,8 +11,7 @@ pushed into contact by a displacement, which is then removed. Both programs use 
 The displacements are compared at all nodes of the mesh, without the free sliding of bodies that
 nothing holds: the largest displacement, and ‖u - u_ccx‖ over ‖u‖ in the root mean square. A second
 comparison removes the rigid motion of each body from u - u_ccx, since a contact with clearance
-hardly resists it. The turn is the rotation of the first body in each program, about the axis about
-which they differ most. Without `ccx` nothing is done.
+hardly resists it. Without `ccx` nothing is done.
 """
 
 from __future__ import annotations
@@ -80,15 +79,15 @@ PARTS = {
 }
 
 
-def scene_of(part: Part, mesh: Path | None = None) -> dict[str, Any]:
-    """The scene of a part, without load cases, its mesh (another if given) by an absolute path."""
+def scene_of(part: Part) -> dict[str, Any]:
+    """The scene of a part, without load cases, its mesh by an absolute path."""
     path = ROOT / part.scene
     made: dict[str, Any] = read(path)[0]
     made.pop("cases", None)
     made.pop("output", None)
     for body in made["bodies"]:
-        own = ROOT / part.mesh if part.mesh else path.parent / body["mesh"]["file"]
-        body["mesh"]["file"] = str((mesh or own).resolve())
+        mesh_file = ROOT / part.mesh if part.mesh else path.parent / body["mesh"]["file"]
+        body["mesh"]["file"] = str(mesh_file.resolve())
         if part.degree is not None:
             body["degree"] = part.degree
     active = [c for c in made["conditions"] if part.factors.get(c.get("name"), 1.0 - ("name" in c))]
@@ -96,7 +95,7 @@ def scene_of(part: Part, mesh: Path | None = None) -> dict[str, Any]:
     return made
 
 
-def plain(part: Part, made: dict[str, Any], penalty: float = PENALTY) -> PlainScene:
+def plain(part: Part, made: dict[str, Any]) -> PlainScene:
     """The scene for CalculiX."""
     bodies = build_scene(from_mapping(made)).bodies
     numbers = {body.name: number for number, body in enumerate(bodies)}
@@ -117,7 +116,7 @@ def plain(part: Part, made: dict[str, Any], penalty: float = PENALTY) -> PlainSc
         [plain_body(body, body.degree) for body in bodies], 0.0,
         side(contact["on"]), side(contact["against"]), fixed, None, [{}],
         forces=[(*side(c["on"]), c["total_force"]) for c in loads],
-        loose=loose(made), push=part.push, penalty=penalty,
+        loose=loose(made), push=part.push, penalty=PENALTY,
     )  # fmt: skip
 
 
@@ -144,25 +143,13 @@ def differences(
     return abs(float(other / largest) - 1.0), float(every / size), float(rest / size)
 
 
-def turns(points: Array, ours: Array, theirs: Array) -> tuple[float, float]:
-    """Rotations of a body, about the axis about which the programs differ most."""
-    one, other = (_rigid_motion(points, u)[1][3:] for u in (ours, theirs))
-    axis = int(np.abs(one - other).argmax())
-    return float(one[axis]), float(other[axis])
-
-
 def _rigid_part(points: Array, u: Array) -> Array:
-    """The rigid motion nearest to displacements."""
-    motions, amounts = _rigid_motion(points, u)
-    return np.asarray(motions @ amounts)
-
-
-def _rigid_motion(points: Array, u: Array) -> tuple[Array, Array]:
-    """Basis of rigid motions about the centre, (nodes, 3, 6), and coefficients nearest to u."""
+    """The rigid motion nearest to displacements, (nodes, 3)."""
     x = points - points.mean(axis=0)
     about = [np.cross(axis, x) for axis in np.eye(3)]
     motions = np.stack([*(np.broadcast_to(e, x.shape) for e in np.eye(3)), *about], axis=2)
-    return motions, np.linalg.lstsq(motions.reshape(-1, 6), u.ravel(), rcond=None)[0]
+    amounts = np.linalg.lstsq(motions.reshape(-1, 6), u.ravel(), rcond=None)[0]
+    return np.asarray(motions @ amounts)
 
 
 def _at_nodes(points: Fields, file: Path) -> Fields:
@@ -176,58 +163,52 @@ def _at_nodes(points: Fields, file: Path) -> Fields:
     return result
 
 
-def compared(
-    name: str, directory: Path, mesh_file: Path | None = None, penalty: float = PENALTY
-) -> dict[str, float]:
-    """Both programs on a part."""
-    made = scene_of(PARTS[name], mesh_file)
-    deck = Deck(plain(PARTS[name], made, penalty))
+def compared(name: str, directory: Path) -> dict[str, float]:
+    """Differences, seconds and memory of both programs on a part."""
+    made = scene_of(PARTS[name])
+    deck = Deck(plain(PARTS[name], made))
     directory.mkdir(parents=True, exist_ok=True)
     scene = directory / "scene.yaml"
     scene.write_text(json.dumps(made), encoding="utf-8")
     (directory / "deck.inp").write_text("\n".join(deck.lines()) + "\n", encoding="utf-8")
-    own = [sys.executable, "-m", "contact_app.studies.single_run", str(scene)]
-    ours = measured([*own, "--fields", "fields.npz"], directory)
+    command = [sys.executable, "-m", "contact_app.studies.single_run", str(scene)]
+    ours = measured([*command, "--fields", "fields.npz"], directory)
     summary = json.loads((directory / "output.txt").read_text(encoding="utf-8").splitlines()[-1])
     theirs = measured([COMMAND, "deck"], directory)
-    found = deck.outcome(directory / "deck.dat")
-    points, other = found.points, found.displacement
+    outcome = deck.outcome(directory / "deck.dat")
+    points, other = outcome.points, outcome.displacement
     u = _at_nodes(points, directory / "fields.npz")
     largest, every, strained = differences(points, u, other, loose(made))
-    turn, other_turn = turns(points[0], u[0], other[0])
     contact = summary["contacts"][0]
     force = float(np.linalg.norm(contact["force"]))
     balanced = force < 1e-2 * contact["max_pressure"] * contact["area"]  # all around a shaft
     return {
         "dofs": 3.0 * sum(map(len, points)), "largest": largest, "every": every,
-        "strained": strained, "turn": turn, "turn ccx": other_turn,
-        "force": np.nan if balanced else force, "force ccx": float(np.linalg.norm(found.force)),
+        "strained": strained,
+        "force": np.nan if balanced else force, "force ccx": float(np.linalg.norm(outcome.force)),
         **{f"{key} ours": value for key, value in ours.items()},
         **{f"{key} ccx": value for key, value in theirs.items()},
     }  # fmt: skip
 
 
-def table(
-    names: Sequence[str], directory: Path, mesh: Path | None = None, penalty: float = PENALTY
-) -> Iterator[str]:
+def table(names: Sequence[str], directory: Path) -> Iterator[str]:
     """Rows of a table for a page."""
     yield (
         "| part | unknowns | largest displacement differs by | all displacements | without rigid "
-        "motions | turn | of CalculiX | contact force | of CalculiX | processor seconds | "
+        "motions | contact force | of CalculiX | processor seconds | "
         "of CalculiX | memory, GB | of CalculiX |"
     )
-    yield "|" + "---|" * 13
+    yield "|" + "---|" * 11
     for name in names or PARTS:
-        f = compared(name, directory / name, mesh, penalty)
+        f = compared(name, directory / name)
         forces = [f"{v:.5g}" for v in (f["force"], f["force ccx"])]
         if np.isnan(f["force"]):
             forces = ["in balance", ""]
         yield (
             f"| {name} | {f['dofs']:,.0f} | {100 * f['largest']:.2f} % | "
             f"{100 * f['every']:.2f} % | {100 * f['strained']:.2f} % | "
-            f"{f['turn']:.1e} | {f['turn ccx']:.1e} | {forces[0]} | "
-            f"{forces[1]} | {f['cpu ours']:.1f} | {f['cpu ccx']:.1f} | {f['gb ours']:.2f} | "
-            f"{f['gb ccx']:.2f} |"
+            f"{' | '.join(forces)} | {f['cpu ours']:.1f} | {f['cpu ccx']:.1f} | "
+            f"{f['gb ours']:.2f} | {f['gb ccx']:.2f} |"
         )
 
 
@@ -236,18 +217,14 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("names", nargs="*", help=f"of {', '.join(PARTS)}; all unless given")
     parser.add_argument("-o", "--output", type=Path, default=Path("results/calculix"))
-    parser.add_argument("--mesh", type=Path, help="another mesh file of the one part named")
-    parser.add_argument("--penalty", type=float, default=PENALTY, help="K of CalculiX")
-    given = parser.parse_args()
-    if given.mesh and len(given.names) != 1:
-        parser.error("--mesh is of one part: name it")
-    unknown = sorted(set(given.names) - set(PARTS))
+    arguments = parser.parse_args()
+    unknown = sorted(set(arguments.names) - set(PARTS))
     if unknown:
         parser.error(f"unknown part {unknown[0]}; known: {', '.join(PARTS)}")
     if shutil.which(COMMAND) is None:
         print(f"skipped: there is no {COMMAND} (Debian: calculix-ccx)")
         return
-    for line in table(given.names, given.output.resolve(), given.mesh, given.penalty):
+    for line in table(arguments.names, arguments.output.resolve()):
         print(line, flush=True)
 
 

@@ -5,9 +5,9 @@ friction. CalculiX has contact only in space, so a plane scene becomes one layer
 nodes stay in their planes. Between two bodies with friction the side `against` is the slave, so
 that normals are those of the side `on`, as in this application. The floor is one fixed hexahedron.
 
-Tuned are the penalty K and the stick slope λ, by default `PENALTY` and `STICK` times Young's
-modulus over the length of a facet (`contact_app.studies.friction_beside --tuning` varies both). A
-body that only contact holds gets weak springs, and a first step moves it into contact.
+Tuned are the penalty K and the stick slope λ, `PENALTY` and `STICK` times Young's modulus over the
+length of a facet. A body that only contact holds gets weak springs, and a first step moves it into
+contact.
 """
 
 from __future__ import annotations
@@ -102,13 +102,13 @@ class _Solid:
     def faces(self, side: str) -> list[tuple[int, int]]:
         """Element and number of each face of a side, from one."""
         wanted = {tuple(row) for row in np.sort(self.body.sides[side][:, : self.corners], axis=1)}
-        found = []
+        faces = []
         for number, face in enumerate(FACES[self.kind], start=1):
             if self.kind == "wedge" and number < 3:
                 continue
             ends = np.sort(self.back[self.cells[:, face[: self.corners]]], axis=1)
-            found += [(self.element + k, number) for k, e in enumerate(ends) if tuple(e) in wanted]
-        return sorted(found)
+            faces += [(self.element + k, number) for k, e in enumerate(ends) if tuple(e) in wanted]
+        return sorted(faces)
 
     def forces(self, side: str, total: Sequence[float]) -> Iterator[str]:
         """Lines of nodal forces of a uniform traction with a total on flat triangles."""
@@ -124,16 +124,10 @@ class _Solid:
 
 
 class Deck:
-    """CalculiX's input for a scene, and how to read its output.
+    """CalculiX's input for a scene, and how to read its output."""
 
-    Attributes
-    ----------
-    penalty, stick
-        K and λ over E / h.
-    """
-
-    def __init__(self, scene: PlainScene, penalty: float = PENALTY, stick: float = STICK) -> None:
-        self.scene, self.penalty, self.stick = scene, penalty, stick
+    def __init__(self, scene: PlainScene) -> None:
+        self.scene = scene
         self.solids: list[_Solid] = []
         node = element = 1
         for body in scene.bodies:
@@ -188,9 +182,9 @@ class Deck:
             yield from (f"{e}, S{s}" for e, s in other.faces(scene.against[1]))
         unit = min(body.young for body in scene.bodies) / self.size
         yield "*SURFACE INTERACTION, NAME=ROUGH\n*SURFACE BEHAVIOR, PRESSURE-OVERCLOSURE=LINEAR"
-        yield f"{scene.penalty or self.penalty * unit:.6e}"
+        yield f"{scene.penalty or PENALTY * unit:.6e}"
         if scene.coefficient:
-            yield f"*FRICTION\n{scene.coefficient}, {self.stick * unit:.6e}"
+            yield f"*FRICTION\n{scene.coefficient}, {STICK * unit:.6e}"
         yield "*CONTACT PAIR, INTERACTION=ROUGH, TYPE=SURFACE TO SURFACE\n" + self._pair
 
     @property
@@ -264,9 +258,9 @@ class Deck:
             points.append(solid.body.points[flat])
             displacements.append(np.array([moved[solid.node + i][:d] for i in flat]))
         force = np.array(tables["total surface force"][0][:d])
-        own = 1.0 if self.scene.against is None else -1.0
+        sign = 1.0 if self.scene.against is None else -1.0
         none = np.zeros((0, d))
-        return Outcome(points, displacements, none, none, own * force)
+        return Outcome(points, displacements, none, none, sign * force)
 
 
 def _tables(dat: Path) -> dict[str, list[list[float]]]:

@@ -118,11 +118,11 @@ def compared(name: str, loaded: Loaded, directory: Path) -> dict[str, float]:
         file.write_text(json.dumps(with_cases(loaded, list(numbers))), encoding="utf-8")
         module = "contact_app.studies.case_costs"
         runs[kind] = python("-m", module, "--solve", str(file), "-o", str(place), threads=1)
-    found = {"dofs": runs["all"]["dofs"]}
+    row = {"dofs": runs["all"]["dofs"]}
     for key in ("seconds", "applications"):
-        found[f"{key} of ten"] = runs["all"][key]
-        found[f"{key} of one"] = 0.5 * (runs["first"][key] + runs["last"][key])
-    return found
+        row[f"{key} of ten"] = runs["all"][key]
+        row[f"{key} of one"] = 0.5 * (runs["first"][key] + runs["last"][key])
+    return row
 
 
 def table(names: Sequence[str], directory: Path) -> Iterator[str]:
@@ -134,12 +134,12 @@ def table(names: Sequence[str], directory: Path) -> Iterator[str]:
     yield "|---|---|---|---|---|---|---|---|"
     for name in names or SCENES:
         loaded = SCENES[name]
-        found = compared(name, loaded, directory)
-        one, ten = found["seconds of one"], found["seconds of ten"]
+        row = compared(name, loaded, directory)
+        one, ten = row["seconds of one"], row["seconds of ten"]
         yield (
-            f"| {name} | {found['dofs']:,.0f} | {one:.1f} | {ten:.1f} | {ten / one:.2f} | "
-            f"{loaded.limit:g} | {found['applications of one']:.0f} | "
-            f"{found['applications of ten']:.0f} |"
+            f"| {name} | {row['dofs']:,.0f} | {one:.1f} | {ten:.1f} | {ten / one:.2f} | "
+            f"{loaded.limit:g} | {row['applications of one']:.0f} | "
+            f"{row['applications of ten']:.0f} |"
         )
 
 
@@ -149,17 +149,17 @@ def main() -> None:
     parser.add_argument("names", nargs="*", help=f"of {', '.join(SCENES)}; all unless given")
     parser.add_argument("-o", "--output", type=Path, default=Path("results/case_costs"))
     parser.add_argument("--solve", type=Path, help=argparse.SUPPRESS)
-    given = parser.parse_args()
-    unknown = sorted(set(given.names) - set(SCENES))
+    arguments = parser.parse_args()
+    unknown = sorted(set(arguments.names) - set(SCENES))
     if unknown:
         parser.error(f"unknown scene {unknown[0]}; known: {', '.join(SCENES)}")
-    if given.solve is None:
-        for line in table(given.names, given.output):
+    if arguments.solve is None:
+        for line in table(arguments.names, arguments.output):
             print(line, flush=True)
         return
-    run_cases(build_scene(load(given.solve)), given.output / "results", MPI.COMM_SELF)
+    run_cases(build_scene(load(arguments.solve)), arguments.output / "results", MPI.COMM_SELF)
     spent = time.process_time()
-    summary = json.loads((given.output / "results/summary.json").read_text(encoding="utf-8"))
+    summary = json.loads((arguments.output / "results/summary.json").read_text(encoding="utf-8"))
     applications = sum(c["solver"]["hessian_multiplications"] for c in summary["cases"].values())
     print(json.dumps({
         "dofs": summary["mesh"]["dofs"], "seconds": spent, "applications": applications,

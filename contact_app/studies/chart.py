@@ -191,8 +191,8 @@ def plan(
     configuration = load(config, overrides)
     scene = build_scene(configuration)
     refine = tuple(body.mesh.refine for body in configuration.bodies if isinstance(body, Body))
-    own = scene.bodies[0].mesh.cell
-    if any(body.mesh.cell != own for body in scene.bodies):
+    cell = scene.bodies[0].mesh.cell
+    if any(body.mesh.cell != cell for body in scene.bodies):
         raise ConfigurationError(f"{config}: a chart needs bodies of one kind of cell")
     files = not all(isinstance(body.mesh, Box) for body in scene.bodies)
     left_out: list[str] = []
@@ -208,25 +208,29 @@ def plan(
 
     levels = _levels(scene, largest)
     coarse, fine = levels[0], levels[-1]
-    cells = [own]
+    cells = [cell]
     if files:
         left_out.append("other cells and coarser meshes: a mesh from a file has its own")
     else:
-        cells += [c for c in CELLS[scene.dimension] if c != own and allowed(Variant(coarse, c), c)]
-    degrees = [1, *(p for p in DEGREES[1:] if allowed(Variant(coarse, own, p), f"degree {p}"))]
+        cells += [c for c in CELLS[scene.dimension] if c != cell and allowed(Variant(coarse, c), c)]
+    degrees = [1, *(p for p in DEGREES[1:] if allowed(Variant(coarse, cell, p), f"degree {p}"))]
     variants = [
         Variant(f, c, p)
         for f, c, p in itertools.product(levels, cells, degrees)
         if _dofs(scene, f, p) <= largest
     ]
     for p in degrees:
-        swept = [t for t in TOLERANCES if allowed(Variant(coarse, own, p, t), f"degree {p} to {t}")]
+        swept = [
+            t for t in TOLERANCES if allowed(Variant(coarse, cell, p, t), f"degree {p} to {t}")
+        ]
         fitting = [f for f in levels if _dofs(scene, f, p) <= largest]
-        variants += [Variant(f, own, p, t) for f in fitting[-2:] for t in swept]
-    variants += [Variant(fine, own, expansion=e) for e in EXPANSIONS if e != scene.solver.expansion]
+        variants += [Variant(f, cell, p, t) for f in fitting[-2:] for t in swept]
+    variants += [
+        Variant(fine, cell, expansion=e) for e in EXPANSIONS if e != scene.solver.expansion
+    ]
     for n in PARTS:
         number = str(n**scene.dimension) if files else str([n] * scene.dimension)
-        variant = Variant(fine, own, decomposition=f"{{subdomains: {number}}}")
+        variant = Variant(fine, cell, decomposition=f"{{subdomains: {number}}}")
         if allowed(variant, f"{n}^{scene.dimension} subdomains"):
             variants.append(variant)
     if peers and len(scene.bodies) > 1:
@@ -237,12 +241,12 @@ def plan(
         names = [name for name, method in METHODS.items() if method.contact]
         for m, p in itertools.product(names, degrees):
             fitting = [f for f in levels if _dofs(scene, f, p) <= largest]
-            variants += [Variant(f, own, p, USUAL, m) for f in fitting]
-            variants += [Variant(f, own, p, LOOSE, m) for f in fitting[-1:]]
+            variants += [Variant(f, cell, p, USUAL, m) for f in fitting]
+            variants += [Variant(f, cell, p, LOOSE, m) for f in fitting[-1:]]
     variants += [
         variant
         for variant in (
-            Variant(coarse, own, p, "auto", accuracy=a)
+            Variant(coarse, cell, p, "auto", accuracy=a)
             for a in ACCURACIES
             for p in (degrees if files else [None])
         )
@@ -250,7 +254,7 @@ def plan(
     ]
     order = sorted(range(len(variants)), key=lambda i: variants[i].factor)
     finest, degree = _reference_mesh(scene, levels, degrees, UNEVEN if files else EVEN)
-    references = tuple(Variant(finest / 2**k, own, degree, min(1e-8, USUAL)) for k in (2, 1, 0))
+    references = tuple(Variant(finest / 2**k, cell, degree, min(1e-8, USUAL)) for k in (2, 1, 0))
     return Sweep(scene, tuple(variants[i] for i in order), references, tuple(left_out), refine)
 
 
@@ -365,10 +369,10 @@ def chart(
                     continue
                 if name not in stored.points:
                     try:
-                        found = runs.point(
+                        solved = runs.point(
                             config, sweep, variant, overrides, limit, file, reference
                         )
-                        stored.add(name, found)
+                        stored.add(name, solved)
                     except RunError as error:
                         stored.add(name, str(error))
                     point = stored.points[name]
@@ -426,20 +430,18 @@ def solve_point(
 ) -> dict[str, Any]:
     """Run one variant and measure its errors."""
     settings = [*overrides, *sweep.overrides(variant)]
-    found = run_one(
-        variant.method, config, settings, variant.tolerance, limit, file, sweep.parallel
-    )
+    row = run_one(variant.method, config, settings, variant.tolerance, limit, file, sweep.parallel)
     fields = Fields.load(str(file))
     errors = reference.errors(reference.distances.sample(fields))
     return {
         "method": variant.name,
         "degree": int(fields.degree.min()),
         "cell": variant.cell,
-        "dofs": found["dofs"],
+        "dofs": row["dofs"],
         "tolerance": variant.tolerance,
-        "subdomains": found["subdomains"],
-        "seconds": round(found["seconds"], 4),
-        "peak_rss_gb": round(found["peak_rss_gb"], 3),
+        "subdomains": row["subdomains"],
+        "seconds": round(row["seconds"], 4),
+        "peak_rss_gb": round(row["peak_rss_gb"], 3),
         **{f"error_{q}": float(f"{e:.4g}") for q, e in zip(QUANTITIES, errors, strict=True)},
     }
 

@@ -47,10 +47,10 @@ class StoredPoints:
 
     def _load(self) -> bool:
         try:
-            found = json.loads(self._path.read_text(encoding="utf-8"))
-            if found["key"] != self._key:
+            points = json.loads(self._path.read_text(encoding="utf-8"))
+            if points["key"] != self._key:
                 return False
-            self.points = found["points"]
+            self.points = points["points"]
         except (OSError, ValueError, KeyError):
             return False
         return True

@@ -98,15 +98,15 @@ def scene_of(claim: ClaimScene, target: float | None) -> Scene:
     return build_scene(configuration.Configuration.model_validate(made))
 
 
-def run_claim(claim: ClaimScene, target: float, known: FineSolution) -> Claim:
+def run_claim(claim: ClaimScene, target: float, reference: FineSolution) -> Claim:
     """Solve to a target and measure."""
     began = time.perf_counter()
-    found = solve_to_accuracy(scene_of(claim, target), partial(solve_scene, comm=MPI.COMM_SELF))
+    refined = solve_to_accuracy(scene_of(claim, target), partial(solve_scene, comm=MPI.COMM_SELF))
     seconds = time.perf_counter() - began
-    last = found.levels[-1]
+    last = refined.levels[-1]
     return Claim(
-        claim.seed, target, last.error, known.relative_error(found.solved), found.missed,
-        len(found.levels), last.dofs, seconds,
+        claim.seed, target, last.error, reference.relative_error(refined.solved), refined.missed,
+        len(refined.levels), last.dofs, seconds,
     )  # fmt: skip
 
 
@@ -119,22 +119,22 @@ def study(
         claim = claim_scene(seed, dimension)
         try:
             with time_limit(4 * limit):
-                known = fine_solution(claim, scene_of(claim, None))
+                reference = fine_solution(claim, scene_of(claim, None))
         except (ContactError, QPError, OutOfTime, RuntimeError) as error:
             yield f"left out: {seed}: {claim.words}: {_message(error)}"
             continue
         for target in options.targets:
-            if not known.judges(target):
+            if not reference.judges(target):
                 yield f"not judged: {seed}: {claim.words}: {target:g}: the reference is too coarse"
                 continue
             try:
                 with time_limit(limit):
-                    found = run_claim(claim, target, known)
+                    result = run_claim(claim, target, reference)
             except (ContactError, QPError, OutOfTime) as error:
                 yield f"no answer: {seed}: {claim.words}: {target:g}: {_message(error)}"
                 continue
-            claims.append(found)
-            yield found.row(claim.words)
+            claims.append(result)
+            yield result.row(claim.words)
 
 
 def _message(error: Exception) -> str:

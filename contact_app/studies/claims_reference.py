@@ -90,16 +90,16 @@ class FineSolution:
 
     def relative_error(self, solved: SolvedScene) -> float:
         """Relative error of a solution of the same scene on any mesh."""
-        scene, square, known = solved.model.scene, solved.accuracy.square, self.solved
+        scene, square, finest = solved.model.scene, solved.accuracy.square, self.solved
         lame = scene.bodies[0].materials[0].lame(scene.plane)
-        found = square_distance(fields_of(known), fields_of(solved), lame)
+        distance = square_distance(fields_of(finest), fields_of(solved), lame)
         if all(isinstance(contact.obstacle, Plane) for contact in scene.contacts):
-            energies = [of.summary["solution"]["energy"] for of in (known, solved)]
-            found = max(found, 2.0 * (energies[1] - energies[0]))
+            energies = [of.summary["solution"]["energy"] for of in (finest, solved)]
+            distance = max(distance, 2.0 * (energies[1] - energies[0]))
         if square == 0.0:  # obstacles carry the loads directly: the body has no strains
-            square = known.accuracy.square
-            return float(np.sqrt(found / square)) if square > 0.0 else 0.0
-        return float(np.sqrt((found + self.missing) / square))
+            square = finest.accuracy.square
+            return float(np.sqrt(distance / square)) if square > 0.0 else 0.0
+        return float(np.sqrt((distance + self.missing) / square))
 
 
 def square_distance(one: Fields | None, other: Fields | None, lame: tuple[float, float]) -> float:

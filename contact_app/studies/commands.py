@@ -240,13 +240,13 @@ def bench_parts(
     typer.echo(f"wrote {directory / 'parts.csv'}, parts.md and parts.png")
 
 
-def _part(name: str, configs: Path, known: tuple[str, ...]) -> Path:
+def _part(name: str, configs: Path, names: tuple[str, ...]) -> Path:
     """The scene of a part, or a scene file."""
-    path = configs / f"{name}.yaml" if name in known else Path(name)
-    if name in known and not path.is_file():
+    path = configs / f"{name}.yaml" if name in names else Path(name)
+    if name in names and not path.is_file():
         _refuse(f"{name}: {path} is missing; the parts need a checkout of the repository")
     if not path.is_file():
-        _refuse(f"{name!r} is no scene file and none of the parts {', '.join(known)}")
+        _refuse(f"{name!r} is no scene file and none of the parts {', '.join(names)}")
     return path
 
 
@@ -332,12 +332,12 @@ def chart(
     typer.echo(f"wrote {directory / 'frontier.csv'} and frontier.png")
 
 
-def _methods(text: str, known: tuple[str, ...]) -> list[str]:
+def _methods(text: str, names: tuple[str, ...]) -> list[str]:
     """Names of methods separated by commas."""
     chosen = [name.strip() for name in text.split(",") if name.strip()]
     for name in chosen:
-        if name not in known:
-            _refuse(f"--methods names {name!r}; known are {', '.join(known)}")
+        if name not in names:
+            _refuse(f"--methods names {name!r}; known are {', '.join(names)}")
     return chosen
 
 

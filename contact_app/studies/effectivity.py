@@ -158,9 +158,9 @@ class AnswerOnMesh:
     @cached_property
     def fields(self) -> Fields:
         """Nodes, cells and displacements."""
-        found = fields_of(self.solved)
-        assert found is not None  # one rank
-        return found
+        fields = fields_of(self.solved)
+        assert fields is not None  # one rank
+        return fields
 
     @property
     def displacement(self) -> Array:
@@ -313,7 +313,7 @@ START = {2: 8, 3: 4}
 """Cells along an edge at the start of runs to an accuracy, by dimension."""
 
 
-def measured(case: Case, solved: SolvedScene, known: Sweep) -> float:
+def measured(case: Case, solved: SolvedScene, series: Sweep) -> float:
     """Relative error of an answer on any mesh of a case.
 
     On curved obstacles it is the distance to a mesh twice as fine, raised by the part that this
@@ -322,7 +322,7 @@ def measured(case: Case, solved: SolvedScene, known: Sweep) -> float:
     degree = solved.model.scene.bodies[0].degree
     answer = AnswerOnMesh(replace(case, degree=degree), 0, solved)
     if case.conforming:
-        error = (2.0 * max(answer.energy - known.energy, 0.0)) ** 0.5
+        error = (2.0 * max(answer.energy - series.energy, 0.0)) ** 0.5
     else:
         finer = AnswerOnMesh(answer.case, 0, solve_scene(_halved_cells(solved.model.scene)))
         error = answer.error_to(finer)
@@ -330,22 +330,22 @@ def measured(case: Case, solved: SolvedScene, known: Sweep) -> float:
     return float(error / answer.norm)
 
 
-def reach(case: Case, target: float, known: Sweep) -> AccuracyRun:
+def reach(case: Case, target: float, series: Sweep) -> AccuracyRun:
     """Run to an accuracy and measure the error."""
     dimension = case.scene_of(2).dimension
     scene = case.scene_of(START[dimension], f"accuracy={target}")
-    found = solve_to_accuracy(scene, partial(solve_scene, comm=MPI.COMM_SELF))
-    levels, last = found.levels, found.levels[-1]
-    solved = found.solved
-    finest = known.rows[-1]
-    cells = finest.cells * (finest.estimate / target) ** (1.0 / known.rate)
+    refined = solve_to_accuracy(scene, partial(solve_scene, comm=MPI.COMM_SELF))
+    levels, last = refined.levels, refined.levels[-1]
+    solved = refined.solved
+    finest = series.rows[-1]
+    cells = finest.cells * (finest.estimate / target) ** (1.0 / series.rate)
     return AccuracyRun(
         case.scene, case.cell, target, len(levels), last.dofs,
         solved.model.scene.bodies[0].degree,
-        round(dimension * (cells + 1) ** dimension), last.total, measured(case, solved, known),
+        round(dimension * (cells + 1) ** dimension), last.total, measured(case, solved, series),
         sum(level.dofs for level in levels),
         sum(level.hessian_multiplications for level in levels),
-        sum(level.seconds for level in levels), found.missed,
+        sum(level.seconds for level in levels), refined.missed,
     )  # fmt: skip
 
 
@@ -387,9 +387,9 @@ def effectivity(directory: Path, cases: tuple[Case, ...] = CASES) -> Iterator[st
         "unknowns of all levels | Hessian multiplications | seconds |"
     )
     yield "|---" * 10 + "|"
-    for case, known in sweeps.items():
+    for case, series in sweeps.items():
         for target in case.targets:
-            run = reach(case, target, known)
+            run = reach(case, target, series)
             reached.append(run)
             yield (
                 f"| {run.scene} | {100 * run.target:g} % | {run.levels} | {run.dofs:,} | "

@@ -88,9 +88,9 @@ def lame_ring(
         square = (x**2).sum(axis=1)
         mean, part = 2.0 * (lam + mu) * A, 2.0 * mu * B / square
         cos, sin = (x[:, 0] ** 2 - x[:, 1] ** 2) / square, 2.0 * x[:, 0] * x[:, 1] / square
-        found = np.zeros((len(x), 6))
-        found[:, 0], found[:, 1] = mean - part * cos, mean + part * cos
-        found[:, 2], found[:, 3] = 2.0 * lam * A, -part * sin
-        return found
+        stress = np.zeros((len(x), 6))
+        stress[:, 0], stress[:, 1] = mean - part * cos, mean + part * cos
+        stress[:, 2], stress[:, 3] = 2.0 * lam * A, -part * sin
+        return stress
 
     return displacement, stresses, float(2.0 * mu * B / b**2 - 2.0 * (lam + mu) * A)

@@ -134,10 +134,10 @@ def solve_rough(method: str, made: Config, subdomains: Any) -> Outcome:
     made["solver"]["method"] = FRICTION_METHODS[method]
     scene = built(made, 1 if method == "multigrid" else subdomains)
     if scene.steps:
-        found = [i.solved for i in solved_increments(scene, MPI.COMM_SELF, lambda place: None)]
+        answers = [i.solved for i in solved_increments(scene, MPI.COMM_SELF, lambda place: None)]
     else:
-        found = [solve_scene(scene, MPI.COMM_SELF)]
-    summaries = [solved.summary for solved in found]
+        answers = [solve_scene(scene, MPI.COMM_SELF)]
+    summaries = [solved.summary for solved in answers]
     bad = next((s for s in summaries if not s["certificate"]["passed"]), None)
     return Outcome(
         "fails" if bad else "", shortened(bad["solver"]["reason"]) if bad else "",

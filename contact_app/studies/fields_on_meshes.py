@@ -72,17 +72,17 @@ class PointsOfMesh:
 
     def __init__(self, finest: BodyNodes) -> None:
         self._finest = finest
-        self._known: dict[bytes, sparse.csr_matrix] = {}
+        self._operators: dict[bytes, sparse.csr_matrix] = {}
 
     def sample(self, body: BodyNodes, values: Array, first_order: bool = False) -> Array:
         """Evaluate a field (nodes, k) of a body, or its first-order interpolant, at the points."""
         kind = b"first" if first_order and body.degree > 1 else b"own"
         key = sha256(body.points.tobytes() + body.cells.tobytes() + kind).digest()
-        if key not in self._known:
-            if len(self._known) == STORED:
-                del self._known[next(iter(self._known))]
-            self._known[key] = interpolation(body, self._finest.points, first_order)
-        return np.asarray(self._known[key] @ values.reshape(len(body.points), -1))
+        if key not in self._operators:
+            if len(self._operators) == STORED:
+                del self._operators[next(iter(self._operators))]
+            self._operators[key] = interpolation(body, self._finest.points, first_order)
+        return np.asarray(self._operators[key] @ values.reshape(len(body.points), -1))
 
     @cached_property
     def areas(self) -> Array:

@@ -6,10 +6,9 @@ random. It prints processor seconds of the form, of a second solve of the same f
 scene by its default method and by multigrid. The runs take turns, so that other work on the machine
 affects all of them alike. The compilation of forms and the creation of dolfinx's mesh are not
 counted; a scene in addition reads its mesh from a file and estimates the error of the mesh. Further
-tables have degree 2 and half as many cells along an edge; friction at the wall; a cube on a cube of
-half as many cells, with friction; and the bricks themselves, a regular mesh that both cut into
-congruent sub-boxes, without and with friction. Under ``mpirun`` only the last two are printed, with
-the processor seconds of all ranks.
+tables have degree 2 and half as many cells along an edge; friction at the wall; and the bricks
+themselves, a regular mesh that both cut into congruent sub-boxes, without and with friction. Under
+``mpirun`` only the last two are printed, with the processor seconds of all ranks.
 """
 
 from __future__ import annotations
@@ -41,9 +40,6 @@ YOUNG, POISSON, PRESSURE = 2e5, 0.33, 465.0
 
 FRICTION = {"coulomb": 0.3}
 
-PUSH = (0.1 * PRESSURE, 0.05 * PRESSURE, -PRESSURE)
-"""Traction on the upper of two bodies, within the cone of friction."""
-
 
 def form_problem(
     mesh: Any, degree: int = 1, friction: dict[str, float] | None = None
@@ -54,47 +50,27 @@ def form_problem(
     wall = dolfinx_compat.meshtags(mesh, 2, _facets(mesh, 0, 1.0), 1)
     contact = Contact(wall, 1, Plane((1, 0, 0), (-1, 0, 0)), friction=friction)
     bcs = [fem.dirichletbc(np.zeros(3), foot, V)]
-    return ContactProblem(*_forms(V, 1.0, (0.0, 0.0, -PRESSURE)), bcs, [contact])
+    return ContactProblem(*_forms(V), bcs, [contact])
 
 
-def pair_problem(mesh: Any) -> ContactProblem:
-    """A cube on a cube, which friction alone keeps from sliding."""
-    V = dolfinx_compat.vector_space(mesh, 1, 3)
-    foot = fem.locate_dofs_topological(V, 2, _facets(mesh, 2, 0.0))
-    sides = [_facets(mesh, 2, 1.0, above) for above in (True, False)]
-    values: Any = np.repeat([1, 2], [len(side) for side in sides]).astype(np.int32)
-    facets = np.concatenate(sides)
-    order = np.argsort(facets)
-    tags = dolfinx_compat.meshtags(mesh, 2, facets[order], values[order])
-    contact = Contact(tags, 1, against=2, friction=FRICTION)
-    bcs = [fem.dirichletbc(np.zeros(3), foot, V)]
-    return ContactProblem(*_forms(V, 2.0, PUSH), bcs, [contact])
-
-
-def _facets(mesh: Any, axis: int, place: float, above: bool | None = None) -> NDArray[np.int32]:
-    """Facets of the surface on a plane; of two bodies that touch there, those of one."""
+def _facets(mesh: Any, axis: int, place: float) -> NDArray[np.int32]:
+    """Facets of the surface on a plane."""
     d = mesh.topology.dim
-    found = dolfinx.mesh.locate_entities_boundary(
-        mesh, d - 1, lambda x: np.isclose(x[axis], place)
-    )  # fmt: skip
-    if above is None:
-        return np.asarray(found)
-    mesh.topology.create_connectivity(d - 1, d)
-    links, offsets = dolfinx_compat.adjacency(mesh.topology.connectivity(d - 1, d))
-    cells = dolfinx_compat.cell_nodes(mesh)[links[offsets[found]]]
-    return np.asarray(found[(mesh.geometry.x[cells][..., axis].mean(axis=1) > place) == above])
+    return np.asarray(
+        dolfinx.mesh.locate_entities_boundary(mesh, d - 1, lambda x: np.isclose(x[axis], place))
+    )
 
 
-def _forms(V: Any, top: float, push: tuple[float, float, float]) -> tuple[Any, Any]:
-    """Elasticity, and a traction at a height."""
+def _forms(V: Any) -> tuple[Any, Any]:
+    """Elasticity, and a traction on the top."""
     mesh = V.mesh
     u, v = ufl.TrialFunction(V), ufl.TestFunction(V)
     lam = YOUNG * POISSON / (1 + POISSON) / (1 - 2 * POISSON)
     strain, test = ufl.sym(ufl.grad(u)), ufl.sym(ufl.grad(v))
     stress = lam * ufl.tr(strain) * ufl.Identity(3) + YOUNG / (1 + POISSON) * strain
-    tags = dolfinx_compat.meshtags(mesh, 2, _facets(mesh, 2, top), 1)
+    tags = dolfinx_compat.meshtags(mesh, 2, _facets(mesh, 2, 1.0), 1)
     ds = ufl.Measure("ds", domain=mesh, subdomain_data=tags)
-    load = ufl.inner(fem.Constant(mesh, np.array(push)), v) * ds(1)
+    load = ufl.inner(fem.Constant(mesh, np.array((0.0, 0.0, -PRESSURE))), v) * ds(1)
     return ufl.inner(stress, test) * ufl.dx(metadata={"quadrature_degree": 2}), load
 
 
@@ -107,35 +83,14 @@ def scene_of(
     rough = {} if friction is None else {"friction": friction}
     return {
         "dimension": 3,
-        "bodies": [_body("cube", mesh, sides, degree)],
+        "bodies": [{
+            "name": "cube", "mesh": mesh, "degree": degree,
+            "material": {"young": YOUNG, "poisson": POISSON},
+            "boundaries": {side: {"where": where} for side, where in sides.items()},
+        }],
         "conditions": [{"on": "cube.foot", "displacement": [0, 0, 0]},
                        {"on": "cube.top", "traction": [0, 0, -PRESSURE]}],
         "contacts": [{"on": "cube.wall", "obstacle": {"plane": plane}, **rough}],
-    }  # fmt: skip
-
-
-def pair_scene(upper: Path, lower: Path) -> dict[str, Any]:
-    """A cube on a cube as a scene."""
-    raised = {"file": upper, "translate": [0, 0, 1]}
-    return {
-        "dimension": 3,
-        "bodies": [
-            _body("upper", raised, {"foot": "z < 1 + 1e-9", "top": "z > 2 - 1e-9"}),
-            _body("lower", {"file": lower}, {"foot": "z < 1e-9", "top": "z > 1 - 1e-9"}),
-        ],
-        "conditions": [{"on": "lower.foot", "displacement": [0, 0, 0]},
-                       {"on": "upper.top", "traction": list(PUSH)}],
-        "contacts": [{"on": "upper.foot", "against": "lower.top", "friction": FRICTION}],
-    }  # fmt: skip
-
-
-def _body(
-    name: str, mesh: dict[str, Any], sides: dict[str, str], degree: int = 1
-) -> dict[str, Any]:
-    return {
-        "name": name, "mesh": mesh, "degree": degree,
-        "material": {"young": YOUNG, "poisson": POISSON},
-        "boundaries": {side: {"where": where} for side, where in sides.items()},
     }  # fmt: skip
 
 
@@ -153,20 +108,6 @@ def measure(
         write_cube(file, cells)
         scene = scene_of({"file": file}, degree, friction)
         return _by_turns(form_problem(mesh, degree, friction), scene, turns)
-
-
-def measure_pair(cells: int, turns: int = TURNS) -> dict[str, dict[str, float]]:
-    """A cube on a cube with friction; the lower one has half as many cells along an edge."""
-    numbers = cells, max(cells // 2, 2)
-    upper, lower = map(perturbed_cube, numbers)
-    points = np.concatenate([upper.points + [0.0, 0.0, 1.0], lower.points])
-    cells_of_both = np.concatenate([upper.cells, lower.cells + len(upper.points)])
-    mesh = dolfinx_compat.create_mesh(cells_of_both, points, upper.cell)
-    with tempfile.TemporaryDirectory() as directory:
-        files = [Path(directory) / name for name in ("upper.vtu", "lower.vtu")]
-        for file, n in zip(files, numbers, strict=True):
-            write_cube(file, n)
-        return _by_turns(pair_problem(mesh), pair_scene(*files), turns)
 
 
 def measure_bricks(
@@ -194,7 +135,7 @@ def _by_turns(
         "scene": lambda: solve(scene).summary,
         "scene, multigrid": lambda: solve(scene | {"solver": {"method": "primal"}}).summary,
     }
-    found: dict[str, dict[str, float]] = {}
+    results: dict[str, dict[str, float]] = {}
     for way in ways.values():
         way()  # compiles the forms
     for _ in range(turns):
@@ -202,14 +143,14 @@ def _by_turns(
             began = time.process_time()
             summary = way()
             spent = MPI.COMM_WORLD.allreduce(time.process_time() - began)
-            before = found.get(name, {}).get("seconds", np.inf)
-            found[name] = {
+            before = results.get(name, {}).get("seconds", np.inf)
+            results[name] = {
                 "seconds": min(spent, before),
                 "applications": summary["solver"]["hessian_multiplications"],
                 "energy": summary["solution"]["energy"],
                 "dofs": summary["mesh"]["dofs"],
             }
-    return found
+    return results
 
 
 def main() -> None:
@@ -223,18 +164,17 @@ def main() -> None:
         "tetrahedra": partial(measure, cells),
         "quadratic tetrahedra": partial(measure, cells // 2, degree=2),
         "tetrahedra, friction": partial(measure, cells, friction=FRICTION),
-        "two bodies, friction": partial(measure_pair, cells),
     }
     comm = MPI.COMM_WORLD
     for title, table in (bricks if comm.size > 1 else tetrahedra | bricks).items():
-        found = table()
+        results = table()
         if comm.rank == 0:
-            print(_as_text(title, found), flush=True)
+            print(_as_text(title, results), flush=True)
 
 
-def _as_text(title: str, found: dict[str, dict[str, float]]) -> str:
+def _as_text(title: str, results: dict[str, dict[str, float]]) -> str:
     lines = [f"{title:20s} {'unknowns':>9s} {'seconds':>8s} {'applications':>12s} {'energy':>16s}"]
-    for name, row in found.items():
+    for name, row in results.items():
         lines.append(
             f"{name:20s} {row['dofs']:9,.0f} {row['seconds']:8.2f} "
             f"{row['applications']:12.0f} {row['energy']:16.10g}"

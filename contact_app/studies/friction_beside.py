@@ -1,6 +1,6 @@
 """Friction beside CalculiX and GetFEM.
 
-    python -m contact_app.studies.friction_beside [NAME …] [--tuning] [-o DIR]
+    python -m contact_app.studies.friction_beside [NAME …] [-o DIR]
 
 Two scenes (`rough_scenes`) are solved on series of meshes that all programs share. Each run is a
 process on one thread and is measured as a whole. Errors are relative to this application's solution
@@ -13,12 +13,9 @@ on the finest mesh with degree 2:
   displacement of the roller's nodes relative to the block along the tangents of the roller.
   Tractions that CalculiX prints do not add up to its resultant and are left out.
 
-``--tuning`` solves one mesh of each scene (`TUNED`) with other parameters instead: CalculiX with
-penalties K and stick slopes λ over three decades, GetFEM with augmentations r over two.
-
 A program that is not installed is left out with the reason. A run that does not converge, or takes
 more than `LIMIT` seconds, has a row that says so. The study writes ``friction.csv`` and
-``friction.png``, or ``tuning.csv``, and prints the tables.
+``friction_NAME.png``, and prints the tables.
 """
 
 from __future__ import annotations
@@ -52,27 +49,13 @@ LIMIT = 420
 END, RADIUS = 5.0, 50.0
 """Length over which profiles of the roller's contact are compared, and the roller's radius."""
 
-TUNED = {"roller": (2.0, 1), "block": (8, 1)}
-"""The level and degree on which parameters are changed."""
-
-PENALTIES = (0.5, 5.0, 50.0, 500.0)
-"""K over E / h, with a tenth of it as λ; CalculiX's manual recommends 5 to 50."""
-
-STICKS = (0.05, 0.5, 50.0)
-"""λ over E / h, with the penalty 50."""
-
-AUGMENTATIONS = (0.03, 0.1, 0.3, 1.0, 3.0)
-"""r over E / h."""
-
-MESHES = {"program": "program", "degree": "degree", "level": "mesh", "unknowns": "unknowns",
+RUNS = {"program": "program", "degree": "degree", "level": "mesh", "unknowns": "unknowns",
           "cpu": "processor s", "clock": "clock s"}  # fmt: skip
-PARAMETERS = {"program": "program", "penalty": "K", "stick": "λ", "augmentation": "r",
-              "cpu": "processor s"}  # fmt: skip
 ERRORS = {"displacement": "displacements", "force": "contact force", "along": "along x",
           "slip": "slip", "traction": "friction traction"}  # fmt: skip
 """Columns of the tables by the keys of a row."""
 
-COLUMNS = ("scene", *dict.fromkeys([*MESHES, *PARAMETERS, *ERRORS]), "note")
+COLUMNS = ("scene", *dict.fromkeys([*RUNS, *ERRORS]), "note")
 
 Mesh = tuple[float, int]
 """Level and degree."""
@@ -87,16 +70,8 @@ def missing(program: str) -> str:
     return ""
 
 
-def run(
-    program: str, name: str, mesh: Mesh, directory: Path, tuning: Sequence[float] = ()
-) -> tuple[Outcome, dict[str, Any]]:
+def run(program: str, name: str, mesh: Mesh, directory: Path) -> tuple[Outcome, dict[str, Any]]:
     """Result of a program for a scene on a mesh of a level and degree, with its seconds.
-
-    Parameters
-    ----------
-    tuning
-        Of CalculiX the penalty and the stick slope, of GetFEM the augmentation parameter, all over
-        E / h; the values of `calculix_deck` and `rough_getfem` unless given.
 
     Raises
     ------
@@ -117,11 +92,10 @@ def run(
     if program == GETFEM:
         scene.save(scene_file)
         words = [*python, "contact_app.studies.rough_getfem", str(scene_file), str(file)]
-        words += map(str, tuning)
         row = dict(measured(["timeout", str(LIMIT), *words], directory))
         note = (directory / "output.txt").read_text(encoding="utf-8").splitlines()[-1]
         return Outcome.load(file), {**row, "note": note.split(":")[0]}
-    deck = Deck(scene, *tuning)
+    deck = Deck(scene)
     (directory / "deck.inp").write_text("\n".join(deck.lines()) + "\n", encoding="utf-8")
     row = dict(measured(["timeout", str(LIMIT), COMMAND, "deck"], directory))
     printed = (directory / "output.txt").read_text(encoding="utf-8")
@@ -132,23 +106,23 @@ def run(
 class Judge:
     """Errors against the reference of a scene."""
 
-    def __init__(self, name: str, known: Outcome) -> None:
-        self.name, self.known = name, known
+    def __init__(self, name: str, reference: Outcome) -> None:
+        self.name, self.reference = name, reference
         self.scene: PlainScene = plain(name, ROUGH[name].levels[0], 1)
 
-    def errors(self, found: Outcome) -> dict[str, float]:
+    def errors(self, outcome: Outcome) -> dict[str, float]:
         """Errors of one outcome, by the columns of the table."""
-        moved = [np.concatenate(self._at_nodes(o)) for o in (self.known, found)]
+        moved = [np.concatenate(self._at_nodes(o)) for o in (self.reference, outcome)]
         result = {
             "displacement": relative(*moved),
-            "force": relative(self.known.force, found.force),
-            "along": relative(self.known.force[:1], found.force[:1]),
+            "force": relative(self.reference.force, outcome.force),
+            "along": relative(self.reference.force[:1], outcome.force[:1]),
         }
         if self.name != "roller":
             return result
-        result["slip"] = relative(self._slip(self.known), self._slip(found))
-        if len(found.places):
-            result["traction"] = relative(traction(self.known), traction(found))
+        result["slip"] = relative(self._slip(self.reference), self._slip(outcome))
+        if len(outcome.places):
+            result["traction"] = relative(traction(self.reference), traction(outcome))
         return result
 
     def _at_nodes(self, outcome: Outcome) -> list[Array]:
@@ -191,75 +165,62 @@ def _grid() -> Array:
     return np.linspace(0.0, END, 201)
 
 
-def relative(known: Array, found: Array) -> float:
-    """‖found - known‖ over ‖known‖."""
-    return float(np.linalg.norm(found - known) / np.linalg.norm(known))
+def relative(exact: Array, values: Array) -> float:
+    """‖values - exact‖ over ‖exact‖."""
+    return float(np.linalg.norm(values - exact) / np.linalg.norm(exact))
 
 
-def series(name: str) -> Iterator[tuple[str, Mesh, dict[str, float]]]:
+def series(name: str) -> Iterator[tuple[str, Mesh]]:
     """Programs and meshes of a scene, coarse to fine."""
     levels = ROUGH[name].levels
     for program in (OURS, CALCULIX, GETFEM):
         for degree in (1, 2):
             for level in levels if degree == 1 else levels[:-1]:
-                yield program, (level, degree), {}
+                yield program, (level, degree)
 
 
-def tunings(name: str) -> Iterator[tuple[str, Mesh, dict[str, float]]]:
-    """Programs and parameters on one mesh of a scene."""
-    yield OURS, TUNED[name], {}
-    for penalty, stick in [*((k, 0.1 * k) for k in PENALTIES), *((50.0, x) for x in STICKS)]:
-        yield CALCULIX, TUNED[name], {"penalty": penalty, "stick": stick}
-    for augmentation in AUGMENTATIONS:
-        yield GETFEM, TUNED[name], {"augmentation": augmentation}
-
-
-def rows(names: Sequence[str], directory: Path, tuned: bool = False) -> Iterator[dict[str, Any]]:
+def rows(names: Sequence[str], directory: Path) -> Iterator[dict[str, Any]]:
     """All runs, one row each; the reference first. After a failure finer meshes are left out."""
     for name in names:
-        finest, ended = ROUGH[name].finest, set()
-        known, row = run(OURS, name, finest, directory / f"{name}_reference")
-        judge = Judge(name, known)
-        if not tuned:
-            yield {**_named(name, "reference", finest), "unknowns": _unknowns(known), **row}
-        for number, (program, mesh, tuning) in enumerate((tunings if tuned else series)(name)):
+        finest, failed = ROUGH[name].finest, set()
+        reference, row = run(OURS, name, finest, directory / f"{name}_reference")
+        judge = Judge(name, reference)
+        yield {**_named(name, "reference", finest), "unknowns": _unknowns(reference), **row}
+        for number, (program, mesh) in enumerate(series(name)):
             reason = missing(program)
-            one = (program,) if reason else (program, mesh[1], *tuning.values())
-            if one in ended:
+            one = (program, 0 if reason else mesh[1])
+            if one in failed:
                 continue
-            named = {**_named(name, program, mesh), **tuning}
+            named = _named(name, program, mesh)
             if reason:
-                ended.add(one)
+                failed.add(one)
                 yield {**named, "note": f"left out: {reason}"}
                 continue
-            where = directory / f"{name}_{program}_{number}"
             try:
-                found, row = run(program, name, mesh, where, list(tuning.values()))
+                outcome, row = run(program, name, mesh, directory / f"{name}_{program}_{number}")
             except (RuntimeError, subprocess.SubprocessError) as error:
-                ended.add(one)
+                failed.add(one)
                 note = f"no answer: {str(error).splitlines()[-1].split(';')[0]}"
                 yield {**named, "note": note}
                 continue
-            yield {**named, "unknowns": _unknowns(found), **row, **judge.errors(found)}
+            yield {**named, "unknowns": _unknowns(outcome), **row, **judge.errors(outcome)}
 
 
 def _named(name: str, program: str, mesh: Mesh) -> dict[str, Any]:
     return {"scene": name, "program": program, "level": mesh[0], "degree": mesh[1]}
 
 
-def _unknowns(found: Outcome) -> int:
-    return sum(points.size for points in found.points)
+def _unknowns(outcome: Outcome) -> int:
+    return sum(points.size for points in outcome.points)
 
 
-def table(found: Sequence[dict[str, Any]], name: str, tuned: bool = False) -> Iterator[str]:
+def table(results: Sequence[dict[str, Any]], name: str) -> Iterator[str]:
     """The rows of one scene for the page in docs/benchmarks."""
-    errors = [key for key in ERRORS if any(key in r for r in found if r["scene"] == name)]
-    if tuned and "traction" in errors:
-        errors.remove("traction")
-    heads = {**(PARAMETERS if tuned else MESHES), **{key: ERRORS[key] for key in errors}}
+    errors = [key for key in ERRORS if any(key in r for r in results if r["scene"] == name)]
+    heads = {**RUNS, **{key: ERRORS[key] for key in errors}}
     yield "| " + " | ".join([*heads.values(), ""]) + " |"
     yield "|---|" + "---:|" * (len(heads) - 1) + "---|"
-    for row in found:
+    for row in results:
         if row["scene"] == name:
             words = [_word(key, row[key]) if key in row else "" for key in heads]
             yield "| " + " | ".join([*words, row.get("note", "")]) + " |"
@@ -273,7 +234,7 @@ def _word(key: str, value: Any) -> str:
     return value if isinstance(value, str) else f"{value:,}" if key == "unknowns" else f"{value:g}"
 
 
-def draw(found: Sequence[dict[str, Any]], name: str, path: Path) -> None:
+def draw(results: Sequence[dict[str, Any]], name: str, path: Path) -> None:
     """The error of displacements over processor seconds."""
     import matplotlib
 
@@ -283,7 +244,7 @@ def draw(found: Sequence[dict[str, Any]], name: str, path: Path) -> None:
     figure, axes = plt.subplots(figsize=(6.4, 4.4), layout="constrained")
     for k, program in enumerate((OURS, CALCULIX, GETFEM)):
         for degree in (1, 2):
-            chosen = [r for r in found if (r["scene"], r["program"], r["degree"])
+            chosen = [r for r in results if (r["scene"], r["program"], r["degree"])
                     == (name, program, degree) and "displacement" in r]  # fmt: skip
             if chosen:
                 axes.loglog(
@@ -305,23 +266,21 @@ def main(arguments: Sequence[str] | None = None) -> None:
     """The command."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("names", nargs="*", help=f"of {', '.join(ROUGH)}; all unless given")
-    parser.add_argument("--tuning", action="store_true", help="other parameters on one mesh")
     parser.add_argument("-o", "--output", type=Path, default=Path("results/friction_beside"))
-    given = parser.parse_args(arguments)
-    unknown = sorted(set(given.names) - set(ROUGH))
+    options = parser.parse_args(arguments)
+    unknown = sorted(set(options.names) - set(ROUGH))
     if unknown:
         parser.error(f"unknown scene {unknown[0]}; known: {', '.join(ROUGH)}")
-    names, output = given.names or list(ROUGH), given.output.resolve()
-    found = []
-    for row in rows(names, output, given.tuning):
-        found.append(row)
+    names, output = options.names or list(ROUGH), options.output.resolve()
+    results = []
+    for row in rows(names, output):
+        results.append(row)
         print(row, file=sys.stderr, flush=True)
-    write(found, COLUMNS, output / ("tuning.csv" if given.tuning else "friction.csv"))
+    write(results, COLUMNS, output / "friction.csv")
     for name in names:
         print(f"\n{name}\n")
-        print("\n".join(table(found, name, given.tuning)))
-        if not given.tuning:
-            draw(found, name, output / f"friction_{name}.png")
+        print("\n".join(table(results, name)))
+        draw(results, name, output / f"friction_{name}.png")
 
 
 if __name__ == "__main__":

@@ -21,7 +21,7 @@ from typing import Any, NamedTuple
 from mpi4py import MPI
 
 from contact_app.errors import ContactError
-from contact_app.model.method import chosen
+from contact_app.model.method import with_chosen_method
 from contact_app.run.increments import solved_increments
 from contact_app.run.solve import solve_scene
 from contact_app.scene.build import build_scene
@@ -245,8 +245,10 @@ def counted(scene: Scene) -> Work:
 
     try:
         if scene.steps:
-            found = solved_increments(scene, MPI.COMM_SELF, lambda place: solved_in(place.number))
-            summaries = [made.solved.summary for made in found]
+            increments = solved_increments(
+                scene, MPI.COMM_SELF, lambda place: solved_in(place.number)
+            )
+            summaries = [made.solved.summary for made in increments]
         else:
             summaries = [solve_scene(scene, MPI.COMM_SELF, solved_in(0)).summary]
     except ContactError:
@@ -271,11 +273,11 @@ def row(name: str, method: str) -> str:
 
 def law_of(rubbed: FrictionScene) -> str:
     """The key of the friction of a scene."""
-    given = rubbed.friction
-    if given is None:
+    law = rubbed.friction
+    if law is None:
         assert isinstance(rubbed.scene, str)
-        given = read(CONFIGS / f"{rubbed.scene}.yaml")[0]["contacts"][0]["friction"]
-    return next(iter(given))
+        law = read(CONFIGS / f"{rubbed.scene}.yaml")[0]["contacts"][0]["friction"]
+    return next(iter(law))
 
 
 def _cells(name: str, method: str, before: Work, after: Work, most: float) -> str:
@@ -300,21 +302,21 @@ def table(names: Sequence[str], methods: Sequence[str]) -> Iterator[str]:
 
 def method_of_auto(name: str) -> str:
     """The method that `auto` chooses."""
-    method = chosen(scene_of((SCENES | HISTORIES)[name], "auto")).solver.method
+    method = with_chosen_method(scene_of((SCENES | HISTORIES)[name], "auto")).solver.method
     return "active-set" if method == "auto" else method
 
 
 def main() -> None:
     """The command."""
-    known = [*SCENES, *HISTORIES]
+    names = [*SCENES, *HISTORIES]
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("names", nargs="*", help=f"of {', '.join(known)}; all unless given")
+    parser.add_argument("names", nargs="*", help=f"of {', '.join(names)}; all unless given")
     parser.add_argument("--methods", default=",".join(METHODS))
-    given = parser.parse_args()
-    unknown = sorted(set(given.names) - set(known))
+    arguments = parser.parse_args()
+    unknown = sorted(set(arguments.names) - set(names))
     if unknown:
-        parser.error(f"unknown scene {unknown[0]}; known: {', '.join(known)}")
-    for line in table(given.names or known, given.methods.split(",")):
+        parser.error(f"unknown scene {unknown[0]}; known: {', '.join(names)}")
+    for line in table(arguments.names or names, arguments.methods.split(",")):
         print(line, flush=True)
 
 

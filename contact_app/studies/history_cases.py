@@ -31,10 +31,10 @@ from contact_app.studies.hertz import Quantity
 Array = NDArray[np.float64]
 
 
-def rod_cycle(found: Sequence[SolvedIncrement]) -> list[Quantity]:
+def rod_cycle(increments: Sequence[SolvedIncrement]) -> list[Quantity]:
     """A rod that is pulled, released, pushed and pulled again."""
     force, height, young, limit = 10.0, 0.5, 1000.0, 0.2
-    ends = [increment for increment in found if increment.place.share == 1]
+    ends = [increment for increment in increments if increment.place.share == 1]
     moved = [_end(increment) for increment in ends]
     scale = force**2 / (young * height * limit)
     lost = ends[3].dissipated - ends[0].dissipated
@@ -52,9 +52,9 @@ def _end(increment: SolvedIncrement) -> float:
     return float(nodes.displacement[end, 0].mean())
 
 
-def cattaneo(found: Sequence[SolvedIncrement]) -> list[Quantity]:
+def cattaneo(increments: Sequence[SolvedIncrement]) -> list[Quantity]:
     """A block pressed, pushed, released half-way and released completely: see the module."""
-    ends = [increment for increment in found if increment.place.share == 1]
+    ends = [increment for increment in increments if increment.place.share == 1]
     pushed, last = _Strip.of(ends[1]), _Strip.of(ends[2])
     stick = np.sqrt(1.0 - pushed.share)
     back = np.sqrt(1.0 - (pushed.share - np.sign(pushed.side * last.side) * last.share) / 2.0)

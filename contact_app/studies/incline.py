@@ -17,7 +17,7 @@ import numpy as np
 from mpi4py import MPI
 
 from contact_app.errors import NoEquilibriumError
-from contact_app.model.outline import outline
+from contact_app.model.outline import outline_of_scene
 from contact_app.run.increments import SolvedIncrement
 from contact_app.run.step_equilibrium import leaving_in_step
 from contact_app.scene.scene import LoadStep, Scene
@@ -27,16 +27,16 @@ DIGITS = 1e-6
 """Accuracy of the limits."""
 
 
-def incline(found: Sequence[SolvedIncrement]) -> list[Quantity]:
+def incline(increments: Sequence[SolvedIncrement]) -> list[Quantity]:
     """A block that rests on an incline and is pushed up to just below its limit."""
-    scene = found[-1].solved.model.scene
+    scene = increments[-1].solved.model.scene
     friction = scene.contacts[0].friction
     assert friction is not None
     assert friction.coulomb is not None
     mu, weight = friction.coulomb, np.array(scene.forces[0].vector)
-    slope, push = float(weight[0] / weight[1]), found[-1].factors["push"]
+    slope, push = float(weight[0] / weight[1]), increments[-1].factors["push"]
     limit = (slope + mu) / (1.0 - mu * slope)
-    force = found[-1].solved.summary["contacts"][0]["force"]
+    force = increments[-1].solved.summary["contacts"][0]["force"]
     return [
         Quantity("tan α that slides down", _steepest(scene), mu),
         Quantity("F/G that slides up", _pushed(scene, push), limit),
@@ -52,7 +52,7 @@ def _steepest(scene: Scene) -> float:
         tried = 0.5 * (rests + slides)
         forces = (replace(scene.forces[0], vector=(-tried, -1.0)),)
         try:
-            outline(replace(scene, forces=forces), MPI.COMM_SELF, needed="distinct")
+            outline_of_scene(replace(scene, forces=forces), MPI.COMM_SELF, needed="distinct")
             rests = tried
         except NoEquilibriumError:
             slides = tried

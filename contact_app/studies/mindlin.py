@@ -40,9 +40,9 @@ GROWTH, FINE = 1.6, 1.4
 """Growth factor of cells outside the contact, and distance up to which cells are equal."""
 
 
-def mindlin(found: Sequence[SolvedIncrement]) -> list[Quantity]:
+def mindlin(increments: Sequence[SolvedIncrement]) -> list[Quantity]:
     """The block at the end of the push: radii, and tractions as a root mean square of μ p0."""
-    solved = found[-1].solved
+    solved = increments[-1].solved
     nodes, friction = solved.nodes, solved.model.scene.contacts[0].friction
     assert friction is not None
     coefficient = friction.coulomb or 0.0

@@ -60,7 +60,7 @@ class _Clock:
         self._wall, self._cpu = time.perf_counter(), time.process_time()
 
     def seconds(self) -> tuple[float, float]:
-        """Both (collective)."""
+        """Wall and CPU seconds (collective)."""
         wall, cpu = time.perf_counter() - self._wall, time.process_time() - self._cpu
         return wall, float(MPI.COMM_WORLD.allreduce(cpu))
 
@@ -78,7 +78,7 @@ def ours(
     whole, cpu = clock.seconds()
     stages, solution = solved.timings.seconds, solved.solution
     after = sum(stages.get(name, 0.0) for name in ("estimate", "output"))
-    found = {
+    row = {
         "unknowns": solved.model.dofs,
         "used": solved.summary["solver"]["method"],
         "read": reading,
@@ -90,11 +90,11 @@ def ours(
         "converged": bool(solution.certificate.passed),
         "energy": solved.summary["solution"]["energy"],
     }
-    if found["used"] == "primal" and not once:
+    if row["used"] == "primal" and not once:
         pressing = np.where(solution.multiplier > 0.0, solution.multiplier, 0.0)
         again = solve_problem(solved.model.problem, scene.solver, start=pressing)
-        found["known"] = again.counts.hessian
-    return found
+        row["known"] = again.counts.hessian
+    return row
 
 
 def peer(path: Path, overrides: Sequence[str], method: str, tolerance: float) -> dict[str, Any]:
@@ -198,9 +198,9 @@ def main() -> None:
     parser.add_argument("--set", action="append", default=[], dest="overrides")
     parser.add_argument("--tolerance", type=float, default=1e-8)
     parser.add_argument("--once", action="store_true", help="no solve with the contact known")
-    given = parser.parse_args()
-    request = given.scene, given.overrides, given.method, given.tolerance
-    row = ours(*request, once=given.once) if given.method in OURS else peer(*request)
+    arguments = parser.parse_args()
+    request = arguments.scene, arguments.overrides, arguments.method, arguments.tolerance
+    row = ours(*request, once=arguments.once) if arguments.method in OURS else peer(*request)
     row |= {"memory": float(MPI.COMM_WORLD.allreduce(peak_rss_gb())), "ranks": MPI.COMM_WORLD.size}
     if MPI.COMM_WORLD.rank == 0:
         print(json.dumps(row), flush=True)

@@ -133,10 +133,10 @@ def bench(
                     write(rows.values(), COLUMNS, table)  # saved even if the next run fails
                     yield line(row, _linear(row, rows))
     finally:
-        found = list(rows.values())
-        lines = [HEADING, *(line(row, _linear(row, rows)) for row in found)]
+        measured = list(rows.values())
+        lines = [HEADING, *(line(row, _linear(row, rows)) for row in measured)]
         (output / "parts.md").write_text("\n".join(lines) + "\n", encoding="utf-8")
-        draw([row for row in found if row.get("converged")], FIGURE, output / "parts.png")
+        draw([row for row in measured if row.get("converged")], FIGURE, output / "parts.png")
 
 
 def _attempt(
@@ -144,14 +144,14 @@ def _attempt(
 ) -> Row:
     """The measured values of one run; ``note`` holds a remark, or the reason of a failure."""
     try:
-        found = run(path, method, overrides, settings)
+        row = run(path, method, overrides, settings)
     except RunError as error:
         reason = str(error)
         return {"note": reason.rpartition(f"{UnsuitableError.__name__}: ")[2] or reason}
-    note = "" if found["used"] == method else found["used"]
-    if not found["converged"]:
+    note = "" if row["used"] == method else row["used"]
+    if not row["converged"]:
         note = "not certified" if method in OURS else "did not converge"
-    return {**found, "note": note}
+    return {**row, "note": note}
 
 
 def _key(row: Row) -> tuple[str, str, int, str]:

@@ -114,13 +114,13 @@ def draws(kind: Kind, facets: float, count: int, random: np.random.Generator) ->
     return [draw(kind, facets, [float(x) for x in place]) for place in places]
 
 
-def _row(name: str, facets: float, found: Sequence[Draw]) -> str:
+def _row(name: str, facets: float, of_row: Sequence[Draw]) -> str:
     nodal, smoothed = (
-        100.0 * np.array([getattr(d, key) for d in found]) for key in ("nodal", "smoothed")
+        100.0 * np.array([getattr(d, key) for d in of_row]) for key in ("nodal", "smoothed")
     )
-    counted = [d for d in found if d.across >= FEWEST_FACETS]
+    counted = [d for d in of_row if d.across >= FEWEST_FACETS]
     beyond = sum(abs(d.smoothed) > expected_error(d.across) for d in counted)
-    across = np.mean([d.across for d in found])
+    across = np.mean([d.across for d in of_row])
     worst = [values[np.abs(values).argmax()] for values in (nodal, smoothed)]
     return (
         f"| {name} | {facets:g} | {across:.1f} | {nodal.mean():+.1f} | {worst[0]:+.1f} | "
@@ -135,15 +135,17 @@ def main() -> None:
     parser.add_argument("--draws", type=int, default=20)
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--facets", type=float, nargs="+", default=[3.0, 4.0, 5.0, 6.0, 8.0])
-    given = parser.parse_args()
-    random = np.random.default_rng(given.seed)
+    arguments = parser.parse_args()
+    random = np.random.default_rng(arguments.seed)
     print(
         "| cells | facets | in the warning | nodal, % | worst | smoothed, % | worst | beyond it |"
     )
     print("|---|---|---|---|---|---|---|---|")
-    for name in given.kinds or KINDS:
-        for facets in given.facets:
-            print(_row(name, facets, draws(KINDS[name], facets, given.draws, random)), flush=True)
+    for name in arguments.kinds or KINDS:
+        for facets in arguments.facets:
+            print(
+                _row(name, facets, draws(KINDS[name], facets, arguments.draws, random)), flush=True
+            )
 
 
 if __name__ == "__main__":

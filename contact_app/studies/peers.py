@@ -182,13 +182,13 @@ def options_of(method: str) -> Iterator[None]:
     Options of PETSc are global: they are removed afterwards, since the next method has others.
     """
     options = PETSc.Options()
-    given = {k: v for k, v in METHODS[method].options.items() if not options.hasName(k)}
-    for key, value in given.items():
+    defaults = {k: v for k, v in METHODS[method].options.items() if not options.hasName(k)}
+    for key, value in defaults.items():
         options.setValue(key, value)
     try:
         yield
     finally:
-        for key in given:
+        for key in defaults:
             options.delValue(key)
 
 

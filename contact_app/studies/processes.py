@@ -73,10 +73,10 @@ def python(
         telling = [one for one in lines if "Error" in one] or lines  # mpirun adds its own lines
         raise RunError(telling[-1][:200])
     try:
-        found: dict[str, Any] = json.loads(out.strip().splitlines()[-1])
+        result: dict[str, Any] = json.loads(out.strip().splitlines()[-1])
     except (IndexError, json.JSONDecodeError):
         raise RunError("it printed no result") from None
-    return found
+    return result
 
 
 def parallel_ranks() -> int:

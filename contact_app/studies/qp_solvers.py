@@ -61,19 +61,19 @@ class Entry:
 
 def problems() -> list[Problem]:
     """Problems: a string and a membrane over obstacles, random boxes, support vector machines."""
-    found = []
+    problems_of_all = []
     n = 400
     i, h = np.arange(n), 1.0 / (n + 1)
     string = sparse.diags([-1.0, 2.0, -1.0], [-1, 0, 1], shape=(n, n))
     wavy = np.sin(4.0 * np.pi * i * h - np.pi / 6.0) / 2.0 - 2.0
-    found.append(
+    problems_of_all.append(
         _problem(f"string over an obstacle, n = {n}", string, np.full(n, -30 * h**2), wavy)
     )
     m = 60
     second = sparse.diags([-1.0, 2.0, -1.0], [-1, 0, 1], shape=(m, m))
     x, y = np.meshgrid(*2 * [np.linspace(0.0, 1.0, m + 2)[1:-1]])
     hills = (-0.05 - 0.05 * np.sin(6.0 * x) * np.cos(9.0 * y)).ravel()
-    found.append(
+    problems_of_all.append(
         _problem(
             f"membrane over an obstacle, n = {m * m}",
             sparse.kronsum(second, second),
@@ -82,10 +82,10 @@ def problems() -> list[Problem]:
         )
     )
     for condition in (1e3, 1e6):
-        found.append(random_box(400, condition))
-    found.append(random_box(400, 1e3, degenerate=True))
-    found += [support_vector_machine("l2", 300), support_vector_machine("l1", 300)]
-    return found
+        problems_of_all.append(random_box(400, condition))
+    problems_of_all.append(random_box(400, 1e3, degenerate=True))
+    problems_of_all += [support_vector_machine("l2", 300), support_vector_machine("l1", 300)]
+    return problems_of_all
 
 
 def _problem(name, A, b, lower=None, upper=None) -> Problem:  # type: ignore[no-untyped-def]

@@ -66,11 +66,11 @@ class Fields:
         """Read the fields that `save` wrote."""
         with np.load(path) as data:
             single = {name: data[name] for name in data if "_0" not in name}
-            found = cls(**single)
+            fields = cls(**single)
             for name in cls.LISTS:
                 keys = sorted(key for key in data if key.startswith(f"{name}_0"))
-                getattr(found, name).extend(data[key] for key in keys)
-            return found
+                getattr(fields, name).extend(data[key] for key in keys)
+            return fields
 
     def save(self, path: Path) -> None:
         """Write the fields for `load`."""
@@ -125,8 +125,8 @@ class Distances:
         for number, place in enumerate(self.places):
             of_body, nodes = fields.body(number), fields.nodes(number)
             displacement.append(place.sample(nodes, fields.displacement[of_body]))
-            known = fields.watched[of_body] | (fields.pressure[of_body] > 0.0)
-            values = np.column_stack([fields.pressure[of_body], known])
+            watched = fields.watched[of_body] | (fields.pressure[of_body] > 0.0)
+            values = np.column_stack([fields.pressure[of_body], watched])
             p, weight = place.sample(nodes, values, first_order=True).T
             pressure.append(p / np.where(weight > LEAST_KNOWN, weight, 1.0))
         return Sampled(displacement, pressure)

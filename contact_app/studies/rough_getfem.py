@@ -1,6 +1,6 @@
 """A scene with friction by GetFEM.
 
-    python -m contact_app.studies.rough_getfem SCENE OUTCOME [AUGMENTATION]
+    python -m contact_app.studies.rough_getfem SCENE OUTCOME
 
 GetFEM (Y. Renard, K. Poulios, ACM Trans. Math. Softw. 47, 2020; Debian's python3-getfem) solves the
 augmented Lagrangian of P. Alart and A. Curnier, written in its language of weak forms, by Newton's
@@ -9,7 +9,7 @@ of degree one or two. Meshes are those of this application. Each point of a roun
 the other body along the normal of its circle, as in this application; the brick for bodies that do
 not match, `add_integral_contact_between_nonmatching_meshes_brick`, let the roller into the block.
 
-Tuned are the augmentation parameter r, by default `AUGMENTATION` times Young's modulus over the
+Tuned are the augmentation parameter r, `AUGMENTATION` times Young's modulus over the
 length of a facet, and a first displacement of the body that only contact holds. At the node on the
 plane of symmetry there is no force along the floor.
 """
@@ -53,8 +53,7 @@ TRANSFORMATION = {"triangle": "GT_PK(2,{})", "hexahedron": "GT_QK(3,{})"}
 class Program:
     """GetFEM's objects for a scene."""
 
-    def __init__(self, scene: PlainScene, augmentation: float = AUGMENTATION) -> None:
-        self.augmentation = augmentation
+    def __init__(self, scene: PlainScene) -> None:
         self.gf: Any = import_module("getfem")
         self.gf.util_trace_level(1)
         self.scene = scene
@@ -138,7 +137,7 @@ class Program:
         model.add_fem_variable("force", gf.MeshFem("partial", space, free))
         facets = scene.bodies[b].sides[side]
         size = float(np.ptp(scene.bodies[b].points[facets[:, :2]], axis=1).max(axis=1).mean())
-        model.add_initialized_data("r", self.augmentation * scene.bodies[b].young / size)
+        model.add_initialized_data("r", AUGMENTATION * scene.bodies[b].young / size)
         model.add_initialized_data("mu", scene.coefficient)
         rule = gf.MeshIm(mesh, 6)
         if scene.against is None:
@@ -195,9 +194,9 @@ class Program:
         moved = [model.variable(f"u{i}").reshape(-1, d) for i in range(len(points))]
         every = np.zeros(self.forces.nbdof())
         every[self.kept] = model.variable("force")
-        own = np.unique(self.kept // d)
-        force = every.reshape(-1, d)[own]
-        places = self.forces.basic_dof_nodes()[:, ::d].T[own]
+        chosen = np.unique(self.kept // d)
+        force = every.reshape(-1, d)[chosen]
+        places = self.forces.basic_dof_nodes()[:, ::d].T[chosen]
         normal = np.zeros_like(places)
         normal[:, -1] = -1.0
         if scene.against is not None:
@@ -211,8 +210,7 @@ class Program:
 
 def main() -> None:
     """Solve a scene from a file and save the outcome."""
-    given = [float(word) for word in sys.argv[3:]]
-    outcome, steps = Program(PlainScene.load(Path(sys.argv[1])), *given).solve()
+    outcome, steps = Program(PlainScene.load(Path(sys.argv[1]))).solve()
     outcome.save(Path(sys.argv[2]))
     print(f"{sum(steps)} steps of Newton's method: {steps}")
 

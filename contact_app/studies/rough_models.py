@@ -100,8 +100,8 @@ class PlainScene:
     @staticmethod
     def load(file: Path) -> PlainScene:
         """Read the file that `save` wrote."""
-        found: PlainScene = pickle.loads(file.read_bytes())
-        return found
+        scene: PlainScene = pickle.loads(file.read_bytes())
+        return scene
 
 
 @dataclass(frozen=True, eq=False)
@@ -132,5 +132,5 @@ class Outcome:
     @staticmethod
     def load(file: Path) -> Outcome:
         """Read the file that `save` wrote."""
-        found: Outcome = pickle.loads(file.read_bytes())
-        return found
+        outcome: Outcome = pickle.loads(file.read_bytes())
+        return outcome

@@ -69,15 +69,12 @@ ROUGH = {
 }
 
 
-def scene_of(name: str, level: float, degree: int, increments: int | None = None) -> Scene:
-    """One of the scenes on one of its meshes, in the increments of `INCREMENTS` or in others."""
-    count = increments or INCREMENTS[name]
-    if name == "roller":
-        return _roller(level, degree, count)
-    return _block(round(level), degree, count)
+def scene_of(name: str, level: float, degree: int) -> Scene:
+    """One of the scenes on one of its meshes."""
+    return _roller(level, degree) if name == "roller" else _block(round(level), degree)
 
 
-def _roller(size: float, degree: int, increments: int) -> Scene:
+def _roller(size: float, degree: int) -> Scene:
     from contact_app.studies.refine_on_sphere import refined_round
 
     file, times = coarse_mesh("roller_on_block", size)
@@ -86,7 +83,7 @@ def _roller(size: float, degree: int, increments: int) -> Scene:
         body["mesh"]["file"], body["degree"] = str(file), degree
     made["contacts"][0]["friction"] = {"coulomb": 0.1}
     made["conditions"][3]["name"] = "press"
-    made["steps"] = [{"press": 1, "increments": increments}]
+    made["steps"] = [{"press": 1, "increments": INCREMENTS["roller"]}]
     scene = build_scene(Configuration.model_validate(made))
     bodies = []
     for body, sides in zip(scene.bodies, ROUND["roller_on_block"], strict=True):
@@ -95,7 +92,7 @@ def _roller(size: float, degree: int, increments: int) -> Scene:
     return replace(scene, bodies=tuple(bodies))
 
 
-def _block(cells: int, degree: int, increments: int) -> Scene:
+def _block(cells: int, degree: int) -> Scene:
     box = {"lower": [0, 0, 0], "upper": [2, 0.5, 1], "cells": [2 * cells, cells // 2, cells]}
     top = {"on": "block.z+"}
     made = {
@@ -118,7 +115,7 @@ def _block(cells: int, degree: int, increments: int) -> Scene:
                 "friction": {"coulomb": COEFFICIENT},
             }
         ],
-        "steps": [{"press": 1}, {"push": 1, "increments": increments}],
+        "steps": [{"press": 1}, {"push": 1, "increments": INCREMENTS["block"]}],
     }  # fmt: skip
     return build_scene(Configuration.model_validate(made))
 
@@ -135,9 +132,9 @@ def plain_body(body: Body, degree: int) -> PlainBody:
     )
 
 
-def plain(name: str, level: float, degree: int, increments: int | None = None) -> PlainScene:
+def plain(name: str, level: float, degree: int) -> PlainScene:
     """The scene as plain arrays."""
-    count = increments or INCREMENTS[name]
+    count = INCREMENTS[name]
     bodies = [plain_body(body, degree) for body in scene_of(name, level, degree).bodies]
     if name == "roller":
         return PlainScene(
@@ -152,11 +149,9 @@ def plain(name: str, level: float, degree: int, increments: int | None = None) -
     return PlainScene(bodies, COEFFICIENT, (0, "z-"), None, fixed, None, factors)
 
 
-def solve(
-    name: str, level: float, degree: int, increments: int | None = None
-) -> tuple[Outcome, dict[str, Any]]:
+def solve(name: str, level: float, degree: int) -> tuple[Outcome, dict[str, Any]]:
     """The answer of this application at the end of its increments, and its summary."""
-    scene = scene_of(name, level, degree, increments)
+    scene = scene_of(name, level, degree)
     *_, last = solved_increments(scene, MPI.COMM_SELF, lambda place: None)
     solved, nodes = last.solved, last.solved.nodes
     ends = [*solved.model.partition.first_node[: len(scene.bodies)], len(nodes.points)]
@@ -181,9 +176,9 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser.add_argument("level", type=float)
     parser.add_argument("degree", type=int)
     parser.add_argument("file", type=Path)
-    given = parser.parse_args(arguments)
-    outcome, summary = solve(given.name, given.level, given.degree)
-    outcome.save(given.file)
+    options = parser.parse_args(arguments)
+    outcome, summary = solve(options.name, options.level, options.degree)
+    outcome.save(options.file)
     print(json.dumps(summary), flush=True)
 
 

@@ -38,20 +38,20 @@ def compare_rules(
     norm, _ = estimate_norm(problem.projected)
     qp = BoxQP(problem.projected, problem.rhs, lower=problem.lower)
     for expansion, alpha_u in STRATEGIES:
-        found = {}
+        counts = {}
         for name, rule in RULES.items():
             inner = MPRGP(expansion, alpha_u, rtol=RTOL, norm=norm)
             result = rule(inner).solve(qp, equality(model))
             if not result.converged:
                 raise ArithmeticError(f"{expansion} {alpha_u}, {name}: {result.reason.value}")
-            found[name] = result.counts.hessian, result.counts.outer
+            counts[name] = result.counts.hessian, result.counts.outer
         shown = f"`{expansion}`" + ("" if expansion.startswith("projcg") else f" {alpha_u}")
-        yield shown, found
+        yield shown, counts
 
 
 def table(rows: Iterator[tuple[str, dict[str, tuple[int, int]]]]) -> Iterator[str]:
     """Lines of a Markdown table."""
     yield "| expansion | " + " | ".join(RULES) + " |"
     yield "|---|" + "---:|" * len(RULES)
-    for name, found in rows:
-        yield f"| {name} | " + " | ".join(f"{h} ({o})" for h, o in found.values()) + " |"
+    for name, counts in rows:
+        yield f"| {name} | " + " | ".join(f"{h} ({o})" for h, o in counts.values()) + " |"

@@ -38,7 +38,7 @@ def rows(
     """The rows of one scene: as it is, then under each setting."""
     label = " ".join([scene.stem, *keys])
     ways = {AS_IT_IS: list(keys), **{s: [*keys, *s.split(";")] for s in settings}}
-    found: dict[str, dict[str, Any]] = {}
+    summaries: dict[str, dict[str, Any]] = {}
     least = dict.fromkeys(ways, float("inf"))
     refused: dict[str, str] = {}
     for turn in range(1 + rounds):
@@ -54,16 +54,18 @@ def rows(
             if turn or not rounds:
                 least[name] = min(least[name], time.process_time() - began)
             last = [*answer.cases.values()][-1] if isinstance(answer, CaseAnswers) else answer
-            found[name] = last.summary
-    energies = [summary["solution"]["energy"] for summary in found.values()]
-    fewest = min(least[name] for name in found) if found else 0.0
+            summaries[name] = last.summary
+    energies = [summary["solution"]["energy"] for summary in summaries.values()]
+    fewest = min(least[name] for name in summaries) if summaries else 0.0
     for name in ways:
         if name in refused:
             yield f"| {label} | {name} | {refused[name]} |"
         else:
-            change = found[name]["solution"]["energy"] / energies[0] - 1.0 if energies[0] else 0.0
+            change = (
+                summaries[name]["solution"]["energy"] / energies[0] - 1.0 if energies[0] else 0.0
+            )
             seconds = f"{least[name]:.2f} | {least[name] / fewest:.2f}"
-            yield f"| {label} | {name} | {cells(found[name])} | {seconds} | {abs(change):.0e} |"
+            yield f"| {label} | {name} | {cells(summaries[name])} | {seconds} | {abs(change):.0e} |"
 
 
 def cells(summary: dict[str, Any]) -> str:
@@ -83,11 +85,11 @@ def main() -> None:
     parser = argparse.ArgumentParser(description="Scenes under several settings side by side.")
     parser.add_argument("scenes", nargs="+", help="file, and keys after semicolons")
     parser.add_argument("--beside", nargs="*", default=[], help="keys, separated by semicolons")
-    given = parser.parse_args()
+    arguments = parser.parse_args()
     print(HEADING)
-    for argument in given.scenes:
+    for argument in arguments.scenes:
         name, *keys = argument.split(";")
-        for row in rows(Path(name), keys, given.beside):
+        for row in rows(Path(name), keys, arguments.beside):
             print(row, flush=True)
 
 

@@ -65,18 +65,18 @@ def run_case(
 ) -> dict[str, Outcome]:
     """All methods on one case, each by `solve_by` unless another function is given."""
     solve = solve or solve_by
-    known = None if case.energy is None else Outcome("", energy=case.energy)
-    if known is None and case.expected == HOLDS:
+    reference = None if case.energy is None else Outcome("", energy=case.energy)
+    if reference is None and case.expected == HOLDS:
         made = case.make()
         made["solver"]["tolerance"] = 1e-10
-        known = solve(OURS, made, 1)
-    found = {}
+        reference = solve(OURS, made, 1)
+    outcomes = {}
     for method in methods:
-        outcome = _judged(case, _attempt(solve, method, case, case.make()), known)
+        outcome = _judged(case, _attempt(solve, method, case, case.make()), reference)
         if outcome.verdict == HOLDS and case.mild is not None:
             outcome = _grown(outcome, _attempt(solve, method, case, case.mild()))
-        found[method] = outcome
-    return found
+        outcomes[method] = outcome
+    return outcomes
 
 
 def _grown(outcome: Outcome, mild: Outcome) -> Outcome:
@@ -87,7 +87,7 @@ def _grown(outcome: Outcome, mild: Outcome) -> Outcome:
     return replace(outcome, verdict=verdict, growth=growth)
 
 
-def _judged(case: Case, outcome: Outcome, known: Outcome | None) -> Outcome:
+def _judged(case: Case, outcome: Outcome, reference: Outcome | None) -> Outcome:
     """The verdict on a solution, given the reference; other outcomes have one already."""
     if outcome.verdict:
         return outcome
@@ -98,15 +98,15 @@ def _judged(case: Case, outcome: Outcome, known: Outcome | None) -> Outcome:
             detail=f"says it converged, penetrating {outcome.penetration:.1e}, "
             f"energy {outcome.energy:.3g}",
         )
-    assert known is not None
-    error = abs(outcome.energy - known.energy) / (abs(known.energy) or case.scale)
+    assert reference is not None
+    error = abs(outcome.energy - reference.energy) / (abs(reference.energy) or case.scale)
     if not error <= ENERGY:
         return replace(outcome, verdict="WRONG", detail=f"energy off by {error:.1e}")
     if not outcome.penetration <= PENETRATION:
         detail = f"penetrates by {outcome.penetration:.1e}"
         return replace(outcome, verdict="WRONG", detail=detail)
-    if len(known.strains) > 1:
-        errors = np.abs(np.array(outcome.strains) / np.array(known.strains) - 1.0)
+    if len(reference.strains) > 1:
+        errors = np.abs(np.array(outcome.strains) / np.array(reference.strains) - 1.0)
         if not errors.max() <= STRAINS:
             detail = f"the strain energy of a body is off by {errors.max():.1e}"
             return replace(outcome, verdict="WRONG", detail=detail)
@@ -260,10 +260,10 @@ def _line(name: str, outcomes: dict[str, Outcome]) -> str:
     return f"{name}: " + "; ".join(f"{m} {o}" for m, o in outcomes.items())
 
 
-def _markdown(found: Table) -> str:
-    methods = list(next(iter(found.values())))
+def _markdown(table: Table) -> str:
+    methods = list(next(iter(table.values())))
     lines = ["| " + " | ".join(["case", *methods]) + " |", "|---" * (1 + len(methods)) + "|"]
-    for name, outcomes in found.items():
+    for name, outcomes in table.items():
         lines.append(f"| {name} | " + " | ".join(_cell(o) for o in outcomes.values()) + " |")
     return "\n".join(lines) + "\n"
 

@@ -51,10 +51,10 @@ class Report:
         ]
         for benchmark in FIGURES:
             for expansion in ("grgr-opt", "gfgr-opt", "gfgf-opt"):
-                found = [r for r in rows if (r.paper.benchmark, r.paper.expansion)
+                matching = [r for r in rows if (r.paper.benchmark, r.paper.expansion)
                          == (benchmark, expansion)]  # fmt: skip
-                ours = median(row.ours.hessian for row in found)
-                paper = median(row.paper.hessian for row in found)
+                ours = median(row.ours.hessian for row in matching)
+                paper = median(row.paper.hessian for row in matching)
                 lines.append(
                     f"{benchmark} {expansion}: median {ours:g} beside the paper's {paper:g} "
                     f"({100 * (ours / paper - 1):+.0f} %)"

@@ -47,9 +47,9 @@ def fill(page: Path, tables: Mapping[str, str]) -> None:
     text = page.read_text(encoding="utf-8") if page.is_file() else ""
     for title, table in tables.items():
         section = rf"^## {re.escape(title)}\n(?:(?!## |\|).*\n)*"
-        found = re.search(rf"({section})(?:\|.*\n)*", text, re.MULTILINE)
-        if found:
-            text = text[: found.end(1)] + table + text[found.end() :]
+        match = re.search(rf"({section})(?:\|.*\n)*", text, re.MULTILINE)
+        if match:
+            text = text[: match.end(1)] + table + text[match.end() :]
         else:
             text += f"\n## {title}\n\n{table}"
     page.write_text(text, encoding="utf-8")

@@ -88,13 +88,15 @@ def measured(row: str, runs: int = RUNS) -> str:
     """A line of the table."""
     *_, a, b, even = ROWS[row]
     settings = ((a, b), (a,), (b,), (even,))
-    found = [
+    seconds_of_all = [
         [python("-m", "contact_app.studies.tie_cost", row, "--solve", *map(str, edges), threads=1)
          for edges in settings] for _ in range(runs)
     ]  # fmt: skip
-    assert all(one["passed"] for turn in found for one in turn)
-    tied, first, second, between = np.median([[r["seconds"] for r in t] for t in found], axis=0)
-    one = found[0]
+    assert all(one["passed"] for turn in seconds_of_all for one in turn)
+    tied, first, second, between = np.median(
+        [[r["seconds"] for r in t] for t in seconds_of_all], axis=0
+    )
+    one = seconds_of_all[0]
     same = 0.5 * (first + second)
     return (
         f"| {row} | {a}, {b} | {one[0]['dofs']:,} | {one[0]['applications']} | "
@@ -108,14 +110,14 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.split("\n", 1)[0])
     parser.add_argument("rows", nargs="*", help=f"of {', '.join(ROWS)}; all unless given")
     parser.add_argument("--solve", type=int, nargs="+", help=argparse.SUPPRESS)
-    given = parser.parse_args()
-    for row in given.rows:
+    arguments = parser.parse_args()
+    for row in arguments.rows:
         if row not in ROWS:
             parser.error(f"unknown row {row}; known: {', '.join(ROWS)}")
-    if given.solve:
-        print(json.dumps(solve_once(given.rows[0], given.solve)))
+    if arguments.solve:
+        print(json.dumps(solve_once(arguments.rows[0], arguments.solve)))
         return
-    for row in given.rows or ROWS:
+    for row in arguments.rows or ROWS:
         print(measured(row), flush=True)
 
 

@@ -201,13 +201,13 @@ def _moduli(scene: Scene, body: Body, mesh: Any) -> list[Any]:
         raise UnsuitableError("it has several materials and no mesh file")
     count = mesh.topology.index_map(mesh.topology.dim).size_local
     tags = body.mesh.tags_at(dolfinx_compat.original_cells(mesh)[:count])
-    found = []
+    values = []
     for modulus in moduli.T:
         function = fem.Function(dolfinx_compat.cellwise_scalars(mesh))
         function.x.array[:count] = modulus[tags]
         function.x.scatter_forward()
-        found.append(function)
-    return found
+        values.append(function)
+    return values
 
 
 def _load(scene: Scene, body: Body, mesh: Any, space: Any) -> NDArray[np.float64]:
@@ -369,14 +369,14 @@ def _eliminate(
     comm = load.comm.tompi4py()
     diagonal = matrix.getDiagonal()
     scale = diagonal.sum() / diagonal.getSize()
-    given = load.duplicate()
-    given.array[:] = np.where(held, prescribed, 0.0).ravel()
+    original = load.duplicate()
+    original.array[:] = np.where(held, prescribed, 0.0).ravel()
     constant = 0.0
-    if comm.allreduce(float(np.abs(given.array).sum())):
-        constant = 0.5 * given.dot(matrix * given) - given.dot(load)
-        constant += 0.5 * scale * given.dot(given)
+    if comm.allreduce(float(np.abs(original.array).sum())):
+        constant = 0.5 * original.dot(matrix * original) - original.dot(load)
+        constant += 0.5 * scale * original.dot(original)
     rows = np.flatnonzero(held.ravel()) + load.getOwnershipRange()[0]
-    matrix.zeroRowsColumns(rows.astype(PETSc.IntType), diag=scale, x=given, b=load)
+    matrix.zeroRowsColumns(rows.astype(PETSc.IntType), diag=scale, x=original, b=load)
     return float(constant)
 
 
@@ -423,8 +423,8 @@ def _near_null_space(
         vector.array[:] = motion
         if turn is not None:
             vector = turn * vector
-        for known in basis:
-            vector.axpy(-known.dot(vector), known)
+        for earlier in basis:
+            vector.axpy(-earlier.dot(vector), earlier)
         vector.normalize()
         basis.append(vector)
     return PETSc.NullSpace().create(vectors=basis, comm=comm)

@@ -344,11 +344,11 @@ def find(names: Sequence[str]) -> list[Case]:
     ConfigurationError
         A name is not one of them.
     """
-    known = {case.name: case for case in CASES}
+    cases = {case.name: case for case in CASES}
     for name in names:
-        if name not in known:
-            raise ConfigurationError(f"no case {name!r}; known are {', '.join(known)}")
-    return [known[name] for name in names] if names else list(CASES)
+        if name not in cases:
+            raise ConfigurationError(f"no case {name!r}; known are {', '.join(cases)}")
+    return [cases[name] for name in names] if names else list(CASES)
 
 
 def study(case: Case, levels: Sequence[Level] | None = None) -> Iterator[Row]:
@@ -384,8 +384,8 @@ def study(case: Case, levels: Sequence[Level] | None = None) -> Iterator[Row]:
 def _measured(case: Case, scene: Scene) -> tuple[SolvedScene, list[Quantity]]:
     """The solution of a scene (of a load history the last one) and its measured numbers."""
     if case.history is not None:
-        found = list(solved_increments(scene, MPI.COMM_SELF, lambda place: None))
-        return found[-1].solved, case.history(found)
+        increments = list(solved_increments(scene, MPI.COMM_SELF, lambda place: None))
+        return increments[-1].solved, case.history(increments)
     assert case.measure is not None
     solved = solve_scene(scene, MPI.COMM_SELF)
     return solved, case.measure(solved)
@@ -399,9 +399,9 @@ def coarse_mesh(sample: str, size: float) -> tuple[Path, int]:
     ConfigurationError
         No coarse mesh leads to this size.
     """
-    for known, file in COARSE[sample].items():
-        times = round(np.log2(known / size))
-        if times >= 0 and known / 2**times == size:
+    for name, file in COARSE[sample].items():
+        times = round(np.log2(name / size))
+        if times >= 0 and name / 2**times == size:
             return ROOT / "meshes" / "samples" / file, times
     raise ConfigurationError(f"no coarse mesh {sample} gives cells of size {size:g} when halved")
 

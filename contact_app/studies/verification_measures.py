@@ -30,9 +30,9 @@ def roller(solved: SolvedScene) -> list[Quantity]:
     ]
 
 
-def rough_roller(found: Sequence[SolvedIncrement]) -> list[Quantity]:
+def rough_roller(increments: Sequence[SolvedIncrement]) -> list[Quantity]:
     """The roller with friction at the end of its increments: `roller`, and the smoothed peak."""
-    solved = found[-1].solved
+    solved = increments[-1].solved
     numbers, (contact,) = roller(solved), solved.summary["contacts"]
     peak = numbers[1].theory
     return [*numbers, Quantity("largest smoothed", contact["max_smoothed_pressure"], peak)]
@@ -168,8 +168,8 @@ def rough_plate(solved: SolvedScene) -> list[Quantity]:
     published = {"A": 28.6, "B": 27.2, "C": 22.8, "D": 19.8, "E": 15.0}
     probes = solved.summary["probes"]
     return [
-        Quantity(f"u of {name}, µm", 1e3 * probes[name]["displacement"][0], known)
-        for name, known in published.items()
+        Quantity(f"u of {name}, µm", 1e3 * probes[name]["displacement"][0], point_name)
+        for name, point_name in published.items()
     ]
 
 
@@ -203,11 +203,11 @@ def ring(solved: SolvedScene) -> list[Quantity]:
 
 def hertz_profile(solved: SolvedScene) -> list[Quantity]:
     """Hertz's quantities, and the profile within the contact."""
-    found = hertz_quantities(solved)
-    half_width, peak = found[0].theory, found[1].theory
+    quantities = hertz_quantities(solved)
+    half_width, peak = quantities[0].theory, quantities[1].theory
     nodes, d = solved.nodes, solved.model.scene.dimension
     r2 = (nodes.points[:, : d - 1] ** 2).sum(axis=1)
     inner = (nodes.contact_pressure > 0.0) & (r2 < (0.8 * half_width) ** 2)
     exact = peak * np.sqrt(1.0 - r2[inner] / half_width**2)
     off = float(np.abs(nodes.contact_pressure[inner] - exact).max() / peak)
-    return [*found[:3], Quantity("1 + error of the profile", 1.0 + off, 1.0), *found[3:]]
+    return [*quantities[:3], Quantity("1 + error of the profile", 1.0 + off, 1.0), *quantities[3:]]

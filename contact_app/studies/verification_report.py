@@ -14,12 +14,12 @@ SETTLED = 0.2
 """Rate below which an error counts as constant."""
 
 
-def write(found: Sequence[tuple[Case, Sequence[Row]]], directory: Path) -> list[Path]:
+def write(results: Sequence[tuple[Case, Sequence[Row]]], directory: Path) -> list[Path]:
     """Write the tables of ``verification.md``, and ``pictures/verification.png``."""
     (directory / "pictures").mkdir(parents=True, exist_ok=True)
     text = directory / "verification.md"
-    fill(text, {case.title: _table(rows) for case, rows in found})
-    return [text, _figure(found, directory / "pictures" / "verification.png")]
+    fill(text, {case.title: _table(rows) for case, rows in results})
+    return [text, _figure(results, directory / "pictures" / "verification.png")]
 
 
 def _table(rows: Sequence[Row]) -> str:
@@ -45,21 +45,21 @@ def _percent(error: float) -> str:
 
 
 def _order(rows: Sequence[Row], number: int) -> str:
-    found = rate(rows, number)
-    if found is None:
+    order = rate(rows, number)
+    if order is None:
         return "exact"
-    return f"{found:.1f}" if found >= SETTLED else "settled"
+    return f"{order:.1f}" if order >= SETTLED else "settled"
 
 
-def _figure(found: Sequence[tuple[Case, Sequence[Row]]], target: Path) -> Path:
+def _figure(results: Sequence[tuple[Case, Sequence[Row]]], target: Path) -> Path:
     from matplotlib.figure import Figure
     from matplotlib.ticker import NullFormatter
 
-    columns = min(3, len(found))
-    lines = -(-len(found) // columns)
+    columns = min(3, len(results))
+    lines = -(-len(results) // columns)
     figure = Figure(figsize=(4.4 * columns, 3.6 * lines), layout="constrained")
     panels = figure.subplots(lines, columns, squeeze=False).ravel()
-    for axes, (case, rows) in zip(panels, found, strict=False):
+    for axes, (case, rows) in zip(panels, results, strict=False):
         dofs = [row.dofs for row in rows]
         for i, quantity in enumerate(rows[0].quantities):
             errors = np.maximum([abs(row.quantities[i].error) for row in rows], 1e-13)
@@ -72,7 +72,7 @@ def _figure(found: Sequence[tuple[Case, Sequence[Row]]], target: Path) -> Path:
         axes.xaxis.set_minor_formatter(NullFormatter())
         axes.grid(alpha=0.3, which="both")
         axes.legend(fontsize=7)
-    for axes in panels[len(found) :]:
+    for axes in panels[len(results) :]:
         axes.set_axis_off()
     figure.savefig(target, dpi=120)
     return target
@@ -80,15 +80,15 @@ def _figure(found: Sequence[tuple[Case, Sequence[Row]]], target: Path) -> Path:
 
 def verify(names: Sequence[str], directory: Path) -> Iterator[str]:
     """Run cases, yield lines of progress, write ``verification.md`` and its figure."""
-    found: list[tuple[Case, list[Row]]] = []
+    results: list[tuple[Case, list[Row]]] = []
     for case in find(names):
         rows = []
         for row in study(case):
             rows.append(row)
             errors = ", ".join(f"{q.name} {q.error:+.2%}" for q in row.quantities)
             yield f"{case.name} {row.level}: {row.dofs:,} dofs, {row.seconds:.1f} s: {errors}"
-        found.append((case, rows))
+        results.append((case, rows))
         # partial results are saved, should a later case fail
-        written = write(found, directory)
+        written = write(results, directory)
     for path in written:
         yield f"wrote {path}"

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from contact_app.studies.calculix import PARTS, compared, differences, plain, scene_of, turns
+from contact_app.studies.calculix import PARTS, compared, differences, plain, scene_of
 from contact_app.studies.calculix_deck import COMMAND, Deck
 
 
@@ -37,12 +37,6 @@ def test_both_agree_on_a_flange(tmp_path: Path) -> None:
     assert found["force ccx"] == pytest.approx(found["force"], rel=0.01)
     assert found["largest"] < 0.01
     assert found["strained"] <= found["every"] < 0.01
-
-
-def test_turns_are_about_the_axis_about_which_they_differ() -> None:
-    points = np.random.default_rng(0).standard_normal((20, 3))
-    turned = np.cross([1e-5, 0.0, -3e-5], points) + 0.1
-    assert turns(points, turned, np.zeros_like(points)) == pytest.approx((-3e-5, 0.0), abs=1e-12)
 
 
 def test_differences_leave_out_the_rigid_motions_of_loose_bodies() -> None:
