@@ -9,7 +9,7 @@ import numpy as np
 from mpi4py import MPI
 from scipy.spatial import cKDTree
 
-from contact_app.model.outline import outline
+from contact_app.model.outline import outline_of_scene
 from solver.tfeti.certify import certify
 from tests import reference, scenes
 
@@ -84,7 +84,7 @@ def same_contacts(found: dict[str, Any], known: dict[str, Any], part: float = 1e
 
 def load_resultant(scene: Any) -> tuple[np.ndarray, np.ndarray]:
     """Force and moment about the origin of the nodal loads of a scene."""
-    known, d = outline(scene, MPI.COMM_SELF), scene.dimension
+    known, d = outline_of_scene(scene, MPI.COMM_SELF), scene.dimension
     force, moment = np.zeros(3), np.zeros(3)
     for s, vector in zip(known.partition.subdomains, known.loads, strict=True):
         if vector is not None:

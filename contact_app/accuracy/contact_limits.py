@@ -99,8 +99,8 @@ def entered_beside(model: Model, solution: Solution, number: int) -> tuple[int, 
         if not len(outside):
             continue
         u = solution.displacements[cls][:, column].reshape(-1, d)[outside]
-        found = entered_points(s.points()[outside], u, contact.gap_and_normal, least)
-        count, depth = count + found[0], max(depth, found[1])
+        entered = entered_points(s.points()[outside], u, contact.gap_and_normal, least)
+        count, depth = count + entered[0], max(depth, entered[1])
     return int(comm.allreduce(count)), float(comm.allreduce(depth, op=MPI.MAX))
 
 
@@ -359,7 +359,7 @@ def pressed_facets(model: Model, nodes: NodeFields) -> list[PressedFacets]:
     scene, exchange = model.scene, model.node_exchange
     subdomains = model.partition.subdomains
     starts = np.cumsum([0, *(len(s.nodes) for s in subdomains)])
-    found = []
+    facets_by_contact = []
     for contact, at_nodes in zip(scene.touching, nodes.contacts, strict=True):
         owned = np.zeros(len(nodes.points))
         owned[at_nodes.nodes - nodes.first] = at_nodes.pressure
@@ -373,13 +373,13 @@ def pressed_facets(model: Model, nodes: NodeFields) -> list[PressedFacets]:
                 at.append(pressure[start + facets])
         if not places:
             empty = np.zeros((0, 4, 3)), np.zeros(0), np.zeros((0, scene.dimension))
-            found.append(PressedFacets(*empty))
+            facets_by_contact.append(PressedFacets(*empty))
             continue
         points = np.concatenate(places)
         areas = moments(points, scene.dimension).sum(axis=(1, 2))
         vertices = FACETS[scene.dimension, points.shape[1]].vertices
-        found.append(PressedFacets(points[:, :vertices], areas, np.concatenate(at)))
-    return found
+        facets_by_contact.append(PressedFacets(points[:, :vertices], areas, np.concatenate(at)))
+    return facets_by_contact
 
 
 def _along_axes(

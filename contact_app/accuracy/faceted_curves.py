@@ -50,8 +50,8 @@ def sagittas(model: Model, nodes: NodeFields) -> list[float]:
     straight = {c.body for c in scene.contacts if _straight(scene, c)}
     if not straight:
         return [0.0] * len(scene.contacts)
-    known = np.isfinite(nodes.gap)
-    parts = model.comm.allgather((nodes.points[known], nodes.gap[known]))
+    has_gap = np.isfinite(nodes.gap)
+    parts = model.comm.allgather((nodes.points[has_gap], nodes.gap[has_gap]))
     points, gaps = (np.concatenate(part) for part in zip(*parts, strict=True))
     return [
         _sagitta(scene.bodies[c.body], c.boundary, points, gaps) if c.body in straight else 0.0
@@ -122,19 +122,19 @@ def pair_sagittas(model: Model, nodes: NodeFields) -> list[float]:
     sides = [[side for side in both if _has_straight_facets(side[0])] for both in sides]
     if not any(sides):
         return [0.0] * len(sides)
-    found = []
+    sagittas_of_pairs = []
     contacts = nodes.contacts[len(scene.contacts) :]
     for pair, both, contact in zip(scene.pairs, sides, contacts, strict=True):
         at = contact.nodes - nodes.first
-        known = at[np.isfinite(nodes.gap[at])]
-        parts = model.comm.allgather((nodes.points[known], nodes.gap[known]))
+        with_gap = at[np.isfinite(nodes.gap[at])]
+        parts = model.comm.allgather((nodes.points[with_gap], nodes.gap[with_gap]))
         points, gaps = (np.concatenate(part) for part in zip(*parts, strict=True))
         sagitta = max((_sagitta(*side, points, gaps) for side in both), default=0.0)
         if sagitta > 0.0:
             surfaces = sides_of(scene, model.partition, pair)
             sagitta *= not facets_match(*surfaces, points[gaps <= sagitta])
-        found.append(sagitta)
-    return found
+        sagittas_of_pairs.append(sagitta)
+    return sagittas_of_pairs
 
 
 def facets_match(on: Surface, against: Surface, closing: NDArray[np.float64]) -> bool:

@@ -61,11 +61,11 @@ def nodal_stresses(model: Model, solution: Solution, estimator: ErrorEstimator) 
     stresses = {"": _largest(sides)}
     if count > 1:
         stresses |= {f"_material_{k}": side for k, side in enumerate(sides)}
-    found = {}
+    fields = {}
     for name in requested:
         for suffix, stress in stresses.items():
-            found[name + suffix] = stress if name == "nodal_stress" else von_mises(stress)
-    return found
+            fields[name + suffix] = stress if name == "nodal_stress" else von_mises(stress)
+    return fields
 
 
 def _largest(sides: Sequence[Array]) -> Array:
@@ -74,9 +74,9 @@ def _largest(sides: Sequence[Array]) -> Array:
         return sides[0]
     largest, measure = sides[0].copy(), von_mises(sides[0])
     for side in sides[1:]:
-        own = von_mises(side)
-        larger = ~(own <= measure) & np.isfinite(own)
-        largest[larger], measure[larger] = side[larger], own[larger]
+        equivalent = von_mises(side)
+        larger = ~(equivalent <= measure) & np.isfinite(equivalent)
+        largest[larger], measure[larger] = side[larger], equivalent[larger]
     return largest
 
 
@@ -86,8 +86,8 @@ def _at_nodes(model: Model, recovered: Sequence[Array], material: int) -> Array:
     made_of_it: dict[int, NDArray[np.int32]] = {}
     copies = []
     for s, (cls, column) in zip(model.partition.subdomains, model.place, strict=True):
-        own = recovered[cls][:, column]
-        stress = np.full((len(own), 6), np.nan)
+        of_subdomain = recovered[cls][:, column]
+        stress = np.full((len(of_subdomain), 6), np.nan)
         if cls not in made_of_it:
             made_of_it[cls] = np.unique(s.reference.cells[s.reference.tags == material])
         on = made_of_it[cls]
@@ -95,13 +95,13 @@ def _at_nodes(model: Model, recovered: Sequence[Array], material: int) -> Array:
             heat = model.temperatures[cls]
             rise = np.zeros(len(on)) if heat is None else heat[on, column]
             made_of = model.materials[cls][material]
-            stress[on] = _six_components(own[on], model.scene.plane, made_of, rise)
+            stress[on] = _six_components(of_subdomain[on], model.scene.plane, made_of, rise)
         copies.append(stress)
     arrived = exchange.to_owners(np.concatenate([np.zeros((0, 6)), *copies]))
-    known = np.isfinite(arrived[:, 0])
-    found = np.full((exchange.last - exchange.first, 6), np.nan)
-    found[exchange.nodes[known] - exchange.first] = arrived[known]
-    return found
+    has_stress = np.isfinite(arrived[:, 0])
+    stresses = np.full((exchange.last - exchange.first, 6), np.nan)
+    stresses[exchange.nodes[has_stress] - exchange.first] = arrived[has_stress]
+    return stresses
 
 
 def _six_components(stress: Array, plane: str | None, material: Material, rise: Array) -> Array:

@@ -106,14 +106,14 @@ class Skin:
     @classmethod
     def of(cls, surface: Surface, pressed: Surface, name: str, stiffness: float) -> Skin:
         """The facets of a body, of which some belong to the contact boundary."""
-        known = {tuple(row) for row in np.sort(pressed.nodes, axis=1)}
-        on = np.array([tuple(row) in known for row in np.sort(surface.nodes, axis=1)])
+        pressed_facets = {tuple(row) for row in np.sort(pressed.nodes, axis=1)}
+        on = np.array([tuple(row) in pressed_facets for row in np.sort(surface.nodes, axis=1)])
         return cls(surface, _joints(surface, on), name, stiffness)
 
 
 def sharp_peaks(model: Model, nodes: NodeFields) -> list[str]:
     """Warnings on contacts whose largest pressure is at a sharp edge (collective)."""
-    found = []
+    sentences = []
     scene, d = model.scene, model.scene.dimension
     for touching, at_nodes in zip(scene.touching, nodes.contacts, strict=True):
         points = nodes.points[at_nodes.nodes - nodes.first]
@@ -129,8 +129,8 @@ def sharp_peaks(model: Model, nodes: NodeFields) -> list[str]:
             end = touching.boundary
         edge = sharp_edge(point, sides, end)
         if edge:
-            found.append(f"{touching.source}: {sentence(pressure, point[:d], edge)}")
-    return found
+            sentences.append(f"{touching.source}: {sentence(pressure, point[:d], edge)}")
+    return sentences
 
 
 def peak(
@@ -162,30 +162,30 @@ def sharp_edge(point: Array, sides: Sequence[Skin | None], end: str) -> str:
     end
         Name of the contact boundary if a plane obstacle may end with it: a punch.
     """
-    own = sides[0]
-    if own is None:
+    on = sides[0]
+    if on is None:
         return ""
-    facet = _facet_edge(own.surface, point)
-    away = own.joints.distances(point)
+    facet = _facet_edge(on.surface, point)
+    away = on.joints.distances(point)
     near = away <= NEAR * facet
-    sharp = near & own.joints.sharp
+    sharp = near & on.joints.sharp
     if len(sides) == 1:
-        if (sharp & (own.joints.turns < BLUNT)).any():
-            return f"at a sharp edge of {own.name}"
-        flat = near & (own.joints.turns < SHARP) & (own.joints.pressed.sum(axis=1) == 1)
+        if (sharp & (on.joints.turns < BLUNT)).any():
+            return f"at a sharp edge of {on.name}"
+        flat = near & (on.joints.turns < SHARP) & (on.joints.pressed.sum(axis=1) == 1)
         return f"at the end of {end}" if flat.any() and end else ""
     other = sides[1]
     if other is None:
         return ""
     across = other.joints
     opposite = across.sharp & (across.distances(point) <= 1.01 * facet)
-    close = own.joints.sharp & (away <= 1.01 * facet)
-    of_own = ~_parallel(own.joints.ends[sharp], across.ends[opposite]).any(axis=1)
-    of_other = ~_parallel(own.joints.ends[close], across.ends[opposite]).any(axis=0)
+    close = on.joints.sharp & (away <= 1.01 * facet)
+    of_own = ~_parallel(on.joints.ends[sharp], across.ends[opposite]).any(axis=1)
+    of_other = ~_parallel(on.joints.ends[close], across.ends[opposite]).any(axis=0)
     alone = of_own.any(), of_other.any()  # an edge along which the other body does not end
     if not any(alone):
         return ""
-    pressing, pressed = (other, own) if alone[1] else (own, other)
+    pressing, pressed = (other, on) if alone[1] else (on, other)
     if pressing.stiffness < SOFTER * pressed.stiffness:
         return ""
     return f"at a sharp edge of {pressing.name}"
@@ -238,6 +238,7 @@ def within(facets: Array, point: Array, reach: float) -> NDArray[np.bool_]:
 
 
 def _joints(surface: Surface, pressed: NDArray[np.bool_]) -> _Joints:
+    """The edges that two facets of a surface share, with the angle between the facets."""
     v, d = surface.vertices.shape[1], surface.dimension
     ends = surface.nodes[:, :v, None]
     points = surface.vertices[:, :, None]

@@ -62,7 +62,7 @@ class SolvedScene:
         return ErrorEstimator(self.model)
 
     def without_factors(self) -> SolvedScene:
-        """The same without factors: output needs none."""
+        """The answer without the factors of its model, which output does not need."""
         model = replace(self.model, problem=self.model.problem.without_factors())
         return replace(self, model=model)
 

@@ -288,18 +288,18 @@ def holding(
         of_group = of_group[in_group].toarray()
         cones = None if rough is None else rough.cones(in_group, columns)
         size, holding_rows = float(scale[group].sum()), block_diag(*holds_body)
-        found = balance(comm, holding_rows, of_group, work[group].ravel(), size, cones)
-        if found.escape is not None:
-            escape = found.escape
+        state = balance(comm, holding_rows, of_group, work[group].ravel(), size, cones)
+        if state.escape is not None:
+            escape = state.escape
             if cones is not None:
                 escape = slide(comm, holding_rows, of_group, escape, cones)
             raise NoEquilibriumError(_leaving(bodies, group, escape, cones is not None))
-        steady &= found.held
-        for b, motion in zip(group, by_body(found.free_motions, m), strict=True):
+        steady &= state.held
+        for b, motion in zip(group, by_body(state.free_motions, m), strict=True):
             free[b] = motion
         resisting = of_group if cones is None else np.concatenate([of_group, cones.slips])
         slides = loose_motions(comm, holding_rows, resisting, moved[:, columns])
-        slides = spanned(np.hstack([slides, found.free_motions])).reshape(len(group), m, -1)
+        slides = spanned(np.hstack([slides, state.free_motions])).reshape(len(group), m, -1)
         left = held_motions(comm, holding_rows).reshape(len(group), m, -1)
         for b, motion, other in zip(group, slides, left, strict=True):
             loose[b], allowed[b] = motion, other
@@ -315,12 +315,12 @@ def _moved_by_contact(
     (rows · d, bodies · motions).
     """
     m, rows = MOTIONS[d], contact.entries.row
-    own = bodies.of_node[contact.nodes - exchange.first]
+    body_of_row = bodies.of_node[contact.nodes - exchange.first]
     body = _of_entries(bodies, exchange, contact)
-    other = np.full(len(own), -1)
-    np.maximum.at(other, rows, np.where(body == own[rows], -1, body))
-    moved = np.zeros((len(own), d, bodies.count, m))
-    for side, sign in ((own, 1.0), (other, -1.0)):
+    other = np.full(len(body_of_row), -1)
+    np.maximum.at(other, rows, np.where(body == body_of_row[rows], -1, body))
+    moved = np.zeros((len(body_of_row), d, bodies.count, m))
+    for side, sign in ((body_of_row, 1.0), (other, -1.0)):
         for b in np.unique(side[side >= 0]):
             at_body = side == b
             moved[at_body, :, b] += sign * bodies.motions(int(b), contact.points[at_body], d)

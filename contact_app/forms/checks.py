@@ -82,13 +82,14 @@ def check_forms(a: Any, L: Any, bcs: Sequence[Any]) -> Any:
     for number, condition in enumerate(bcs):
         if not hasattr(condition, "dof_indices"):
             raise TypeError(f"bcs[{number}] is no Dirichlet condition of dolfinx.fem.dirichletbc")
-        own = condition.function_space
-        if not space._cpp_object.contains(getattr(own, "_cpp_object", own)):
+        condition_space = condition.function_space
+        if not space._cpp_object.contains(getattr(condition_space, "_cpp_object", condition_space)):
             raise ValueError(f"bcs[{number}] is of another space than the forms")
     return space
 
 
 def _check_space(space: Any) -> None:
+    """Refuse spaces other than continuous vector Lagrange of degree 1 or 2 on known cells."""
     mesh, degree = space.mesh, dolfinx_compat.lagrange_degree(space)
     d, components = mesh.geometry.dim, space.dofmap.index_map_bs
     if degree is None or components == 1 or components != space.dofmap.bs:
@@ -128,10 +129,10 @@ def check_lists(bcs: Any, contacts: Any) -> None:
     ------
     TypeError
     """
-    for name, given in (("bcs", bcs), ("contacts", contacts)):
-        if not isinstance(given, Sequence) or isinstance(given, str):
+    for name, values in (("bcs", bcs), ("contacts", contacts)):
+        if not isinstance(values, Sequence) or isinstance(values, str):
             raise TypeError(
-                f"{name} must be a list, not {type(given).__name__}; of one: {name}=[…]"
+                f"{name} must be a list, not {type(values).__name__}; of one: {name}=[…]"
             )  # fmt: skip
 
 
@@ -243,9 +244,9 @@ def check_facets(comm: MPI.Intracomm, counts: tuple[int, int], at: str, tags: st
     """
     tagged, outside = comm.allreduce(np.array(counts))
     if outside == 0:
-        found = f"{tagged} facets have it inside of the bodies" if tagged else "no facet has it"
+        count = f"{tagged} facets have it inside of the bodies" if tagged else "no facet has it"
         raise ValueError(
-            f"{at}: no facet of the surface has the tag {tags} ({found}); contact is on the surface"
+            f"{at}: no facet of the surface has the tag {tags} ({count}); contact is on the surface"
         )
 
 

@@ -54,16 +54,16 @@ def congruent(
                 break
         else:
             classes.append([number])
-    own = [
+    groups = [
         Congruent(np.array(c), stiffness[c[0]], subdomains.points[subdomains.copies(c[0])], k)
         for k, c in enumerate(classes)
     ]  # fmt: skip
-    return _of_all_ranks(subdomains, own) if grid and subdomains.comm.size > 1 else own
+    return _of_all_ranks(subdomains, groups) if grid and subdomains.comm.size > 1 else groups
 
 
-def _of_all_ranks(subdomains: Subdomains, own: list[Congruent]) -> list[Congruent]:
+def _of_all_ranks(subdomains: Subdomains, groups: list[Congruent]) -> list[Congruent]:
     """Classes in an order that is the same on all ranks, with equal matrices (collective)."""
-    comm, found, left, number = subdomains.comm, [], own, 0
+    comm, merged, left, number = subdomains.comm, [], groups, 0
     for rank in range(comm.size):
         received = comm.bcast(
             [(c.stiffness, c.points) for c in left] if rank == comm.rank else None, root=rank
@@ -71,10 +71,10 @@ def _of_all_ranks(subdomains: Subdomains, own: list[Congruent]) -> list[Congruen
         for K, points in received:
             same = next((c for c in left if _equal(K, c.stiffness)), None)
             if same is not None:
-                found.append(replace(same, stiffness=K, points=points, number=number))
+                merged.append(replace(same, stiffness=K, points=points, number=number))
                 left = [c for c in left if c is not same]
             number += 1
-    return found
+    return merged
 
 
 def _equal(one: sparse.csr_matrix, other: sparse.csr_matrix) -> bool:

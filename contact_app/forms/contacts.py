@@ -98,16 +98,16 @@ class SignedDistance:
 
 def _called(name: str, function: Callable[[Array], Array], x: Array, shape: tuple) -> Array:
     """Values of a user's function at points (n, dimension), of a shape."""
-    found = np.asarray(function(x), np.float64)
-    if found.shape != shape:
+    values = np.asarray(function(x), np.float64)
+    if values.shape != shape:
         raise ConfigurationError(
-            f"the {name} of a SignedDistance returned an array of shape {found.shape} for points "
+            f"the {name} of a SignedDistance returned an array of shape {values.shape} for points "
             f"of shape {x.shape}; it must return one of shape {shape} (a row of x is a point: its "
             "coordinates are x[:, 0], x[:, 1], not x[0], x[1] as in dolfinx)"
         )
-    if not np.isfinite(found).all():
+    if not np.isfinite(values).all():
         raise ConfigurationError(f"the {name} of a SignedDistance is not finite at a contact node")
-    return found
+    return values
 
 
 @dataclass(frozen=True, eq=False)

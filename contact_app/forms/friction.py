@@ -33,11 +33,11 @@ def jumps_of(
 ) -> tuple[MeanJumps | None, ...]:
     """Mortar means of the motions along each other, of pairs with friction (collective)."""
     jumps: list[MeanJumps | None] = []
-    for contact, own in zip(contacts, sides, strict=True):
+    for contact, side in zip(contacts, sides, strict=True):
         if contact.law is None or contact.against is None:
             jumps.append(None)
         else:
-            on, against = own.surfaces
+            on, against = side.surfaces
             decided = decided_by(exchange, held)
             jumps.append(mean_jumps(on, against, decided, exchange.comm, gives=False))
     return tuple(jumps)
@@ -61,8 +61,8 @@ def friction_rows(
         Contact rows this rank owns, and those that are redundant beside them.
     """
     rough = [
-        _rough(parts, exchange, held, (contact, own.facets, jumps), number)
-        for number, (contact, own, jumps) in enumerate(zip(contacts, *sides, strict=True))
+        _rough(parts, exchange, held, (contact, side.facets, jumps), number)
+        for number, (contact, side, jumps) in enumerate(zip(contacts, *sides, strict=True))
         if contact.law is not None
     ]
     if not rough:
@@ -82,10 +82,10 @@ def _rough(
     contact, facets, jumps = touching
     assert contact.law is not None
 
-    def slips(own: ContactRows) -> tuple[ContactRows, NDArray[np.bool_]]:
+    def slips(contact_rows: ContactRows) -> tuple[ContactRows, NDArray[np.bool_]]:
         if jumps is None:
-            return slips_at_obstacle(own, held)
-        return slips_between(exchange, own, jumps, number)
+            return slips_at_obstacle(contact_rows, held)
+        return slips_between(exchange, contact_rows, jumps, number)
 
     def shares(nodes: NDArray[np.int64]) -> Array:
         values = np.zeros((0, 1))

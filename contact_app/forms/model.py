@@ -95,8 +95,8 @@ class FormModel:
     def at_copies(self, values: Sequence[Array]) -> Array:
         """Values of the classes, (n, members) each, at the copies of the nodes, (copies, d)."""
         d = self.subdomains.dimension
-        found = [values[cls][:, column].reshape(-1, d) for cls, column in self.place]
-        return np.concatenate([np.zeros((0, d)), *found])
+        at_nodes = [values[cls][:, column].reshape(-1, d) for cls, column in self.place]
+        return np.concatenate([np.zeros((0, d)), *at_nodes])
 
 
 def build_model(
@@ -130,9 +130,9 @@ def build_model(
     """
     with measure("assembly"):
         parts = parts_of(space, grid)
-        own = subdomains_of(parts, grid)
-        stiffness, loads = own.stiffness(forms[0]), own.loads(forms[1])
-    classes = congruent(own, stiffness, grid is not None)
+        subdomains = subdomains_of(parts, grid)
+        stiffness, loads = subdomains.stiffness(forms[0]), subdomains.loads(forms[1])
+    classes = congruent(subdomains, stiffness, grid is not None)
     if grid is not None:
         kinds = parts.comm.allreduce(max((c.number + 1 for c in classes), default=0), op=MPI.MAX)
         if kinds * ALIKE > grid.count:
@@ -142,40 +142,40 @@ def build_model(
             stiffness[member] = cls.stiffness
     with together(parts.comm):
         check_matrices([cls.stiffness for cls in classes])
-    exchange = NodeExchange(parts.comm, own.numbers, parts.nodes)
+    exchange = NodeExchange(parts.comm, subdomains.numbers, parts.nodes)
     sides = tuple(sides_of(parts, contact, i) for i, contact in enumerate(contacts))
     held, contact, merged = rows_of(parts, exchange, bcs, contacts, sides)
     jumps = jumps_of(exchange, contacts, sides, held)
     friction = friction_rows(parts, exchange, contacts, (sides, jumps), held, (contact, merged))
     of_rows = fingerprint_of_rows(held, contact)
-    bodies = bodies_of(own, exchange)
+    bodies = bodies_of(subdomains, exchange)
     groups = groups_of(bodies, exchange, contact)
     resisting = Resisting(held, contact, groups, friction)
-    found = holding(own, bodies, exchange, stiffness, loads, resisting)
-    eliminated = found.held & (bodies.sizes == 1) & (friction is None)
-    first = parts.comm.exscan(own.count) or 0
-    numbers = np.repeat(first + np.arange(own.count), np.diff(own.starts))
+    state = holding(subdomains, bodies, exchange, stiffness, loads, resisting)
+    eliminated = state.held & (bodies.sizes == 1) & (friction is None)
+    first = parts.comm.exscan(subdomains.count) or 0
+    numbers = np.repeat(first + np.arange(subdomains.count), np.diff(subdomains.starts))
     of_held = eliminated[bodies.of_node[held.nodes - exchange.first]]
     slips = None if friction is None else friction.rows
     rows, shared = write_rows(exchange, numbers, held, SharedRows.of(contact, slips), of_held)
     if friction is not None:
         friction = replace(friction, rows=shared.tangential)
-    supports = _supports(own, bodies, found, first)
-    constraints = ConstraintRows(exchange, rows, shared, supports, found.without_contact, friction)
+    supports = _supports(subdomains, bodies, state, first)
+    constraints = ConstraintRows(exchange, rows, shared, supports, state.without_contact, friction)
     lifted = _lifted(exchange, held)
     with together(parts.comm):
         pieces = [
-            _subdomain(own, bodies, eliminated, loads, lifted, cls, not options.factored)
+            _subdomain(subdomains, bodies, eliminated, loads, lifted, cls, not options.factored)
             for cls in classes
         ]
     problem = DualProblem(
         build_system(
-            pieces, constraints, groups, lambda: measure("factorization"), options, found.loose
+            pieces, constraints, groups, lambda: measure("factorization"), options, state.loose
         )
     )
     return FormModel(
-        own, bodies, exchange, tuple(contacts), sides, jumps, problem, merged,
-        _notes(bodies, found), _places(classes, own.count), forms[0],
+        subdomains, bodies, exchange, tuple(contacts), sides, jumps, problem, merged,
+        _notes(bodies, state), _places(classes, subdomains.count), forms[0],
         fingerprint_of_form(forms[0], space.mesh, contacts), of_rows,
     )  # fmt: skip
 
@@ -206,9 +206,9 @@ def with_new_loads(
         As `build_model`.
     """
     parts, exchange, problem = model.parts, model.exchange, model.problem
-    given = [id(contact) for contact in contacts] == [id(contact) for contact in model.contacts]
+    is_same = [id(contact) for contact in contacts] == [id(contact) for contact in model.contacts]
     now = fingerprint_of_form(forms[0], parts.space.mesh, contacts)
-    if not (forms[0] is model.form and given and all_equal(parts.comm, now, model.of_form)):
+    if not (forms[0] is model.form and is_same and all_equal(parts.comm, now, model.of_form)):
         return None
     held, contact, merged = rows_of(parts, exchange, bcs, model.contacts, model.sides)
     if not all_equal(parts.comm, fingerprint_of_rows(held, contact), model.of_rows):
@@ -221,14 +221,14 @@ def with_new_loads(
     friction = friction_rows(parts, exchange, model.contacts, sides, held, (contact, merged))
     resisting = Resisting(held, contact, groups, friction)
     holding(model.subdomains, model.bodies, exchange, stiffness, loads, resisting)
-    forces = [np.zeros_like(own) for own in problem.forces]
-    lifting = [np.zeros_like(own) for own in problem.lifting]
+    forces = [np.zeros_like(values) for values in problem.forces]
+    lifting = [np.zeros_like(values) for values in problem.lifting]
     value = _lifted(exchange, held)[1].ravel()
     for number, (cls, column) in enumerate(model.place):
         forces[cls][:, column] = loads[number]
         lifting[cls][:, column] = value[model.subdomains.unknowns(number)]
-    for lift, own in zip(lifting, problem.classes, strict=True):
-        lift[own.free] = 0.0  # what is held there is held by rows
+    for lift, values in zip(lifting, problem.classes, strict=True):
+        lift[values.free] = 0.0  # what is held there is held by rows
     c = np.zeros(problem.size)
     unknowns = problem.system.constraints.held_unknowns
     rows = np.flatnonzero(unknowns >= 0)
@@ -278,7 +278,7 @@ def _subdomain(
         lift[fixed, 0] = value[fixed]
     elif kernel.shape[1] == 0:
         fixed = np.zeros(0, np.int64)
-    starts = np.array([own.start for own in of_members], np.int64)
+    starts = np.array([member.start for member in of_members], np.int64)
     return CongruentSubdomains(
         stiffness=K,
         points=points,
@@ -290,7 +290,7 @@ def _subdomain(
         bodies=bodies.of_subdomain[members],
         kernel=None if kernel.shape[1] == MOTIONS[subdomains.dimension] else kernel,  # as it knows
         places=NodePlaces(
-            np.stack([subdomains.numbers[own] for own in of_members]),
+            np.stack([subdomains.numbers[member] for member in of_members]),
             subdomains.points[starts] - points[0],
             points,
             subdomains.parts.vertex_weights(int(members[0])) if levels else None,
@@ -298,25 +298,25 @@ def _subdomain(
     )
 
 
-def _supports(subdomains: Subdomains, bodies: Bodies, found: Holding, first: int) -> SupportRows:
+def _supports(subdomains: Subdomains, bodies: Bodies, state: Holding, first: int) -> SupportRows:
     """Rows that hold free motions at a few nodes of each body's first subdomain."""
     supports = SupportRows()
     for number, body in enumerate(bodies.of_subdomain):
-        motions = found.free_motions[body]
+        motions = state.free_motions[body]
         if first + number != bodies.first[body] or motions.shape[1] == 0:
             continue
-        own = subdomains.copies(number)
-        points = subdomains.points[own]
+        copies = subdomains.copies(number)
+        points = subdomains.points[copies]
         chosen = fixing_nodes(points, subdomains.dimension)
         seen = bodies.motions(int(body), points[chosen], subdomains.dimension) @ motions
         for row in np.linalg.qr(seen.reshape(-1, motions.shape[1]))[0].T:
-            supports.copies.append(own.start + chosen)
+            supports.copies.append(copies.start + chosen)
             supports.values.append(row.reshape(len(chosen), -1))
     return supports
 
 
-def _notes(bodies: Bodies, found: Holding) -> tuple[str, ...]:
-    loose = [b for b, motions in enumerate(found.free_motions) if motions.shape[1]]
+def _notes(bodies: Bodies, state: Holding) -> tuple[str, ...]:
+    loose = [b for b, motions in enumerate(state.free_motions) if motions.shape[1]]
     return tuple(
         f"{bodies.name(b)} can move freely and no load does work in that motion: it is held in its "
         "place"

@@ -99,9 +99,9 @@ class Parts:
         vertices = nodes[cell][:, : functions.shape[1]]
         rows = np.broadcast_to(np.arange(len(cell))[:, None], vertices.shape)
         entries = (rows.ravel(), vertices.ravel())
-        found = sparse.csr_matrix((functions[place].ravel(), entries), shape=(len(cell),) * 2)
-        found.eliminate_zeros()
-        return found
+        weights = sparse.csr_matrix((functions[place].ravel(), entries), shape=(len(cell),) * 2)
+        weights.eliminate_zeros()
+        return weights
 
     def stiffness(self, form: Any) -> list[sparse.csr_matrix]:
         """K of each part, (n, n) with unknown ``node * dimension + component`` (collective)."""
@@ -128,9 +128,9 @@ def assembled(torn: Any, form: Any) -> sparse.csr_matrix:
     assemble_matrix(matrix, compiled)
     matrix.assemble()
     matrix.convert("aij")
-    own = matrix if torn.mesh.comm.size == 1 else matrix.getDiagonalBlock()
-    pointers, columns, values = own.getValuesCSR()
-    whole = sparse.csr_matrix((values, columns, pointers), shape=own.getSize())
+    diagonal_block = matrix if torn.mesh.comm.size == 1 else matrix.getDiagonalBlock()
+    pointers, columns, values = diagonal_block.getValuesCSR()
+    whole = sparse.csr_matrix((values, columns, pointers), shape=diagonal_block.getSize())
     matrix.destroy()
     return whole
 

@@ -279,18 +279,18 @@ class ContactProblem:
             on_space, owners = OnSpace(parts, model.exchange), Owners.of_parts(model)
             self.u.x.array[:] = on_space.values(displacement).ravel()
             rough = friction_at_rows(model.problem, solution)
-            found = [
+            at_nodes = [
                 contact_at_nodes(model, solution, owners, rough, i)
                 for i in range(len(model.contacts))
             ]
-            answer = FormAnswer(model, solution, owners, displacement, found, self.bcs)
+            answer = FormAnswer(model, solution, owners, displacement, at_nodes, self.bcs)
             messages = [*messages, *model.notes, *form_warnings(answer)]
             certificate = replace(solution.certificate, warnings=tuple(messages))
             solution = replace(solution, certificate=certificate)
             none = np.zeros(owners.count)
-            pressure = np.max([none, *(c.pressure for c in found)], axis=0)
-            smoothed = np.max([none, *(c.smoothed for c in found)], axis=0)
-            gap = nearest_gap(found, owners.count)
+            pressure = np.max([none, *(c.pressure for c in at_nodes)], axis=0)
+            smoothed = np.max([none, *(c.smoothed for c in at_nodes)], axis=0)
+            gap = nearest_gap(at_nodes, owners.count)
             scalars, of_space = self._space.sub(0).collapse()
             nodes = np.asarray(of_space) // d
 
@@ -306,7 +306,7 @@ class ContactProblem:
 
             friction = None
             if any(contact.law for contact in model.contacts):
-                traction, slip, status = friction_fields(found, owners.count, d)
+                traction, slip, status = friction_fields(at_nodes, owners.count, d)
                 friction = _Friction(
                     vectors(traction, "friction_traction"), vectors(slip, "slip"),
                     function(status.astype(float), "contact_status"),
@@ -318,7 +318,7 @@ class ContactProblem:
                 friction,
             )
             records = (
-                contact_records(model, owners, found),
+                contact_records(model, owners, at_nodes),
                 reaction_records(model, solution, owners, self.bcs),
             )
         summary = summary_of(model, solution, displacement, records, timings)

@@ -154,8 +154,8 @@ def contact_at_nodes(
             owners.copies,
         )  # fmt: skip
         columns = np.column_stack([area, force, rough.forces[of_contact]])
-        known = np.column_stack([pressure, traction])
-        means = side.with_means(rows.of(of_contact), columns, known)
+        quotients = np.column_stack([pressure, traction])
+        means = side.with_means(rows.of(of_contact), columns, quotients)
         pressure, traction = means[:, 0], means[:, 1:]
         covered = side.share_of(at_owned(area))
     if of_degree_2:
@@ -196,19 +196,19 @@ def _smoothed(
     model: FormModel,
     owners: Owners,
     number: int,
-    known: tuple[Array, Array, Array],
+    pressures: tuple[Array, Array, Array],
     at_nodes: bool,
 ) -> Array:
     """The pressure of a contact without what facets make of it, (owned,) (collective).
 
     Parameters
     ----------
-    known : (owned,), (owned,), (owned,)
+    pressures : (owned,), (owned,), (owned,)
         The pressure, the integrals of shape functions, and covered shares.
     """
     parts, sides = model.parts, model.sides[number]
     on = np.flatnonzero(owners.on(sides.facets.copies, len(parts.points)))
-    pressure, shares, covered = (values[on] for values in known)
+    pressure, shares, covered = (values[on] for values in pressures)
     at_on = model.exchange.first + on, pressure, shares, covered
     result = np.zeros(owners.count)
     result[on] = smoothed_on(parts.comm, sides.surfaces, at_on, parts.nodes, at_nodes)
@@ -222,30 +222,30 @@ def _to_middles(facets: Facets, owners: Owners, values: Array, count: int) -> Ar
     on[facets.copies.ravel()] = True
     if len(facets.copies):
         between_vertices(facets.copies, copies)
-    found = owners.mean(np.where(on, copies, 0.0), on)
+    means = owners.mean(np.where(on, copies, 0.0), on)
     some = owners.sums(on.astype(float)) > 0.0
-    return np.where(some, found, values)
+    return np.where(some, means, values)
 
 
 def _without_alternation(
     model: FormModel, facets: Facets, owners: Owners, pressure: Array, shares: Array
 ) -> Array:
     """A pressure at all nodes of degree 2 without its alternating part (collective)."""
-    own = [facets.copies] if facets.copies.shape[1] in LINES and len(facets.copies) else []
-    lines = Lines.of(own, model.parts.points)
+    line_copies = [facets.copies] if facets.copies.shape[1] in LINES and len(facets.copies) else []
+    lines = Lines.of(line_copies, model.parts.points)
     q = owners.copies(pressure)
     off = owners.mean(alternation(lines, q, lambda v: owners.copies(owners.sums(v))))
-    found = np.maximum(pressure - off, 0.0)
-    force, left = model.parts.comm.allreduce(np.stack([pressure, found]) @ shares)
-    return found * (force / left if left > 0.0 else 1.0)
+    smooth = np.maximum(pressure - off, 0.0)
+    force, left = model.parts.comm.allreduce(np.stack([pressure, smooth]) @ shares)
+    return smooth * (force / left if left > 0.0 else 1.0)
 
 
 def contact_records(
-    model: FormModel, owners: Owners, found: list[ContactAtNodes]
+    model: FormModel, owners: Owners, contacts: list[ContactAtNodes]
 ) -> list[dict[str, Any]]:
     """The list `contacts` of the summary (collective)."""
     records, points = [], owners.at(model.parts.points)
-    for contact, nodes in zip(model.contacts, found, strict=True):
+    for contact, nodes in zip(model.contacts, contacts, strict=True):
         comm, carriers = model.parts.comm, nodes.carriers
         resultant = summed(comm, points, carriers, nodes.forces, nodes.shares, nodes.moments)
         counts = np.bincount(nodes.status[carriers], minlength=3)
@@ -322,8 +322,8 @@ def summary_of(
     certificate = solution.certificate.as_dict()
     rough = model.problem.system.friction is not None
     work = {"dissipated_work": dissipated_work(model.problem, solution)} if rough else {}
-    forces = [c["force"] for c, own in zip(contacts, model.contacts, strict=True)
-              if own.against is None]  # fmt: skip
+    forces = [c["force"] for c, contact in zip(contacts, model.contacts, strict=True)
+              if contact.against is None]  # fmt: skip
     return {
         "mesh": {
             "cells": int(mesh.topology.index_map(mesh.topology.dim).size_global),
@@ -350,11 +350,11 @@ def summary_of(
 
 
 def friction_fields(
-    found: list[ContactAtNodes], count: int, d: int
+    contacts: list[ContactAtNodes], count: int, d: int
 ) -> tuple[Array, Array, NDArray[np.int64]]:
     """Friction traction and slip, (owned, d), and status, (owned,), of all contacts."""
     pieces = []
-    for nodes in found:
+    for nodes in contacts:
         on = np.flatnonzero(nodes.carriers | (nodes.shares > 0.0))
         pieces.append(
             (on, nodes.pressure[on], nodes.traction[on], nodes.slips[on], nodes.status[on])
@@ -362,9 +362,9 @@ def friction_fields(
     return of_most_pressed(pieces, count, d)
 
 
-def nearest_gap(found: list[ContactAtNodes], count: int) -> Array:
+def nearest_gap(contacts: list[ContactAtNodes], count: int) -> Array:
     """The smallest gap over the contacts of a node, (owned,); NaN where there is none."""
     gap = np.full(count, np.nan)
-    for nodes in found:
+    for nodes in contacts:
         gap = np.fmin(gap, nodes.gap)
     return gap

@@ -49,14 +49,14 @@ def rows_of(
     check_holding(parts.comm, bcs)
     size = _size(parts)
     at_nodes, means = [_no_contact(parts.dimension)], []
-    for i, (contact, own) in enumerate(zip(contacts, sides, strict=True)):
-        if own.gaps is not None:
-            found = replace(own.gaps, gaps=own.gaps.gaps - contact.interference)
-            means.append(owned_rows(exchange, found, i))
+    for i, (contact, side) in enumerate(zip(contacts, sides, strict=True)):
+        if side.gaps is not None:
+            gaps_of_pair = replace(side.gaps, gaps=side.gaps.gaps - contact.interference)
+            means.append(owned_rows(exchange, gaps_of_pair, i))
         elif in_the_mean(parts):
-            means.append(_mean_rows(parts, exchange, (contact, own.facets), i, size))
+            means.append(_mean_rows(parts, exchange, (contact, side.facets), i, size))
         else:
-            at_nodes.append(_node_rows(parts, contact, own.facets, i, size))
+            at_nodes.append(_node_rows(parts, contact, side.facets, i, size))
     joined = [np.concatenate(values) for values in zip(*at_nodes, strict=True)]
     conditions = NodeConditions(*_held(parts, bcs), *joined)
     try:
@@ -86,10 +86,12 @@ def _no_contact(d: int) -> _AtNodes:
     return none, np.zeros((0, 3)), np.zeros((0, d)), np.zeros(0), none
 
 
-def _node_rows(parts: Parts, contact: Contact, own: Facets, number: int, size: float) -> _AtNodes:
+def _node_rows(
+    parts: Parts, contact: Contact, tagged: Facets, number: int, size: float
+) -> _AtNodes:
     """A row at each node of a contact with an obstacle (collective)."""
-    copies, first = np.unique(own.copies, return_index=True)
-    points = own.points.reshape(-1, 3)[first]
+    copies, first = np.unique(tagged.copies, return_index=True)
+    points = tagged.points.reshape(-1, 3)[first]
     with together(parts.comm):
         gap, normal = contact.gap_and_normal(points, parts.dimension, size)
     source = np.full(len(copies), number)
@@ -100,8 +102,8 @@ def _mean_rows(
     parts: Parts, exchange: NodeExchange, contact: tuple[Contact, Facets], number: int, size: float
 ) -> ContactRows:
     """Rows about the vertices of a contact with an obstacle (collective)."""
-    touching, own = contact
-    pieces = [(own.numbers, own.points)] if len(own.copies) else []
+    touching, side = contact
+    pieces = [(side.numbers, side.points)] if len(side.copies) else []
 
     def gap_and_normal(points: Array) -> tuple[Array, Array]:
         return touching.gap_and_normal(points, parts.dimension, size)

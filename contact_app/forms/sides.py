@@ -64,7 +64,7 @@ def sides_of(parts: Parts, contact: Contact, number: int) -> Sides:
 def _tagged(parts: Parts, contact: Contact, tag: Any, at: str) -> Facets:
     """The facets of one side of a contact; refuses a side without any (collective)."""
     values = values_of(tag)
-    found = surface_facets(parts, contact.facet_tags, values)
+    facets = surface_facets(parts, contact.facet_tags, values)
     tagged = int(np.isin(np.asarray(contact.facet_tags.values), values).sum())
-    check_facets(parts.comm, (tagged, len(found.copies)), at, ", ".join(map(str, values)))
-    return found
+    check_facets(parts.comm, (tagged, len(facets.copies)), at, ", ".join(map(str, values)))
+    return facets

@@ -96,10 +96,10 @@ class Subdomains:
 
     def _integrated(self, form: Any) -> list[sparse.csr_matrix]:
         """K of each, integrated over all cells (collective)."""
-        own = self.parts.stiffness(form)
+        matrix = self.parts.stiffness(form)
         if self.moved is None:
-            return own
-        sent = self.moved.exchange([(K.indptr, K.indices, K.data) for K in own])
+            return matrix
+        sent = self.moved.exchange([(K.indptr, K.indices, K.data) for K in matrix])
         result = []
         for number, pieces in enumerate(self.moved.of_subdomains(sent)):
             n = self.dimension * (self.starts[number + 1] - self.starts[number])
@@ -123,11 +123,11 @@ class Subdomains:
 
     def loads(self, form: Any) -> list[Array]:
         """f of each subdomain, (n,) (collective)."""
-        own = self.parts.loads(form)
+        vector = self.parts.loads(form)
         if self.moved is None:
-            return own
+            return vector
         result = []
-        for number, pieces in enumerate(self.moved.of_subdomains(self.moved.exchange(own))):
+        for number, pieces in enumerate(self.moved.of_subdomains(self.moved.exchange(vector))):
             f = np.zeros(self.dimension * (self.starts[number + 1] - self.starts[number]))
             for values, nodes in pieces:
                 f[self._unknowns_at(nodes)] += values
@@ -197,11 +197,11 @@ def subdomains_of(parts: Parts, grid: Grid | None) -> Subdomains:
     comm, lattice = parts.comm, grid.lattice[parts.blocks]
     boxes = np.unique(grid.of_cell)
     rank = ranks_of(comm, grid)[boxes]
-    own = []
+    parts_of_rank = []
     for number, box in enumerate(boxes):
         at = parts.copies(number)
-        own.append((int(box), lattice[at], parts.numbers[at], parts.points[at]))
-    arrived = _exchanged(comm, rank, own)
+        parts_of_rank.append((int(box), lattice[at], parts.numbers[at], parts.points[at]))
+    arrived = _exchanged(comm, rank, parts_of_rank)
     of_rank, subdomain = np.unique([box for box, *_ in arrived], return_inverse=True)
     starts, numbers, points = [0], [np.zeros(0, np.int64)], [np.zeros((0, 3))]
     nodes: dict[int, NDArray[np.int64]] = {}

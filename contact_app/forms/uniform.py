@@ -62,7 +62,7 @@ def cell_stiffness(parts: Parts, grid: Grid, form: Any) -> Array:
     torn = dolfinx_compat.torn_space(space, blocks, nodes.shape[1])
     tags = dolfinx_compat.meshtags(mesh, mesh.topology.dim, np.arange(some, dtype=np.int32), 1)
     first = ufl.Form(
-        [own.reconstruct(subdomain_id=1, subdomain_data=tags) for own in form.integrals()]
+        [integral.reconstruct(subdomain_id=1, subdomain_data=tags) for integral in form.integrals()]
     )
     K = assembled(torn, first).toarray()
     root = comm.allreduce(comm.rank if some else comm.size, op=MPI.MIN)
@@ -76,9 +76,9 @@ def box_stiffness(K: Array, cells: tuple[int, ...], degree: int) -> sparse.csr_m
     """
     d = len(cells)
     strides = np.cumprod([1, *(degree * n + 1 for n in cells[:-1])])
-    own = np.array([node[::-1] for node in product(range(degree + 1), repeat=d)]) @ strides
+    place = np.array([node[::-1] for node in product(range(degree + 1), repeat=d)]) @ strides
     first = degree * np.array([cell[::-1] for cell in product(*map(range, cells[::-1]))]) @ strides
-    nodes = first[:, None] + own
+    nodes = first[:, None] + place
     size = d * int(np.prod([degree * n + 1 for n in cells]))
     unknowns = (nodes[:, :, None] * d + np.arange(d)).reshape(len(nodes), -1).astype(np.int32)
     shape = (*unknowns.shape, unknowns.shape[1])
@@ -95,9 +95,9 @@ def added(K: sparse.csr_matrix, other: sparse.csr_matrix) -> sparse.csr_matrix:
     """The sum of two matrices, with the entries that are zero in it; K itself plus nothing."""
     if not other.data.any():
         return K
-    pairs = [own.tocoo() for own in (K, other)]
+    pairs = [matrix.tocoo() for matrix in (K, other)]
     entries = tuple(
-        np.concatenate([getattr(own, name) for own in pairs]) for name in ("row", "col")
+        np.concatenate([getattr(matrix, name) for matrix in pairs]) for name in ("row", "col")
     )
-    values = np.concatenate([own.data for own in pairs])
+    values = np.concatenate([matrix.data for matrix in pairs])
     return sparse.csr_matrix((values, entries), shape=K.shape).sorted_indices()

@@ -86,14 +86,14 @@ class FormAnswer:
 
 def form_warnings(answer: FormAnswer) -> list[str]:
     """Warnings for the certificate, one sentence each (collective)."""
-    found = [*_large_deformations(answer), *_of_bodies(answer)]
+    warnings = [*_large_deformations(answer), *_of_bodies(answer)]
     for number, contact in enumerate(answer.model.contacts):
         texts = [*_of_contact(answer, number, contact), _sharp_edge(answer, number, contact)]
-        found += [f"contacts[{number}]: {text}" for text in texts if text]
+        warnings += [f"contacts[{number}]: {text}" for text in texts if text]
     changed = closing_points(answer.model.problem, answer.solution, None)
-    found.append(closing_at_once(*changed, "a scene with `steps` shows how much this matters"))
+    warnings.append(closing_at_once(*changed, "a scene with `steps` shows how much this matters"))
     names = [answer.model.bodies.name(b) for b in range(answer.model.bodies.count)]
-    return without_repetitions(list(filter(None, found)), names)
+    return without_repetitions(list(filter(None, warnings)), names)
 
 
 def _large_deformations(answer: FormAnswer) -> list[str]:
@@ -115,8 +115,8 @@ def _of_bodies(answer: FormAnswer) -> Iterator[str]:
     model, solution = answer.model, answer.solution
     bodies, problem = model.bodies, model.problem
     fixes = "a Dirichlet condition, a spring or friction"
-    for found in sliding_bodies(problem, solution, bodies.size_of):
-        yield found.sentence(bodies.name(found.body), f"{fixes} prevents the motion")
+    for motion in sliding_bodies(problem, solution, bodies.size_of):
+        yield motion.sentence(bodies.name(motion.body), f"{fixes} prevents the motion")
     for b, share in enumerate(_varying_strains(answer)):
         if text := locking_in_bending(share, "squared strain", "", "a space of degree 2"):
             yield f"{bodies.name(b)}: {text}"
@@ -203,8 +203,8 @@ def _round_shapes(
     comm, surfaces = model.parts.comm, model.sides[number].surfaces
     degree = dolfinx_compat.lagrange_degree(model.parts.space) or 1
     points = answer.owners.at(model.parts.points)
-    known = np.isfinite(nodes.gap)
-    pieces = comm.allgather((points[known], nodes.gap[known]))
+    has_gap = np.isfinite(nodes.gap)
+    pieces = comm.allgather((points[has_gap], nodes.gap[has_gap]))
     watched, gaps = (np.concatenate(piece) for piece in zip(*pieces, strict=True))
     sagitta = 0.0
     for side in surfaces if contact.against is not None or degree == 2 else ():
@@ -217,7 +217,7 @@ def _round_shapes(
         on, against = surfaces
         if facets_match(on, against, watched[gaps <= sagitta]):
             return
-    rows = [(own.sources, np.abs(own.gaps)) for own in (model.problem.contact, model.merged)]
+    rows = [(part.sources, np.abs(part.gaps)) for part in (model.problem.contact, model.merged)]
     pieces = sum(comm.allgather(rows), [])
     sources, gaps = (np.concatenate(piece) for piece in zip(*pieces, strict=True))
     gap = float(np.median(gaps[sources == number])) if (sources == number).any() else np.inf
@@ -247,8 +247,8 @@ def _entering(
     if _flat(contact):
         return
     outside = exterior_facets(parts)
-    own = sorted(_bodies_at(model, model.sides[number].surfaces[0]))
-    of_bodies = np.isin(answer.owners.copies(model.bodies.of_node.astype(float)), own)
+    of_side = sorted(_bodies_at(model, model.sides[number].surfaces[0]))
+    of_bodies = np.isin(answer.owners.copies(model.bodies.of_node.astype(float)), of_side)
     free = np.zeros(len(u), bool)
     free[outside.copies] = True
     on = answer.owners.copies(answer.owners.on(tagged.copies, len(u)).astype(float)) > 0.0
@@ -272,9 +272,9 @@ def _sharp_edge(answer: FormAnswer, number: int, contact: Contact) -> str:
     body = answer.owners.copies(bodies.of_node.astype(float))[outside.copies[:, 0]]
     stiffness, skins = _stiffness(model), list[Skin | None]()
     for side in sides:
-        own = sorted(_bodies_at(model, side))
-        skin = gathered_surface(parts, outside.chosen(near & np.isin(body, own)))
-        skins.append(Skin.of(skin, side, bodies.name(own[0]), float(stiffness[own].min())))
+        of_side = sorted(_bodies_at(model, side))
+        skin = gathered_surface(parts, outside.chosen(near & np.isin(body, of_side)))
+        skins.append(Skin.of(skin, side, bodies.name(of_side[0]), float(stiffness[of_side].min())))
     edge = sharp_edge(point, skins, contact.on if _flat(contact) else "")
     return sentence(pressure, point[:d], edge) if edge else ""
 

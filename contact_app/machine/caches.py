@@ -42,15 +42,15 @@ def usable_caches() -> tuple[str, ...]:
         messages.append(f"there is no home directory: {home} is used")
     cache_home = Path(os.environ.get("XDG_CACHE_HOME") or home / ".cache")
     if not _writable(cache_home / "fenics"):
-        own = own_directory()
-        os.environ["XDG_CACHE_HOME"] = str(own)
-        messages.append(f"{cache_home} cannot be written: compiled forms are kept in {own}")
+        private = own_directory()
+        os.environ["XDG_CACHE_HOME"] = str(private)
+        messages.append(f"{cache_home} cannot be written: compiled forms are kept in {private}")
     elif not os.environ.get("XDG_CACHE_HOME", "x"):
         del os.environ["XDG_CACHE_HOME"]  # empty: dolfinx would use the working directory
     config_home = Path(os.environ.get("XDG_CONFIG_HOME") or home / ".config")
     if not _readable(config_home):
-        own = own_directory()
-        os.environ["XDG_CONFIG_HOME"] = str(own)
+        private = own_directory()
+        os.environ["XDG_CONFIG_HOME"] = str(private)
         messages.append(f"{config_home} cannot be read: options of dolfinx there are not used")
     elif "MPLCONFIGDIR" not in os.environ and not _allowed(config_home / "matplotlib"):
         # else matplotlib makes a directory for each process and logs it on the terminal
@@ -100,10 +100,10 @@ def _readable(directory: Path) -> bool:
 def own_directory() -> Path:
     """A directory of this user alone below the system's directory for temporary files."""
     try:
-        own = Path(tempfile.gettempdir()) / f"contact-app-{os.geteuid()}"
-        own.mkdir(mode=0o700, exist_ok=True)
-        if _is_private(own) and _writable(own):
-            return own
+        private = Path(tempfile.gettempdir()) / f"contact-app-{os.geteuid()}"
+        private.mkdir(mode=0o700, exist_ok=True)
+        if _is_private(private) and _writable(private):
+            return private
         return Path(tempfile.mkdtemp(prefix="contact-app-"))
     except OSError as error:
         raise CouldNotRunError(
@@ -114,6 +114,6 @@ def own_directory() -> Path:
 
 def _is_private(directory: Path) -> bool:
     """Whether it is a real directory of this user without access for others."""
-    found = directory.lstat()
-    real, own = stat.S_ISDIR(found.st_mode), found.st_uid == os.geteuid()
-    return real and own and not found.st_mode & 0o077
+    status = directory.lstat()
+    real, owned = stat.S_ISDIR(status.st_mode), status.st_uid == os.geteuid()
+    return real and owned and not status.st_mode & 0o077

@@ -31,8 +31,8 @@ def reserve(descriptor: int, size: int) -> None:
     except OSError as error:
         if error.errno not in UNSUPPORTED:
             raise
-        system, known = os.fstatvfs(descriptor), os.fstat(descriptor)
-        if system.f_bavail * system.f_frsize < size - 512 * known.st_blocks:
+        system, file = os.fstatvfs(descriptor), os.fstat(descriptor)
+        if system.f_bavail * system.f_frsize < size - 512 * file.st_blocks:
             raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC)) from None
 
 

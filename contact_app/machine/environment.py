@@ -43,11 +43,11 @@ def blas_of(libraries: Iterable[str]) -> str:
     paths = [path for path in libraries if ".libs/" not in path]
     for pattern, name in _FLAVOURS:
         for path in paths:
-            if found := re.search(pattern, path):
+            if match := re.search(pattern, path):
                 release = next(filter(None, map(_OPENBLAS_RELEASE.search, paths)), None)
                 if release and name.startswith("OpenBLAS"):
                     name = name.replace("OpenBLAS", f"OpenBLAS {release[1]}")
-                return name.format(*found.groups())
+                return name.format(*match.groups())
     return UNKNOWN
 
 

@@ -68,6 +68,7 @@ def message_of(error: BaseException) -> str:
 
 
 def _what_happened(error: BaseException) -> str:
+    """The sentence for the user on an error that ended the run."""
     if isinstance(error, ContactError):
         return str(error)
     if _is_memory(error):
@@ -124,8 +125,8 @@ def mark_logged(error: BaseException, path: Path) -> None:
 
 def logged_in(error: BaseException) -> Path | None:
     """The file with the traceback of an exception, if there is one."""
-    found = error.__dict__.get("logged_in")
-    return found if isinstance(found, Path) else None
+    file = error.__dict__.get("logged_in")
+    return file if isinstance(file, Path) else None
 
 
 def end(error: BaseException) -> Exit:
@@ -140,20 +141,20 @@ def end(error: BaseException) -> Exit:
     if world is None:
         _print_without_mpi(message, of_all=isinstance(error, ContactError))
         return code
-    found = _exchanged(world, (int(code), message[:LONGEST]))
-    if found is None:
+    messages = _exchanged(world, (int(code), message[:LONGEST]))
+    if messages is None:
         print_message(message, world.rank)
         world.Abort(int(code))
         return code  # not reached
     if world.rank == 0:
-        for rank, (_, text) in found.items():
-            if rank == 0 or text != found[0][1]:
+        for rank, (_, text) in messages.items():
+            if rank == 0 or text != messages[0][1]:
                 print_message(text, rank)
         for rank in range(1, world.size):
             world.send(None, dest=rank, tag=PRINTED)
     else:
         world.recv(source=0, tag=PRINTED)  # the first rank that exits ends the others
-    return Exit(max(number for number, _ in found.values()))
+    return Exit(max(number for number, _ in messages.values()))
 
 
 def add_remedy(error: BaseException, sentence: str) -> None:
@@ -178,17 +179,17 @@ def _exchanged(world: Any, message: tuple[int, str]) -> dict[int, tuple[int, str
     """
     others = [rank for rank in range(world.size) if rank != world.rank]
     sent = [world.isend(message, dest=rank, tag=ENDING) for rank in others]
-    found, began = {world.rank: message}, time.monotonic()
-    while len(found) < world.size:
+    messages, began = {world.rank: message}, time.monotonic()
+    while len(messages) < world.size:
         for rank in others:
-            if rank not in found and world.iprobe(source=rank, tag=ENDING):
-                found[rank] = world.recv(source=rank, tag=ENDING)
+            if rank not in messages and world.iprobe(source=rank, tag=ENDING):
+                messages[rank] = world.recv(source=rank, tag=ENDING)
         if time.monotonic() - began > PATIENCE:
             return None
         time.sleep(0.01)
     for request in sent:
         request.wait()
-    return dict(sorted(found.items()))
+    return dict(sorted(messages.items()))
 
 
 def _print_without_mpi(message: str, of_all: bool) -> None:

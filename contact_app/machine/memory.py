@@ -87,10 +87,10 @@ def _address_space() -> float:
     return max(limit - (used if math.isfinite(used) else 0.0), 0.0)
 
 
-def control_group(root: Path = CONTROL_GROUPS, own: Path = Path("/proc/self/cgroup")) -> float:
+def control_group(root: Path = CONTROL_GROUPS, process: Path = Path("/proc/self/cgroup")) -> float:
     """The memory that the control groups of this process still allow."""
     least = math.inf
-    for line in _text(own).splitlines():
+    for line in _text(process).splitlines():
         _, controllers, path = line.split(":", 2)
         if controllers and "memory" not in controllers.split(","):
             continue

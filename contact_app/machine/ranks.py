@@ -15,17 +15,17 @@ Result = TypeVar("Result")
 
 def on_first(comm: MPI.Intracomm, action: Callable[[], Result]) -> Result:
     """Run an action on rank 0 alone; all ranks get its result or its error (collective)."""
-    found: Any = None
+    result: Any = None
     fault: Exception | None = None
     if comm.rank == 0:
         try:
-            found = action()
+            result = action()
         except (OSError, ContactError) as error:
             fault = error
-    found, first_fault = comm.bcast((found, fault))
+    result, first_fault = comm.bcast((result, fault))
     if first_fault is not None:
         raise fault or first_fault
-    return cast(Result, found)
+    return cast(Result, result)
 
 
 @contextmanager

@@ -38,18 +38,18 @@ def in_ascii(text: str) -> str:
     >>> in_ascii("‖u‖ ≤ 2 × 10⁻³ …")
     '||u|| <= 2 x 10-3 ...'
     """
-    found = []
+    letters = []
     for c in text:
         if c.isascii():
-            found.append(c)
+            letters.append(c)
         elif c in SIMILAR:
-            found.append(SIMILAR[c])
+            letters.append(SIMILAR[c])
         elif "─" <= c <= "╿":  # lines of boxes
-            found.append("+")
+            letters.append("+")
         else:
             parts = unicodedata.normalize("NFKD", c)
-            found.append("".join(p for p in parts if p.isascii()) or "?")
-    return "".join(found)
+            letters.append("".join(p for p in parts if p.isascii()) or "?")
+    return "".join(letters)
 
 
 def _replace(error: UnicodeError) -> tuple[str, int]:

@@ -208,7 +208,7 @@ class Element:
         cell, curved = reference.cell, reference.curved
         rule = quadrature_degree(cell, reference.degree, curved)
         points, weights = dolfinx_compat.quadrature(cell, rule)
-        (values, own), (_, mapping) = (
+        (values, slopes_on_reference), (_, mapping) = (
             vtk_shapes(cell, degree, points) for degree in (reference.degree, 2 if curved else 1)
         )
         corners = reference.points[reference.cells[:, : mapping.shape[2]], :d]
@@ -216,7 +216,7 @@ class Element:
         volume = weights * np.abs(np.linalg.det(jacobian))
         volumes = volume.sum(axis=1)
         inverse = np.linalg.inv(jacobian) * (volume / volumes[:, None])[..., None, None]
-        slopes = np.einsum("cqkj,qkn->cnj", inverse, own, optimize=True)
+        slopes = np.einsum("cqkj,qkn->cnj", inverse, slopes_on_reference, optimize=True)
         return slopes, volumes, (volume / volumes[:, None]) @ values
 
     def _stress(self, u: Any, materials: tuple[Material, ...], plane: str | None) -> Any:

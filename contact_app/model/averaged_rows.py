@@ -165,13 +165,13 @@ def _rises(
     """
     gap = gap_and_normal(x.reshape(-1, 3))[0].reshape(x.shape[:2])
     share = integrals.sum(axis=2)
-    own = gap[:, : share.shape[1]]
+    at_vertices = gap[:, : share.shape[1]]
     mean = np.einsum("fjk,fk->fj", integrals, gap) / share
     result = np.full((*integrals.shape, 2), np.inf)
-    result[..., 0] = ((mean - own) / np.sqrt(share.sum(axis=1, keepdims=True)))[..., None]
+    result[..., 0] = ((mean - at_vertices) / np.sqrt(share.sum(axis=1, keepdims=True)))[..., None]
     middles = MIDDLES.get(x.shape[1], ())
     for node, ends in enumerate(middles, x.shape[1] - len(middles)):
         for vertex in ends if len(ends) == 2 else ():
             away = np.linalg.norm(x[:, node] - x[:, vertex], axis=1)
-            result[:, vertex, node, 1] = (gap[:, node] - own[:, vertex]) / away
+            result[:, vertex, node, 1] = (gap[:, node] - at_vertices[:, vertex]) / away
     return result

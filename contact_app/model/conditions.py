@@ -92,13 +92,13 @@ def mortar_rows(
         side.smooth() if pair.round else side for side in sides_of(scene, partition, pair)
     )
     try:
-        found = mean_gaps(on, against, partition.comm)
+        rows = mean_gaps(on, against, partition.comm)
     except SurfacesApartError as error:
         raise ConfigurationError(f"{scene.at(pair.source)}: {error}") from error
-    found = replace(found, gaps=found.gaps - pair.interference)
+    rows = replace(rows, gaps=rows.gaps - pair.interference)
     if scene.mirrors:
-        found = of_what_is_solved(scene, partition.nodes, found)
-    return owned_rows(exchange, found, len(scene.contacts) + number)
+        rows = of_what_is_solved(scene, partition.nodes, rows)
+    return owned_rows(exchange, rows, len(scene.contacts) + number)
 
 
 def refuse_empty_boundaries(scene: Scene, partition: Partition, conditions: NodeConditions) -> None:

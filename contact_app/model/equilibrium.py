@@ -90,13 +90,13 @@ def body_balances(
         cones = points.cones(nonzero, columns) if points is not None else None
         both = np.concatenate([block_diag(*held_rows), block_diag(*requested), tied_rows])
         load = work[group].ravel()
-        found = balance(comm, both, contact_rows, load, float(scale[group].sum()), cones)
-        if found.escape is not None:
+        state = balance(comm, both, contact_rows, load, float(scale[group].sum()), cones)
+        if state.escape is not None:
             both_kinds = both, contact_rows
-            message = _no_equilibrium(scene, comm, group, both_kinds, load, found.escape, cones)
+            message = _no_equilibrium(scene, comm, group, both_kinds, load, state.escape, cones)
             hints = far_obstacle_hints(scene, contact.gaps, contact.sources, comm)
             raise NoEquilibriumError("\n  ".join([message, *hints]))
-        shares = by_body(found.free_motions, MOTIONS[d])
+        shares = by_body(state.free_motions, MOTIONS[d])
         sliding = np.zeros((both.shape[1], 0))
         if group.max() < elastic:
             moved = _moved_by_contact(scene, contact, group)
@@ -105,14 +105,14 @@ def body_balances(
                 resisting = np.concatenate([contact_rows, cones.slips])
             sliding = loose_motions(comm, both, resisting, moved)
         # the motions of elastic bodies in the span of slides and free motions
-        both_motions = np.hstack([sliding, found.free_motions])
+        both_motions = np.hstack([sliding, state.free_motions])
         of_elastic = np.repeat(group < elastic, MOTIONS[d])[:, None]
         sliding = spanned(np.where(of_elastic, both_motions, 0.0))
         loose = sliding.reshape(len(group), MOTIONS[d], -1)
         allowed = held_motions(comm, both).reshape(len(group), MOTIONS[d], -1)
         for nth, b in enumerate(group):
             balances[b] = BodyBalance(
-                shares[nth], None, holds(comm, held_rows[nth]), found.held, loose[nth], allowed[nth]
+                shares[nth], None, holds(comm, held_rows[nth]), state.held, loose[nth], allowed[nth]
             )
     return [b for b in balances if b is not None]
 
@@ -185,16 +185,16 @@ def _holding(
     return held_rows, requested
 
 
-def _refuse_held_twice(scene: Scene, b: int, left: Array) -> None:
+def _refuse_held_twice(scene: Scene, b: int, remaining: Array) -> None:
     """Refuse to hold a rigid motion that displacement conditions stop already.
 
     Parameters
     ----------
-    left : (motions, k)
+    remaining : (motions, k)
         Orthonormal rigid motions that the conditions on the body leave.
     """
     for motion in scene.bodies[b].hold:
-        if np.abs(left[motion]).max(initial=0.0) < 1e-6:
+        if np.abs(remaining[motion]).max(initial=0.0) < 1e-6:
             name = MOTION_NAMES[scene.dimension][motion]
             raise ConfigurationError(
                 f"{scene.at(f'bodies[{b}].hold')}: displacement conditions stop {name} of "

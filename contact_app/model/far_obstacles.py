@@ -19,16 +19,16 @@ def far_obstacle_hints(
     gaps, sources : (rows,)
         Gaps of this rank's contact rows (lengths), and the contact of each row.
     """
-    found = []
+    hints = []
     for number, contact in enumerate(scene.contacts):
-        own = gaps[sources == number]
-        smallest = comm.allreduce(float(own.min(initial=np.inf)), op=MPI.MIN)
+        gaps_of_contact = gaps[sources == number]
+        smallest = comm.allreduce(float(gaps_of_contact.min(initial=np.inf)), op=MPI.MIN)
         mesh = scene.bodies[contact.body].mesh
         length = float(np.linalg.norm(np.subtract(mesh.upper, mesh.lower)))
         if np.isfinite(smallest) and smallest > length:
-            found.append(
+            hints.append(
                 f"{contact.source}: the obstacle is {smallest:.3g} away from "
                 f"{scene.bodies[contact.body].name}, which is {length:.3g} long in all: "
                 "are both in the same unit of length?"
             )
-    return found
+    return hints

@@ -56,8 +56,8 @@ def friction_rows(
 
 def always_rough(scene: Scene, contact: ContactRows) -> NDArray[np.bool_]:
     """Mask of contact rows whose friction acts also while they are open, (rows,)."""
-    given = [c.friction is not None and c.friction.tresca is not None for c in scene.touching]
-    return np.array([*given, False])[contact.sources]
+    has_limit = [c.friction is not None and c.friction.tresca is not None for c in scene.touching]
+    return np.array([*has_limit, False])[contact.sources]
 
 
 def _rough(
@@ -67,14 +67,14 @@ def _rough(
     touching = scene.touching[number]
     assert touching.friction is not None
 
-    def slips(own: ContactRows) -> tuple[ContactRows, NDArray[np.bool_]]:
+    def slips(contact: ContactRows) -> tuple[ContactRows, NDArray[np.bool_]]:
         if isinstance(touching, BodyContact):
             jumps = _jumps(scene, partition, exchange, touching, held)
-            return slips_between(exchange, own, jumps, number)
-        rows, left = slips_at_obstacle(own, None if touching.rigid in scene.moving else held)
+            return slips_between(exchange, contact, jumps, number)
+        rows, is_free = slips_at_obstacle(contact, None if touching.rigid in scene.moving else held)
         if touching.rigid is not None:
             rows = with_slips(rows, RigidUnknowns.of(scene, partition), touching.rigid)
-        return rows, left
+        return rows, is_free
 
     def shares(nodes: NDArray[np.int64]) -> Array:
         return _shares(scene, partition, exchange, touching, nodes)

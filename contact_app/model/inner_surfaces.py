@@ -64,14 +64,14 @@ def locate_inner_surface(scene: Scene, partition: Partition, section: InnerSecti
         side[mesh.inner[section.boundary]] = True
     else:
         points = np.pad(mesh.points, ((0, 0), (0, 3 - mesh.dimension)))
-        found = sides_where(mesh, body.boundaries[section.boundary](points))
-        if found is None:
+        sides = sides_where(mesh, body.boundaries[section.boundary](points))
+        if sides is None:
             _refuse(
                 scene, section, "on",
                 f"the facets between cells on {body.name}.{section.boundary} do not divide "
                 f"{body.name} into two sides; all nodes of a facet have to satisfy `where`",
             )  # fmt: skip
-        side = found
+        side = sides
     local = _of_subdomains(partition, section.body, mesh, side)
     if not _is_behind(scene, partition, section, local):
         side = ~side
@@ -88,12 +88,12 @@ def _of_subdomains(
 ) -> tuple[Bools | None, ...]:
     """The mask of the cells of a body for those of each subdomain of this rank."""
     corners = VERTICES[mesh.cell]
-    known = np.sort(partition.first_node[body] + mesh.cells[:, :corners], axis=1)
+    cells_of_body = np.sort(partition.first_node[body] + mesh.cells[:, :corners], axis=1)
     masks: list[Bools | None] = []
     for s in partition.subdomains:
         if s.body == body:
             cells = np.sort(s.nodes[s.reference.cells[:, :corners]], axis=1)
-            masks.append(side[row_places(known, cells)])
+            masks.append(side[row_places(cells_of_body, cells)])
         else:
             masks.append(None)
     return tuple(masks)

@@ -38,15 +38,15 @@ def load_vectors(
         A load has no facet.
     """
     facet_loads: tuple[FacetLoad, ...] = (*scene.tractions, *scene.pressures)
-    found = np.zeros(len(facet_loads), bool)
+    has_facets = np.zeros(len(facet_loads), bool)
     cache: dict[Hashable, NDArray[np.float64]] = {}
     loads = []
     for s in partition.subdomains:
         for i, load in enumerate(facet_loads):
-            found[i] |= bool(len(_facets(scene.bodies, s, load)))
+            has_facets[i] |= bool(len(_facets(scene.bodies, s, load)))
         loads.append(subdomain_load(scene, s, elements[id(s.reference)], linear, cache))
-    found = partition.comm.allreduce(found.astype(int)) > 0
-    for load, some in zip(facet_loads, found, strict=True):
+    has_facets = partition.comm.allreduce(has_facets.astype(int)) > 0
+    for load, some in zip(facet_loads, has_facets, strict=True):
         if not some:
             refuse_without_facet(scene, load)
     return loads
@@ -68,7 +68,7 @@ def subdomain_load(
     """
     cache, parts = {} if cache is None else cache, []
 
-    def known(key: Hashable, make: Callable[[], NDArray[np.float64]]) -> NDArray[np.float64]:
+    def reused(key: Hashable, make: Callable[[], NDArray[np.float64]]) -> NDArray[np.float64]:
         if key not in cache:
             cache[key] = make()
         return cache[key]
@@ -78,7 +78,7 @@ def subdomain_load(
         rows = _facets(scene.bodies, s, load)
         if len(rows):
             key: Hashable = (id(s.reference), i, rows.tobytes())
-            parts.append(known(key, partial(_on_facets, element, rows, load)))
+            parts.append(reused(key, partial(_on_facets, element, rows, load)))
     for traction in linear:
         if traction.body == s.body:
             rows = boundary_facets(s, scene.bodies[s.body], traction.boundary)
@@ -88,7 +88,7 @@ def subdomain_load(
     for i, force in enumerate(scene.forces):
         if force.body == s.body:
             key = (id(s.reference), "force", i)
-            parts.append(known(key, partial(element.body_force, np.array(force.vector))))
+            parts.append(reused(key, partial(element.body_force, np.array(force.vector))))
     return np.sum(parts, axis=0) if parts else None
 
 

@@ -105,12 +105,12 @@ def _rows(
         From the centre to the nodes.
     """
     node, centre = place
-    known, first, at = np.unique(nodes, return_index=True, return_inverse=True)
-    summed = np.zeros((len(known), *weights.shape[1:]))
+    distinct, first, at = np.unique(nodes, return_index=True, return_inverse=True)
+    summed = np.zeros((len(distinct), *weights.shape[1:]))
     np.add.at(summed, at.reshape(-1), weights)
     d, count = weights.shape[1:]
-    basis = np.linalg.qr(summed.reshape(-1, count))[0].T.reshape(count, len(known), d)
-    forces = np.zeros((count, len(known), 3))
+    basis = np.linalg.qr(summed.reshape(-1, count))[0].T.reshape(count, len(distinct), d)
+    forces = np.zeros((count, len(distinct), 3))
     forces[..., :d] = -basis
     row, nth, component = np.nonzero(basis)
     return ContactRows(
@@ -123,6 +123,6 @@ def _rows(
         areas=np.full(count, np.nan),
         spread=np.ones(count),
         entries=ContactEntries(
-            row, known[nth], centre + arms[first][nth], component, basis[row, nth, component]
+            row, distinct[nth], centre + arms[first][nth], component, basis[row, nth, component]
         ),
     )

@@ -63,7 +63,8 @@ LARGEST_THIN = {2: 500_000, 3: 60_000}
 """Unknowns up to which factors of thin scenes are inexpensive, by dimension."""
 
 LARGEST_THIN_ALONE = 100_000
-"""The same for one body from a mesh file in space; the largest measured size."""
+"""Unknowns of one thin body from a mesh file in space up to which its factor is inexpensive; the
+largest measured size."""
 
 PATIENCE, PATIENCE_UNKNOWNS = 300, 25_000
 """Iterations of Total FETI on a thin scene after which the undecomposed problem is solved, and
@@ -73,7 +74,7 @@ With more unknowns a factor costs as much as more iterations: 250 on 22,000 unkn
 more change little."""
 
 PATIENCE_IN_PLANE = 200
-"""The same in the plane, where factors are cheap: an iteration takes up to two operator
+"""`PATIENCE` in the plane, where factors are cheap: an iteration takes up to two operator
 applications, and a strip 500 times as long as thick with a lifted end takes 34 by the other method.
 In all it takes some 500 applications then, with 300 iterations some 680."""
 
@@ -88,7 +89,7 @@ gradients may take thousands on a set: `three_bodies.yaml` with Tresca friction 
 multigrid 57."""
 
 
-def chosen(scene: Scene) -> Scene:
+def with_chosen_method(scene: Scene) -> Scene:
     """The scene with `method: primal` if `auto` chooses multigrid.
 
     It does so if all bodies come from mesh files, in space, with enough unknowns for its levels to

@@ -30,7 +30,7 @@ from contact_app.model.equilibrium import (
     upward,
 )
 from contact_app.model.method import feti_options, is_undecomposed
-from contact_app.model.outline import Outline, Report, outline
+from contact_app.model.outline import Outline, Report, outline_of_scene
 from contact_app.model.probes import Probe
 from contact_app.model.rigid import RigidUnknowns, rigid_subdomains, subdomains_of_copies
 from contact_app.model.sections import SectionPiece
@@ -135,13 +135,13 @@ def build_model(
     """
     timings = timings or Timings()
     with timings.measure("setup"):
-        known = outline(scene, comm, timings, needed)
+        outline = outline_of_scene(scene, comm, timings, needed)
         if report is not None:
-            report(scene, known)
-        return model_of_outline(scene, known, timings, options)
+            report(scene, outline)
+        return model_of_outline(scene, outline, timings, options)
 
 
-def model_of_case(model: Model, known: Outline, scene: Scene) -> Model:
+def model_of_case(model: Model, outline: Outline, scene: Scene) -> Model:
     """The model of a scene that differs in the factors of its conditions alone (collective).
 
     It shares the meshes, constraints and factors of the model, and has its own loads, prescribed
@@ -149,61 +149,63 @@ def model_of_case(model: Model, known: Outline, scene: Scene) -> Model:
 
     Parameters
     ----------
-    known
+    outline
         The outline of the scene, with the contact rows of the model.
     """
     problem, d = model.problem, scene.dimension
-    forces = [np.zeros_like(own) for own in problem.forces]
-    for own_loads in (known.loads, known.thermal):
+    forces = [np.zeros_like(values) for values in problem.forces]
+    for own_loads in (outline.loads, outline.thermal):
         for (cls, column), load in zip(model.place, own_loads, strict=True):
             if load is not None:
                 forces[cls][:, column] += load
-    lifting = [own.copy(order="F") for own in problem.lifting]
-    lifted = _lifting(known.partition, known.surface, known.exchange, known.held, known.eliminated)
-    for (cls, column), own in zip(model.place, lifted, strict=True):
-        if own is not None:
-            lifting[cls][own[0], column] = own[1]
+    lifting = [values.copy(order="F") for values in problem.lifting]
+    lifted = _lifting(
+        outline.partition, outline.surface, outline.exchange, outline.held, outline.eliminated
+    )
+    for (cls, column), values in zip(model.place, lifted, strict=True):
+        if values is not None:
+            lifting[cls][values[0], column] = values[1]
     c = np.zeros(problem.size)
     unknowns = problem.system.constraints.held_unknowns
     rows = np.flatnonzero(unknowns >= 0)
-    at = np.searchsorted(known.held.nodes, unknowns[rows] // d)
-    c[rows] = known.held.values[at, unknowns[rows] % d]
-    c[problem.inequality] = known.contact.gaps * problem.contact.spread
-    c[problem.tied] = known.tied.rows.gaps * problem.system.tied.spread
-    c[problem.means] = known.means.gaps * problem.system.means.spread
-    friction = known.tangential
+    at = np.searchsorted(outline.held.nodes, unknowns[rows] // d)
+    c[rows] = outline.held.values[at, unknowns[rows] % d]
+    c[problem.inequality] = outline.contact.gaps * problem.contact.spread
+    c[problem.tied] = outline.tied.rows.gaps * problem.system.tied.spread
+    c[problem.means] = outline.means.gaps * problem.system.means.spread
+    friction = outline.tangential
     if friction is not None:
         c[problem.tangential] = friction.rows.gaps * problem.spread[problem.tangential]
     case = problem.with_loads(forces, lifting, c)
     return replace(
-        model, scene=scene, problem=case, needed=known.needed, left_out=known.left_out,
-        merged=known.merged, linear=known.linear,
-        temperatures=tuple(_temperatures(known, members) for members in _members(model)),
-        notes=_notes(scene, known, case), cautions=_cautions(scene, known),
+        model, scene=scene, problem=case, needed=outline.needed, left_out=outline.left_out,
+        merged=outline.merged, linear=outline.linear,
+        temperatures=tuple(_temperatures(outline, members) for members in _members(model)),
+        notes=_notes(scene, outline, case), cautions=_cautions(scene, outline),
     )  # fmt: skip
 
 
 def _members(model: Model) -> list[list[int]]:
     """Local numbers of the subdomains of each class, by column."""
-    found: list[list[int]] = [[-1] * cls.members for cls in model.problem.classes]
+    members: list[list[int]] = [[-1] * cls.members for cls in model.problem.classes]
     for local, (cls, column) in enumerate(model.place):
-        found[cls][column] = local
-    return found
+        members[cls][column] = local
+    return members
 
 
 def model_of_outline(
-    scene: Scene, known: Outline, timings: Timings, options: TotalFetiOptions | None = None
+    scene: Scene, outline: Outline, timings: Timings, options: TotalFetiOptions | None = None
 ) -> Model:
     """Assemble, write the constraints, factor (collective)."""
-    comm, options = known.partition.comm, options or feti_options(scene)
-    partition, surface, exchange = known.partition, known.surface, known.exchange
-    held, balances, eliminated = known.held, known.balances, known.eliminated
+    comm, options = outline.partition.comm, options or feti_options(scene)
+    partition, surface, exchange = outline.partition, outline.surface, outline.exchange
+    held, balances, eliminated = outline.held, outline.balances, outline.eliminated
     body_of_held = np.searchsorted(partition.first_node, held.nodes, side="right") - 1
     unknowns = RigidUnknowns.of(scene, partition)
     of_copies = subdomains_of_copies(surface, partition, unknowns.count)
-    friction = known.tangential
+    friction = outline.tangential
     slips = None if friction is None else friction.rows
-    shared = SharedRows.of(known.contact, slips, known.tied.rows, known.means)
+    shared = SharedRows.of(outline.contact, slips, outline.tied.rows, outline.means)
     rows, shared = write_rows(exchange, of_copies, held, shared, eliminated[body_of_held], options)
     if friction is not None:
         friction = replace(friction, rows=shared.tangential)
@@ -215,7 +217,7 @@ def model_of_outline(
         place[members, 0], place[members, 1] = number, np.arange(len(members))
     with timings.measure("assembly"):
         subdomains = [
-            _assembled(scene, known, key, members, lifting) for key, members in classes.items()
+            _assembled(scene, outline, key, members, lifting) for key, members in classes.items()
         ] + rigid_subdomains(unknowns, surface, partition)
     constraints = ConstraintRows(
         exchange, rows, shared, supports, all(b.steady for b in balances), friction
@@ -233,26 +235,26 @@ def model_of_outline(
         partition=partition,
         problem=problem,
         place=place,
-        elements=tuple(known.elements[key[0]] for key in classes),
+        elements=tuple(outline.elements[key[0]] for key in classes),
         materials=tuple(key[1] for key in classes),
-        needed=known.needed,
-        left_out=known.left_out,
-        merged=known.merged,
+        needed=outline.needed,
+        left_out=outline.left_out,
+        merged=outline.merged,
         node_exchange=NodeExchange(comm, np.concatenate(nodes), partition.nodes),
-        linear=known.linear,
-        probes=known.probes,
-        temperatures=tuple(_temperatures(known, members) for members in classes.values()),
-        sections=known.sections,
-        notes=_notes(scene, known, problem),
-        cautions=_cautions(scene, known),
+        linear=outline.linear,
+        probes=outline.probes,
+        temperatures=tuple(_temperatures(outline, members) for members in classes.values()),
+        sections=outline.sections,
+        notes=_notes(scene, outline, problem),
+        cautions=_cautions(scene, outline),
     )
 
 
-def _notes(scene: Scene, known: Outline, problem: DualProblem) -> tuple[str, ...]:
+def _notes(scene: Scene, outline: Outline, problem: DualProblem) -> tuple[str, ...]:
     """Sentences on how the scene is modelled (collective)."""
-    partition, eliminated = known.partition, known.eliminated
+    partition, eliminated = outline.partition, outline.eliminated
     notes = [f"{body.name}: {note}" for body in scene.bodies for note in body.mesh.notes]
-    notes += _cautions(scene, known)
+    notes += _cautions(scene, outline)
     if is_undecomposed(scene):
         notes.append("undecomposed bodies: conjugate gradients with algebraic multigrid")
     elif not eliminated.all():
@@ -268,15 +270,15 @@ def _notes(scene: Scene, known: Outline, problem: DualProblem) -> tuple[str, ...
     return tuple(notes)
 
 
-def _cautions(scene: Scene, known: Outline) -> tuple[str, ...]:
+def _cautions(scene: Scene, outline: Outline) -> tuple[str, ...]:
     """Sentences on bodies that no load drives, and on tied surfaces that are apart."""
-    found = [
+    cautions = [
         f"{name} can move freely along {directions_in_words(upward(balance.free_motions))} and no "
         "load does work in that motion: the run holds it in its place"
-        for name, balance in zip(scene.body_names, known.balances, strict=True)
+        for name, balance in zip(scene.body_names, outline.balances, strict=True)
         if balance.free_motions.shape[1]
     ]
-    return (*found, *known.tied.notes)
+    return (*cautions, *outline.tied.notes)
 
 
 ClassKey = tuple[int, tuple[Material, ...], bytes | None]
@@ -298,23 +300,23 @@ def _congruent(
 
 def _assembled(
     scene: Scene,
-    known: Outline,
+    outline: Outline,
     key: ClassKey,
     members: list[int],
     lifting: Sequence[Lifting | None],
 ) -> CongruentSubdomains:
     """Stiffness and loads of a class."""
-    partition, surface, element = known.partition, known.surface, known.elements[key[0]]
+    partition, surface, element = outline.partition, outline.surface, outline.elements[key[0]]
     stiffness = element.stiffness(key[1], scene.plane)
     forces = np.zeros((stiffness.shape[0], len(members)), order="F")
     lift = np.zeros_like(forces)
     for nth, local in enumerate(members):
-        own = lifting[local]
-        for load in (known.loads[local], known.thermal[local]):
+        values = lifting[local]
+        for load in (outline.loads[local], outline.thermal[local]):
             if load is not None:
                 forces[:, nth] += load
-        if own is not None:
-            lift[own[0], nth] = own[1]
+        if values is not None:
+            lift[values[0], nth] = values[1]
     lifted = lifting[members[0]]
     starts = surface.starts[members]
     nodes = surface.local[members[0]]
@@ -333,22 +335,22 @@ def _assembled(
 
 def _places(partition: Partition, members: list[int], levels: bool) -> NodePlaces:
     """Nodes of the subdomains of a class, with data for the levels of a multigrid."""
-    own = [partition.subdomains[local] for local in members]
+    subdomains = [partition.subdomains[local] for local in members]
     return NodePlaces(
-        numbers=np.stack([s.nodes for s in own]).astype(np.int64),
-        translations=np.stack([s.translation for s in own]),
-        points=own[0].reference.points,
-        vertex_weights=own[0].reference.vertex_weights if levels else None,
+        numbers=np.stack([s.nodes for s in subdomains]).astype(np.int64),
+        translations=np.stack([s.translation for s in subdomains]),
+        points=subdomains[0].reference.points,
+        vertex_weights=subdomains[0].reference.vertex_weights if levels else None,
     )
 
 
-def _temperatures(known: Outline, members: list[int]) -> NDArray[np.float64] | None:
+def _temperatures(outline: Outline, members: list[int]) -> NDArray[np.float64] | None:
     """Temperatures of a class, (nodes, members); None without heat."""
-    found = [known.temperatures[local] for local in members]
-    if all(t is None for t in found):
+    temperatures = [outline.temperatures[local] for local in members]
+    if all(t is None for t in temperatures):
         return None
-    count = len(known.partition.subdomains[members[0]].nodes)
-    return np.stack([np.zeros(count) if t is None else t for t in found], axis=1)
+    count = len(outline.partition.subdomains[members[0]].nodes)
+    return np.stack([np.zeros(count) if t is None else t for t in temperatures], axis=1)
 
 
 Lifting = tuple[NDArray[np.int64], NDArray[np.float64]]
@@ -366,8 +368,8 @@ def _lifting(
     at = np.searchsorted(held.nodes, exchange.nodes)
     at = np.minimum(at, max(len(held.nodes) - 1, 0))
     if len(held.nodes):
-        known = held.nodes[at] == exchange.nodes
-        mask = held.held[at] & known[:, None]
+        has_values = held.nodes[at] == exchange.nodes
+        mask = held.held[at] & has_values[:, None]
         values = np.where(mask, held.values[at], 0.0)
     else:
         mask = np.zeros((len(exchange.nodes), held.held.shape[1]), bool)

@@ -172,7 +172,7 @@ class Outline:
 Report = Callable[[Scene, Outline], None]
 
 
-def outline(
+def outline_of_scene(
     scene: Scene, comm: MPI.Intracomm, timings: Timings | None = None, needed: Needed = "all"
 ) -> Outline:
     """Cut into subdomains, find conditions, loads and their equilibrium (collective).
@@ -213,20 +213,22 @@ def outline(
         if id(reference) not in elements:
             elements[id(reference)] = Element(reference, scene.dimension)
     means = mean_motion_rows(scene, partition, exchange, elements, held, scene_length(scene))
-    found = _loads(scene, partition, elements, timings)
+    acting = _loads(scene, partition, elements, timings)
     friction = friction_rows(scene, partition, exchange, contact, held, tied.rows, merged)
-    balances = body_balances(scene, partition, (held, tied.rows), contact, found.loads, friction)
+    balances = body_balances(scene, partition, (held, tied.rows), contact, acting.loads, friction)
     if isinstance(needed, str):
         all_rows = np.ones(len(contact.nodes), bool)
         needed = all_rows if needed == "all" else _distinct(scene, contact, balances)
     return Outline(
         partition, surface, exchange, uncut, held, contact.of(needed), needed, contact.of(~needed),
-        merged, elements, found.linear, probes, locate_sections(scene, partition),
-        found.loads, tied, means, found.temperatures, found.thermal, balances, friction,
+        merged, elements, acting.linear, probes, locate_sections(scene, partition),
+        acting.loads, tied, means, acting.temperatures, acting.thermal, balances, friction,
     )  # fmt: skip
 
 
-def outline_of_case(known: Outline, scene: Scene, timings: Timings | None = None) -> Outline | None:
+def outline_of_case(
+    outline: Outline, scene: Scene, timings: Timings | None = None
+) -> Outline | None:
     """The outline of a scene that differs from a known one in the factors of its conditions.
 
     Meshes, subdomains and coefficients of rows are shared (collective).
@@ -243,28 +245,28 @@ def outline_of_case(known: Outline, scene: Scene, timings: Timings | None = None
     """
     if scene.rigid_bodies:  # each case has other placements
         return None
-    timings, partition = timings or Timings(), known.partition
-    rows = known.all_contact
-    held, contact, merged, tied = known.held, rows, known.merged, known.tied
-    means, length = known.means, scene_length(scene)
+    timings, partition = timings or Timings(), outline.partition
+    rows = outline.all_contact
+    held, contact, merged, tied = outline.held, rows, outline.merged, outline.tied
+    means, length = outline.means, scene_length(scene)
     if any(condition.name is not None for condition in scene.displacements):
         conditions = _conditions(scene, partition)
         held, contact, merged = _merged_rows(
-            scene, partition, known.exchange, conditions, known.uncut
+            scene, partition, outline.exchange, conditions, outline.uncut
         )
-        tied = tied_rows(scene, partition, known.exchange, held, length)
-        means = mean_motion_rows(scene, partition, known.exchange, known.elements, held, length)
+        tied = tied_rows(scene, partition, outline.exchange, held, length)
+        means = mean_motion_rows(scene, partition, outline.exchange, outline.elements, held, length)
         contact, merged = without_determined(scene, partition, contact, merged, tied.rows)
         if not partition.comm.allreduce(int(_same_rows(contact, rows)), op=MPI.MIN):
             return None
-    found = _loads(scene, partition, known.elements, timings)
-    friction = friction_rows(scene, partition, known.exchange, contact, held, tied.rows, merged)
-    balances = body_balances(scene, partition, (held, tied.rows), contact, found.loads, friction)
+    acting = _loads(scene, partition, outline.elements, timings)
+    friction = friction_rows(scene, partition, outline.exchange, contact, held, tied.rows, merged)
+    balances = body_balances(scene, partition, (held, tied.rows), contact, acting.loads, friction)
     needed = _distinct(scene, contact, balances)
     return replace(
-        known, held=held, contact=contact.of(needed), needed=needed, left_out=contact.of(~needed),
-        merged=merged, linear=found.linear, loads=found.loads,
-        tied=tied, means=means, temperatures=found.temperatures, thermal=found.thermal,
+        outline, held=held, contact=contact.of(needed), needed=needed, left_out=contact.of(~needed),
+        merged=merged, linear=acting.linear, loads=acting.loads,
+        tied=tied, means=means, temperatures=acting.temperatures, thermal=acting.thermal,
         balances=balances, friction=friction,
     )  # fmt: skip
 
@@ -322,9 +324,9 @@ def _merged_rows(
         contact, merged = merge_contact(exchange, fixed, held, length, uncut)
         if scene.moving:
             of_moving = conditions.of_contacts(moving)
-            found = moving_rows(scene, partition, exchange, of_moving, held)
+            on_motions = moving_rows(scene, partition, exchange, of_moving, held)
             contact, merged = (
-                ContactRows.join([a, b]) for a, b in zip((contact, merged), found, strict=True)
+                ContactRows.join([a, b]) for a, b in zip((contact, merged), on_motions, strict=True)
             )
     except ContradictionError as error:
         raise contradiction(scene, error) from error
@@ -342,13 +344,13 @@ def _distinct(
     return distinct(contact, of_contacts) | always_rough(scene, contact)
 
 
-def left_out_notes(scene: Scene, known: Outline) -> list[str]:
+def left_out_notes(scene: Scene, outline: Outline) -> list[str]:
     """A sentence on the contact rows of each contact that are left out (collective)."""
     count = len(scene.touching)
     numbers = [
-        np.bincount(rows.sources, minlength=count) for rows in (known.left_out, known.contact)
+        np.bincount(rows.sources, minlength=count) for rows in (outline.left_out, outline.contact)
     ]
-    repeated, used = known.partition.comm.allreduce(np.stack(numbers))
+    repeated, used = outline.partition.comm.allreduce(np.stack(numbers))
     return [
         f"{item.source}: at {repeated[i]:,} of {repeated[i] + used[i]:,} candidate nodes another "
         "contact is nearer in nearly the same direction, and they have no row; if the answer "

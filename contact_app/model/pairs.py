@@ -80,17 +80,17 @@ def sides_of(
     return sides[0], sides[1]
 
 
-def of_what_is_solved(scene: Scene, total: int, found: MeanGaps) -> MeanGaps:
+def of_what_is_solved(scene: Scene, total: int, means: MeanGaps) -> MeanGaps:
     """Rows of the whole as rows of the solved part, given its number of nodes.
 
     A row about a node on a plane is that of the whole, and half its pressure's force is here.
     """
-    original = found.nodes < total
+    original = means.nodes < total
     number = np.cumsum(original) - 1
-    here = original[found.row]
-    row, component = number[found.row[here]], found.component[here]
-    of_image, node = np.divmod(found.node[here], total)
-    value, points = found.value[here].copy(), found.entry_points[here]
+    here = original[means.row]
+    row, component = number[means.row[here]], means.component[here]
+    of_image, node = np.divmod(means.node[here], total)
+    value, points = means.value[here].copy(), means.entry_points[here]
     for k, mirror in enumerate(scene.mirrors):
         mirrored = (of_image >> k) % 2 == 1
         value[mirrored & (component == mirror.axis)] *= -1.0
@@ -99,14 +99,14 @@ def of_what_is_solved(scene: Scene, total: int, found: MeanGaps) -> MeanGaps:
     key, first, place = np.unique(key, axis=0, return_index=True, return_inverse=True)
     value = np.bincount(place.reshape(-1), value, minlength=len(key)).astype(np.float64)
     some = np.abs(value) > NEGLIGIBLE
-    planes = on_planes(scene, found.points[original]).sum(axis=0)
+    planes = on_planes(scene, means.points[original]).sum(axis=0)
     return MeanGaps(
-        nodes=found.nodes[original],
-        points=found.points[original],
-        areas=found.areas[original] * 0.5**planes,
-        gaps=found.gaps[original],
-        normals=found.normals[original],
-        moments=found.moments[original],
+        nodes=means.nodes[original],
+        points=means.points[original],
+        areas=means.areas[original] * 0.5**planes,
+        gaps=means.gaps[original],
+        normals=means.normals[original],
+        moments=means.moments[original],
         row=key[some, 0],
         node=key[some, 1],
         component=key[some, 2],
@@ -123,18 +123,18 @@ def _behind(reference: Reference, rows: NDArray[np.int32]) -> NDArray[np.float64
     return reference.points[dolfinx_compat.cell_nodes(reference.mesh)[cells]].mean(axis=1)
 
 
-def owned_rows(exchange: NodeExchange, found: MeanGaps, source: int) -> ContactRows:
+def owned_rows(exchange: NodeExchange, means: MeanGaps, source: int) -> ContactRows:
     """The mortar rows of the nodes this rank owns."""
-    keep = (found.nodes >= exchange.first) & (found.nodes < exchange.last)
-    every = ContactEntries(found.row, found.node, found.entry_points, found.component, found.value)
+    keep = (means.nodes >= exchange.first) & (means.nodes < exchange.last)
+    every = ContactEntries(means.row, means.node, means.entry_points, means.component, means.value)
     return ContactRows(
-        nodes=found.nodes[keep],
-        points=found.points[keep],
+        nodes=means.nodes[keep],
+        points=means.points[keep],
         sources=np.full(int(keep.sum()), source),
-        gaps=found.gaps[keep],
-        normals=found.normals[keep],
-        moments=found.moments[keep],
-        areas=found.areas[keep],
+        gaps=means.gaps[keep],
+        normals=means.normals[keep],
+        moments=means.moments[keep],
+        areas=means.areas[keep],
         spread=np.ones(int(keep.sum())),
         entries=every.of_rows(keep),
     )

@@ -59,8 +59,9 @@ def locate_probes(scene: Scene, partition: Partition) -> tuple[Probe, ...]:
 
 
 def _located(scene: Scene, partition: Partition, name: str, point: Array) -> Probe:
+    """The cell of a point and its shares at the nodes of this cell; empty on other ranks."""
     comm = partition.comm
-    best, found = np.inf, Probe(name, None, np.zeros(0, np.int64), np.zeros(0), ())
+    best, probe = np.inf, Probe(name, None, np.zeros(0, np.int64), np.zeros(0), ())
     for subset in subsets(len(scene.mirrors)):
         mirrors = tuple(scene.mirrors[k] for k in subset)
         here = point[None]
@@ -69,7 +70,7 @@ def _located(scene: Scene, partition: Partition, name: str, point: Array) -> Pro
         for number, subdomain in enumerate(partition.subdomains):
             outside, nodes, shares = in_cell(subdomain, here[0], scene.dimension)
             if outside < best - OUTSIDE:
-                best, found = outside, Probe(name, number, nodes, shares, mirrors)
+                best, probe = outside, Probe(name, number, nodes, shares, mirrors)
     least, rank = comm.allreduce((best, comm.rank), op=MPI.MIN)
     if least > OUTSIDE:
         place = ", ".join(f"{v:g}" for v in point[: scene.dimension])
@@ -78,7 +79,7 @@ def _located(scene: Scene, partition: Partition, name: str, point: Array) -> Pro
         )
     if rank != comm.rank:
         return Probe(name, None, np.zeros(0, np.int64), np.zeros(0), ())
-    return found
+    return probe
 
 
 def in_cell(subdomain: Subdomain, point: Array, d: int) -> tuple[float, NDArray[np.int64], Array]:
@@ -95,13 +96,13 @@ def in_cell(subdomain: Subdomain, point: Array, d: int) -> tuple[float, NDArray[
         return best
     for cell in _near(reference, here[0]):
         try:
-            found = locate_in(reference, np.array([cell]), here, d)
+            place = locate_in(reference, np.array([cell]), here, d)
         except np.linalg.LinAlgError:  # Newton's method left a cell that does not contain the point
             continue
-        nodes = found.nodes[0].astype(np.int64)
-        distance = found.distance[0] / np.ptp(reference.points[nodes], axis=0).max()
+        nodes = place.nodes[0].astype(np.int64)
+        distance = place.distance[0] / np.ptp(reference.points[nodes], axis=0).max()
         if distance < best[0]:
-            best = float(distance), nodes, found.shares[0]
+            best = float(distance), nodes, place.shares[0]
     return best
 
 

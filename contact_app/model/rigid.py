@@ -98,7 +98,7 @@ class RigidUnknowns:
         return self.placed_center(self.scene.moving[nth])
 
     def placed_center(self, number: int) -> Array:
-        """The same of a body by its number among all rigid ones."""
+        """Reference point where a body is placed, (3,), by its number among all rigid ones."""
         placed = self.scene.placements[number].displacement
         return np.array(self.scene.rigid_bodies[number].center) + np.array(placed)
 
@@ -151,16 +151,16 @@ def subdomains_of_copies(
     surface: SurfaceCopies, partition: Partition, unknowns: int
 ) -> NDArray[np.int64]:
     """Number of the subdomain of each copy of `exchange_with`."""
-    own = surface.subdomains
+    numbers = surface.subdomains
     if partition.comm.rank == partition.comm.size - 1:
-        own = np.concatenate([own, partition.count + np.arange(NODES * unknowns) // NODES])
-    return own
+        numbers = np.concatenate([numbers, partition.count + np.arange(NODES * unknowns) // NODES])
+    return numbers
 
 
 def moving_contacts(scene: Scene) -> NDArray[np.int64]:
     """Numbers of the contacts with rigid bodies that are free in some component."""
-    found = [i for i, c in enumerate(scene.contacts) if c.rigid in scene.moving]
-    return np.array(found, np.int64)
+    numbers = [i for i, c in enumerate(scene.contacts) if c.rigid in scene.moving]
+    return np.array(numbers, np.int64)
 
 
 def moving_rows(
@@ -213,8 +213,8 @@ def tightest_on_motions(
         Tied rows, which may hold motions, too.
     """
     count, alone = len(rows.nodes), rows_without_nodes(rows)
-    own = motions_of_rows(rows, unknowns, alone)
-    parts = comm.allgather(own)
+    local = motions_of_rows(rows, unknowns, alone)
+    parts = comm.allgather(local)
     every, equal = HeldNodes.joined(parts), None
     if not len(every.gaps):
         return np.ones(count, bool)
@@ -234,7 +234,7 @@ def tightest_on_motions(
     best[first] = moves[first]
     start = sum(len(part.gaps) for part in parts[: comm.rank])
     result = np.ones(count, bool)
-    result[alone] = best[start : start + len(own.gaps)]
+    result[alone] = best[start : start + len(local.gaps)]
     return result
 
 
@@ -247,13 +247,15 @@ def motions_of_rows(
     rows: ContactRows, unknowns: RigidUnknowns, alone: NDArray[np.bool_]
 ) -> HeldNodes:
     """Chosen rows (mask) as rows on the motions of the rigid bodies."""
-    count, own = len(rows.nodes), rows.rigid
+    count, entries = len(rows.nodes), rows.rigid
     body = np.zeros(count, np.int64)
-    body[own.row] = unknowns.body_of(own.node)
+    body[entries.row] = unknowns.body_of(entries.node)
     vectors = np.zeros((count, unknowns.count, unknowns.size))
-    vectors[own.row, unknowns.body_of(own.node), unknowns.motion_of(own.node, own.component)] = (
-        own.value
-    )
+    vectors[
+        entries.row,
+        unknowns.body_of(entries.node),
+        unknowns.motion_of(entries.node, entries.component),
+    ] = entries.value
     vectors = vectors.reshape(count, unknowns.count * unknowns.size)
     return HeldNodes(body[alone], rows.sources[alone], vectors[alone], rows.gaps[alone])
 
@@ -266,13 +268,13 @@ def with_motions(rows: ContactRows, unknowns: RigidUnknowns) -> ContactRows:
     for nth, number in enumerate(scene.moving):
         about = [i for i, c in enumerate(scene.contacts) if c.rigid == number]
         chosen = np.isin(rows.sources, about)
-        own = _along(rows.of(chosen), unknowns, unknowns.placed_center(number))
+        of_body = _along(rows.of(chosen), unknowns, unknowns.placed_center(number))
         arm = rows.points[chosen] - unknowns.center(nth)
         longest = np.maximum(1.0, np.linalg.norm(arm, axis=1) / unknowns.length)
-        own[np.abs(own) < FAINT * longest[:, None]] = 0.0
-        own[:, unknowns.held(nth)[0]] = 0.0
-        body[chosen], values[chosen] = nth, own
-        gaps[chosen] += own @ unknowns.placed(nth)
+        of_body[np.abs(of_body) < FAINT * longest[:, None]] = 0.0
+        of_body[:, unknowns.held(nth)[0]] = 0.0
+        body[chosen], values[chosen] = nth, of_body
+        gaps[chosen] += of_body @ unknowns.placed(nth)
     return replace(rows, gaps=gaps, rigid=_entries(unknowns, rows, body, values))
 
 
@@ -302,15 +304,15 @@ def with_body(
 
     The rows are those of displacements relative to the body; held components are gaps.
     """
-    scene, own = unknowns.scene, _along(rows, unknowns, center)
+    scene, coefficients = unknowns.scene, _along(rows, unknowns, center)
     held, values = scene.held_components(number)
-    gaps = rows.gaps - own[:, held] @ (np.asarray(values) * unknowns.units)[held]
+    gaps = rows.gaps - coefficients[:, held] @ (np.asarray(values) * unknowns.units)[held]
     if number not in scene.moving:
         return replace(rows, gaps=gaps)
-    own[:, held] = 0.0
-    own[np.abs(own) < FAINT] = 0.0
+    coefficients[:, held] = 0.0
+    coefficients[np.abs(coefficients) < FAINT] = 0.0
     body = np.full(len(rows.nodes), scene.moving.index(number))
-    return replace(rows, gaps=gaps, rigid=_entries(unknowns, rows, body, own))
+    return replace(rows, gaps=gaps, rigid=_entries(unknowns, rows, body, coefficients))
 
 
 def slips_of_held(rows: ContactRows, unknowns: RigidUnknowns, before: Scene | None) -> Array:
@@ -382,8 +384,8 @@ def _along(rows: ContactRows, unknowns: RigidUnknowns, center: Array) -> Array:
     force = np.zeros((len(rows.nodes), 3))
     force[:, :d] = rows.normals
     turn = np.cross(rows.points - center, force) + rows.moments
-    own = np.concatenate([rows.normals, turn if d == 3 else turn[:, 2:]], axis=1)
-    return np.asarray(own / unknowns.units)
+    in_space = np.concatenate([rows.normals, turn if d == 3 else turn[:, 2:]], axis=1)
+    return np.asarray(in_space / unknowns.units)
 
 
 def rigid_subdomains(
@@ -392,7 +394,7 @@ def rigid_subdomains(
     """The moving rigid bodies as subdomains of this rank: all of them on the last one."""
     if partition.comm.rank < partition.comm.size - 1:
         return []
-    size, found = unknowns.size, []
+    size, subdomains = unknowns.size, []
     for nth in range(unknowns.count):
         held, values = unknowns.held(nth)
         free = np.zeros(size, bool)
@@ -402,7 +404,7 @@ def rigid_subdomains(
         start = len(surface.nodes) + NODES * nth
         numbers = unknowns.first + NODES * nth + np.arange(NODES)
         points = np.tile(unknowns.center(nth), (NODES, 1))
-        found.append(
+        subdomains.append(
             CongruentSubdomains(
                 stiffness=zero_stiffness(size),
                 points=points,
@@ -415,4 +417,4 @@ def rigid_subdomains(
                 places=NodePlaces(numbers[None], np.zeros((1, 3)), points),
             )
         )
-    return found
+    return subdomains

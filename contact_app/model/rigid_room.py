@@ -78,14 +78,14 @@ def refuse_no_room(
     if equal is not None and len(equal.gaps):
         equalities["A_eq"] = np.column_stack([equal.vectors, np.zeros(len(equal.gaps))])
         equalities["b_eq"] = equal.gaps / length
-    found = linprog(
+    solution = linprog(
         np.append(np.zeros(motions), 1.0), A_ub=np.column_stack([held.vectors, -np.ones(rows)]),
         b_ub=held.gaps / length, bounds=[(None, None)] * motions + [(0.0, None)],
         method="highs", **equalities,
     )  # fmt: skip
-    if found.status != 0 or found.fun <= ENTERS:
+    if solution.status != 0 or solution.fun <= ENTERS:
         return
-    pressed = np.abs(found.ineqlin.marginals)
+    pressed = np.abs(solution.ineqlin.marginals)
     some = pressed > 1e-6 * pressed.max()
     names = " and ".join(
         scene.rigid_bodies[scene.moving[int(k)]].name for k in np.unique(held.body[some])
@@ -94,5 +94,5 @@ def refuse_no_room(
     raise NoEquilibriumError(
         f"{scene.source}: the displacement conditions leave the rigid body {names} no room: "
         f"wherever its free components take it, held or tied nodes of {where} enter by "
-        f"{found.fun * length:.6g} or more: no displacement satisfies all"
+        f"{solution.fun * length:.6g} or more: no displacement satisfies all"
     )

@@ -177,14 +177,14 @@ def refuse_pushed(
     held = [k for k, tie in enumerate(scene.all_ties) if _holds(scene, tie)]
     fixed = tied.of(np.isin(tied.sources, held))
     component = np.abs(fixed.normals).argmax(axis=1)
-    known = dict(zip(zip(fixed.nodes, component, strict=True), fixed.gaps, strict=True))
+    prescribed = dict(zip(zip(fixed.nodes, component, strict=True), fixed.gaps, strict=True))
     entries = contact.entries
     places = zip(entries.node, entries.component, strict=True)
-    moved = np.array([known.get(place, np.nan) for place in places])
+    moved = np.array([prescribed.get(place, np.nan) for place in places])
     inside = -contact.gaps
     np.add.at(inside, entries.row, entries.value * moved)
-    found = [(float(v), int(k)) for v, k in zip(inside, contact.sources, strict=True) if v > 0.0]
-    worst, source = max(comm.allgather(max(found, default=(0.0, -1))))
+    pushed = [(float(v), int(k)) for v, k in zip(inside, contact.sources, strict=True) if v > 0.0]
+    worst, source = max(comm.allgather(max(pushed, default=(0.0, -1))))
     if worst > SAME * length:
         raise NoEquilibriumError(
             f"{scene.source}: a rigid body that is held in all components pushes nodes that are "

@@ -62,13 +62,13 @@ def locate_sections(scene: Scene, partition: Partition) -> tuple[SectionPiece, .
         A plane leaves no cell of its body on one of its sides, or an inner surface does not divide
         its body.
     """
-    found: list[SectionPiece] = []
+    pieces: list[SectionPiece] = []
     for section in scene.output.sections:
         if isinstance(section, Section):
-            found += _pieces(scene, partition, section)
+            pieces += _pieces(scene, partition, section)
         else:
-            found.append(_on_surface(scene, partition, section))
-    return tuple(found)
+            pieces.append(_on_surface(scene, partition, section))
+    return tuple(pieces)
 
 
 def _on_surface(scene: Scene, partition: Partition, section: InnerSection) -> SectionPiece:
@@ -79,7 +79,8 @@ def _on_surface(scene: Scene, partition: Partition, section: InnerSection) -> Se
 
 
 def _pieces(scene: Scene, partition: Partition, section: Section) -> list[SectionPiece]:
-    found, counts = [], np.zeros(2, np.int64)
+    """The pieces of a plane section in the solved part, one for each mirror image of the plane."""
+    pieces, counts = [], np.zeros(2, np.int64)
     for mirrors in _images(scene, section):
         point, normal = np.array(section.point), np.array(section.normal)
         for mirror in mirrors:
@@ -87,7 +88,7 @@ def _pieces(scene: Scene, partition: Partition, section: Section) -> list[Sectio
             normal[mirror.axis] -= 2.0 * mirror.at
         normal = normal / np.linalg.norm(normal)
         piece, sides = _piece(scene, partition, section, mirrors, (point, normal))
-        found.append(piece)
+        pieces.append(piece)
         counts += sides
     if not counts.all():
         side, other = ("in front of", "behind") if counts[0] == 0 else ("behind", "in front of")
@@ -96,7 +97,7 @@ def _pieces(scene: Scene, partition: Partition, section: Section) -> list[Sectio
             f"{section.of} lie {side} the plane (its normal points to the front), none {other} "
             "it; put the plane through the body, at least half a cell from its end"
         )
-    return found
+    return pieces
 
 
 def _images(scene: Scene, section: Section) -> list[tuple[Mirror, ...]]:

@@ -103,20 +103,20 @@ def tangential_rows(
     reused = _taken_over(rough, contact, merged)
     for each in rough:
         of_contact = contact.sources == each.number
-        own = contact.of(of_contact)
-        rows, left = each.slips(own)
-        parts.append(rows.of(left))
-        limits.append(np.repeat(each.limits(own) + reused[of_contact], d - 1)[left])
-        coefficients.append(np.full(int(left.sum()), each.law.coulomb or 0.0))
+        of_contact_rows = contact.of(of_contact)
+        rows, is_free = each.slips(of_contact_rows)
+        parts.append(rows.of(is_free))
+        limits.append(np.repeat(each.limits(of_contact_rows) + reused[of_contact], d - 1)[is_free])
+        coefficients.append(np.full(int(is_free.sum()), each.law.coulomb or 0.0))
     of_rows, of_limits = np.concatenate(coefficients), np.concatenate(limits)
     nodes, sources = (np.concatenate([getattr(p, n) for p in parts]) for n in ("nodes", "sources"))
     order = np.lexsort((sources, nodes))  # as `join` sorts them
-    found = FrictionRows(ContactRows.join(parts), of_rows[order], of_limits[order])
-    return _without_held(exchange, found, held, tied)
+    slip_rows = FrictionRows(ContactRows.join(parts), of_rows[order], of_limits[order])
+    return _without_held(exchange, slip_rows, held, tied)
 
 
 def slips_at_obstacle(
-    own: ContactRows, held: HeldRows | None
+    contact: ContactRows, held: HeldRows | None
 ) -> tuple[ContactRows, NDArray[np.bool_]]:
     """Slips at the contact rows of an obstacle, and the mask of those that are not held.
 
@@ -125,13 +125,13 @@ def slips_at_obstacle(
     held
         Held nodes, to which tangents are turned; None where the obstacle moves.
     """
-    fixed = None if held is None or own.wide.any() else _held_at(own.nodes, held)
-    tangents, along = _tangents(own, fixed)
-    return _at_obstacle(own, tangents), along.ravel() > HELD
+    fixed = None if held is None or contact.wide.any() else _held_at(contact.nodes, held)
+    tangents, along = _tangents(contact, fixed)
+    return _at_obstacle(contact, tangents), along.ravel() > HELD
 
 
 def slips_between(
-    exchange: NodeExchange, own: ContactRows, jumps: MeanJumps, number: int
+    exchange: NodeExchange, contact: ContactRows, jumps: MeanJumps, number: int
 ) -> tuple[ContactRows, NDArray[np.bool_]]:
     """Slips at the contact rows of a pair, and the mask of those not held (collective).
 
@@ -142,9 +142,9 @@ def slips_between(
     number
         Of the contact.
     """
-    tangents, along = _tangents(own, jumps.held[np.searchsorted(jumps.nodes, own.nodes)])
+    tangents, along = _tangents(contact, jumps.held[np.searchsorted(jumps.nodes, contact.nodes)])
     owned = [owned_rows(exchange, rows, number) for rows in jumps.rows]
-    return _between(own, tangents, owned), along.ravel() > LEANING
+    return _between(contact, tangents, owned), along.ravel() > LEANING
 
 
 def summed_at(
@@ -162,44 +162,44 @@ def summed_at(
     """
     meeting = NodeExchange(exchange.comm, every, exchange.total)
     arrived = meeting.to_owners(values)
-    known, place = np.unique(meeting.nodes, return_inverse=True)
-    sums = np.bincount(place.reshape(-1), arrived, len(known))
-    if not len(known):
+    distinct, place = np.unique(meeting.nodes, return_inverse=True)
+    sums = np.bincount(place.reshape(-1), arrived, len(distinct))
+    if not len(distinct):
         return np.zeros(len(nodes))
-    at = np.minimum(np.searchsorted(known, nodes), len(known) - 1)
-    return np.where(known[at] == nodes, sums[at], 0.0)
+    at = np.minimum(np.searchsorted(distinct, nodes), len(distinct) - 1)
+    return np.where(distinct[at] == nodes, sums[at], 0.0)
 
 
 def _taken_over(rough: Sequence[RoughContact], contact: ContactRows, merged: ContactRows) -> Array:
     """Slip limits of contact rows that come from merged ones, forces (rows,) (collective)."""
     result = np.zeros(len(contact.nodes))
     for each in rough:
-        own = merged.of(merged.sources == each.number)
-        limit = each.limits(own)
-        first = np.searchsorted(contact.nodes, own.nodes)
-        last = np.searchsorted(contact.nodes, own.nodes, side="right")
-        found = np.zeros(len(limit), bool)
+        merged_rows = merged.of(merged.sources == each.number)
+        limit = each.limits(merged_rows)
+        first = np.searchsorted(contact.nodes, merged_rows.nodes)
+        last = np.searchsorted(contact.nodes, merged_rows.nodes, side="right")
+        is_reused = np.zeros(len(limit), bool)
         for nth in range(int((last - first).max(initial=0))):
             at = np.minimum(first + nth, max(len(contact.nodes) - 1, 0))
-            same = ~found & (first + nth < last)
-            difference = np.abs(contact.normals[at] - own.normals).max(axis=1, initial=0.0)
+            same = ~is_reused & (first + nth < last)
+            difference = np.abs(contact.normals[at] - merged_rows.normals).max(axis=1, initial=0.0)
             same &= difference < PARALLEL
             np.add.at(result, at[same], limit[same])
-            found |= same
+            is_reused |= same
     return result
 
 
 def _without_held(
-    exchange: NodeExchange, found: FrictionRows, held: HeldRows, tied: ContactRows
+    exchange: NodeExchange, slips: FrictionRows, held: HeldRows, tied: ContactRows
 ) -> FrictionRows:
     """Rows without held components and without rows that tied rows determine (collective)."""
-    count = len(found.rows.nodes)
-    numbered = replace(found.rows, areas=np.arange(count, dtype=float))  # the areas number the rows
+    count = len(slips.rows.nodes)
+    numbered = replace(slips.rows, areas=np.arange(count, dtype=float))  # the areas number the rows
     cut = cut_held(exchange, numbered, held, 0.0, sides=0)
     cut = cut.of(undecided(exchange.comm, cut, tied))
-    left = cut.areas.astype(np.int64)
-    rows = replace(cut, areas=found.rows.areas[left])
-    return FrictionRows(rows, found.coefficients[left], found.limits[left])
+    remaining = cut.areas.astype(np.int64)
+    rows = replace(cut, areas=slips.rows.areas[remaining])
+    return FrictionRows(rows, slips.coefficients[remaining], slips.limits[remaining])
 
 
 def _held_at(nodes: NDArray[np.int64], held: HeldRows) -> NDArray[np.bool_] | None:
@@ -233,40 +233,40 @@ def _tangents(rows: ContactRows, fixed: NDArray[np.bool_] | None) -> tuple[Array
     if fixed is None or not len(normal):
         return tangents, along
     some = np.flatnonzero(fixed.any(axis=1))
-    left = np.where(fixed[some, None], 0.0, tangents[some])
-    turn, along[some], _ = np.linalg.svd(left, full_matrices=False)
+    free = np.where(fixed[some, None], 0.0, tangents[some])
+    turn, along[some], _ = np.linalg.svd(free, full_matrices=False)
     tangents[some] = np.swapaxes(turn, 1, 2) @ tangents[some]
     return tangents, along
 
 
-def _at_obstacle(own: ContactRows, tangents: Array) -> ContactRows:
+def _at_obstacle(contact: ContactRows, tangents: Array) -> ContactRows:
     """Slips along tangents (rows, d - 1, d) with the weights that contact rows have on nodes."""
     count, k, d = tangents.shape
-    both = ContactEntries.join([own.entries, own.held], [0, 0])
+    both = ContactEntries.join([contact.entries, contact.held], [0, 0])
     key, first, place = np.unique(
         np.stack([both.row, both.node]), axis=1, return_index=True, return_inverse=True
     )
     push = np.zeros((key.shape[1], d))
     np.add.at(push, (place.reshape(-1), both.component), both.value)
     size = np.linalg.norm(push, axis=1)
-    weight = -np.sign(np.einsum("ei,ei->e", push, own.normals[key[0]])) * size
+    weight = -np.sign(np.einsum("ei,ei->e", push, contact.normals[key[0]])) * size
     row, points = key[0], both.points[first]
     value = weight[:, None, None] * tangents[row]
     entry, tangent, component = np.nonzero(np.abs(value) > 1e-14)
     force = np.zeros((len(row), k, 3))
     force[..., :d] = -value
-    turned = np.cross((points - own.points[row])[:, None], force)
+    turned = np.cross((points - contact.points[row])[:, None], force)
     total = np.zeros((count, k, 3))
     np.add.at(total, row, turned)
     entries = ContactEntries(
         row[entry] * k + tangent, key[1][entry], points[entry], component,
         value[entry, tangent, component],
     )  # fmt: skip
-    return _record(own, tangents, total, entries)
+    return _record(contact, tangents, total, entries)
 
 
 def _record(
-    own: ContactRows, tangents: Array, turned: Array, entries: ContactEntries
+    contact: ContactRows, tangents: Array, turned: Array, entries: ContactEntries
 ) -> ContactRows:
     """Tangential rows of contact rows.
 
@@ -277,23 +277,23 @@ def _record(
     """
     k, d = tangents.shape[1:]
     return ContactRows(
-        nodes=np.repeat(own.nodes, k),
-        points=np.repeat(own.points, k, axis=0),
-        sources=np.repeat(own.sources, k),
-        gaps=np.zeros(k * len(own.nodes)),
+        nodes=np.repeat(contact.nodes, k),
+        points=np.repeat(contact.points, k, axis=0),
+        sources=np.repeat(contact.sources, k),
+        gaps=np.zeros(k * len(contact.nodes)),
         normals=-tangents.reshape(-1, d),
         moments=turned.reshape(-1, 3),
-        areas=np.repeat(own.areas, k),
-        spread=np.ones(k * len(own.nodes)),
+        areas=np.repeat(contact.areas, k),
+        spread=np.ones(k * len(contact.nodes)),
         entries=entries,
     )
 
 
-def _between(own: ContactRows, tangents: Array, jumps: Sequence[ContactRows]) -> ContactRows:
+def _between(contact: ContactRows, tangents: Array, jumps: Sequence[ContactRows]) -> ContactRows:
     """Mean jumps of each component along tangents (rows, d - 1, d)."""
-    k, count = tangents.shape[1], len(own.nodes)
+    k, count = tangents.shape[1], len(contact.nodes)
     place = np.full(len(jumps[0].nodes), -1, np.int64)
-    at = np.searchsorted(jumps[0].nodes, own.nodes)
+    at = np.searchsorted(jumps[0].nodes, contact.nodes)
     place[at] = np.arange(count)
     turned, parts = np.zeros((count, k, 3)), []
     for component, jump in enumerate(jumps):
@@ -310,4 +310,4 @@ def _between(own: ContactRows, tangents: Array, jumps: Sequence[ContactRows]) ->
                 )
             )  # fmt: skip
     joined = ContactEntries.join(parts, [0] * len(parts))
-    return _record(own, tangents, turned, joined)
+    return _record(contact, tangents, turned, joined)

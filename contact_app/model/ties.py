@@ -71,16 +71,16 @@ def tied_rows(
     for number, tie in enumerate(scene.ties):
         sides = sides_of(scene, partition, tie)
         try:
-            found = mean_jumps(*sides, decided, partition.comm)
+            jumps = mean_jumps(*sides, decided, partition.comm)
         except SurfacesApartError as error:
             raise ConfigurationError(f"{scene.at(tie.source)}: {error}") from error
-        if found.gap > FAR * found.size:
+        if jumps.gap > FAR * jumps.size:
             notes.append(
-                f"{tie.source}: the tied surfaces are up to {found.gap:.3g} apart, where facets "
-                f"are {found.size:.3g} large: they are joined across the gap, as by bars"
+                f"{tie.source}: the tied surfaces are up to {jumps.gap:.3g} apart, where facets "
+                f"are {jumps.size:.3g} large: they are joined across the gap, as by bars"
             )
-        parts += [owned_rows(exchange, rows, number) for rows in found.rows]
-        nodes = [decided.tied_before, *(rows.nodes for rows in found.rows)]
+        parts += [owned_rows(exchange, rows, number) for rows in jumps.rows]
+        nodes = [decided.tied_before, *(rows.nodes for rows in jumps.rows)]
         decided = replace(decided, tied_before=np.unique(np.concatenate(nodes)))
     rows = ContactRows.join(parts)
     try:

@@ -70,6 +70,7 @@ def linear_tractions(
 def _traction(
     scene: Scene, partition: Partition, elements: dict[int, Element], load: TotalLoad
 ) -> LinearTraction:
+    """The linear traction with the force and moment of a load about the boundary's centroid."""
     area, centre, second = moments_of_boundary(scene, partition, elements, load.body, load.boundary)
     if area == 0.0:
         refuse_without_facet(scene, load)

@@ -160,19 +160,19 @@ def _along(
     weight = np.tile(lines.weight, 2)
     total = ends.sums(weight)
     mean = np.divide(1.0, total, out=np.zeros(len(q)), where=total > 0.0)
-    own = q[first] - 2.0 * q[middle] + q[last]
+    difference = q[first] - 2.0 * q[middle] + q[last]
     rise = np.concatenate([q[middle] - q[first], q[middle] - q[last]])
     across = 2.0 * mean * ends.sums(weight * rise)
-    inside = (mean * ends.sums(weight * np.tile(own, 2)) - across) / 8.0
+    inside = (mean * ends.sums(weight * np.tile(difference, 2)) - across) / 8.0
 
     a, b = ends.go_on[first], ends.go_on[last]
     one = np.where(a, across[first], across[last])
     other = np.where(b, across[last], across[first])
-    known = a | b
-    fourth = np.where(known, one - 2.0 * own + other, 0.0) / 16.0
+    on_either = a | b
+    fourth = np.where(on_either, one - 2.0 * difference + other, 0.0) / 16.0
     count = meet(_sum(middle, np.ones(len(middle)), len(q)))
     amid = meet(_sum(middle, fourth, len(q))) / np.maximum(count, 1.0)
-    seen = ends.sums(weight * np.tile(known, 2))
+    seen = ends.sums(weight * np.tile(on_either, 2))
     outside = -ends.sums(weight * np.tile(fourth, 2))
     outside[every.count > ends.count] *= FADED
     outside = np.divide(outside, seen, out=np.zeros(len(q)), where=seen > 0.0)

@@ -52,13 +52,13 @@ class _Contact:
 def contact_records(model: Model, nodes: NodeFields) -> list[dict[str, Any]]:
     """The list `contacts` of ``summary.json``, in the order of the scene file (collective)."""
     contacts = ContactsOfWhole(model, nodes, full_mesh(model, nodes))
-    found = _resultants(model, nodes)
+    of_solved_part = _resultants(model, nodes)
     records = []
     for number, (name, counts) in enumerate(
         zip(model.scene.contact_names, contacts.counts(), strict=True)
     ):
         pieces = [
-            (image, found[origin])
+            (image, of_solved_part[origin])
             for image in contacts.images
             for origin in contacts.origins(image, number)
         ]
@@ -75,15 +75,15 @@ def contact_records(model: Model, nodes: NodeFields) -> list[dict[str, Any]]:
 
 def _resultants(model: Model, nodes: NodeFields) -> list[_Contact]:
     """Sums over the nodes of each contact of the solved part (collective)."""
-    scene, comm, found = model.scene, model.comm, []
+    scene, comm, resultants = model.scene, model.comm, []
     for touching, contact in zip(scene.touching, nodes.contacts, strict=True):
         centre, on = _middle(scene.bodies[touching.body].mesh), np.ones(len(contact.nodes), bool)
         arm = nodes.points[contact.nodes - nodes.first] - centre
         whole = summed(comm, arm, on, contact.forces, contact.shares, contact.moments)
         peaks = (largest_magnitude(comm, part) for part in (contact.pressure, contact.smoothed))
         area = comm.allreduce(float(contact.areas.sum()))
-        found.append(_Contact(replace(whole, point=centre + whole.point), area, *peaks))
-    return found
+        resultants.append(_Contact(replace(whole, point=centre + whole.point), area, *peaks))
+    return resultants
 
 
 def _middle(mesh: Any) -> Array:
@@ -102,12 +102,12 @@ class ContactsOfWhole:
     ----------
     nodes
         Fields of the solved part.
-    found
+    whole
         Mirror images of the solved part.
     """
 
-    def __init__(self, model: Model, nodes: NodeFields, found: FullMesh) -> None:
-        self.images = found.images
+    def __init__(self, model: Model, nodes: NodeFields, whole: FullMesh) -> None:
+        self.images = whole.images
         self._comm, self._scene, self._nodes = model.comm, model.scene, nodes
         self._on = on_planes(model.scene, nodes.points)
         self._place: dict[str, list[int]] = {}

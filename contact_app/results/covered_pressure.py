@@ -65,7 +65,7 @@ class OnSide:
     sums: Callable[[Array], Array]
     copies: Callable[[Array], Array]
 
-    def with_means(self, rows: ContactRows, columns: Array, known: Array) -> Array:
+    def with_means(self, rows: ContactRows, columns: Array, quotients: Array) -> Array:
         """Forces over areas with means in place of extrapolations, (n, c) (collective).
 
         Parameters
@@ -74,7 +74,7 @@ class OnSide:
             The mortar rows of the contact.
         columns : (k, 1 + c)
             Areas W_j, and c components of forces.
-        known : (n, c)
+        quotients : (n, c)
             Forces over areas at the nodes of rows; those without a force remain.
         """
         sums, areas = self._at_nodes(rows, columns), self.shares
@@ -83,9 +83,9 @@ class OnSide:
         if self.degree == 2:
             sums = np.stack([self._at_vertices(column) for column in sums.T], axis=1)
             partial &= sums[:, 0] < COVERED * self._at_vertices(areas)
-        result = known.copy()
+        result = quotients.copy()
         result[partial] = sums[partial, 1:] / sums[partial, :1]
-        return np.where(known != 0.0, result, 0.0)
+        return np.where(quotients != 0.0, result, 0.0)
 
     def share_of(self, areas: Array) -> Array:
         """Covered area about each vertex over the whole area about it, (n,) (collective)."""

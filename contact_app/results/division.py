@@ -88,19 +88,19 @@ def contact_loads(model: Model, solution: Solution, surface: SurfaceNodes) -> Co
     """Divide the forces of the contact rows among the contacts (collective)."""
     problem, contact = model.problem, model.problem.contact
     parts = [contact, model.left_out, model.merged]
-    given = solution.multiplier[problem.inequality] * contact.spread
+    forces = solution.multiplier[problem.inequality] * contact.spread
     if model.scene.pairs:
         jumps = problem.residual(problem.on_interface(solution.displacements))[problem.inequality]
         least = solution.tolerance * solution.measures.displacement
-        closed = (given > 0.0) | (-jumps / contact.spread <= least)
-        given = smooth_forces(model.comm, contact, given, closed)
+        closed = (forces > 0.0) | (-jumps / contact.spread <= least)
+        forces = smooth_forces(model.comm, contact, forces, closed)
     order = np.lexsort(
         [np.concatenate([getattr(p, n) for p in parts]) for n in ("sources", "nodes")]
     )
     rows = ContactRows.join(parts)  # in this order
-    own = order < len(contact.nodes)
+    touches = order < len(contact.nodes)
     force = np.zeros(len(order))
-    force[own] = given[order[own]]
+    force[touches] = forces[order[touches]]
     vectors = np.zeros((len(order), 3))
     vectors[:, : model.scene.dimension] = force[:, None] * rows.normals
     rough = friction_at_rows(problem, solution)
@@ -110,16 +110,16 @@ def contact_loads(model: Model, solution: Solution, surface: SurfaceNodes) -> Co
         (friction, rough.forces), (turned, rough.moments), (slips, rough.slips),
         (sticks, rough.sticks), (rubs, rough.rubs),
     ):  # fmt: skip
-        target[own] = values[order[own]]
+        target[touches] = values[order[touches]]
     loads = ContactLoads(
         rows.sources, rows.nodes, force, vectors + friction,
         force[:, None] * rows.moments + turned, rows.areas, friction, slips, sticks,
         rubs, rows,
     )  # fmt: skip
-    label = _together(rows, own, force, TIED * _size(model.scene), _rigid_bodies(model, rows))
+    label = _together(rows, touches, force, TIED * _size(model.scene), _rigid_bodies(model, rows))
     if model.comm.allreduce(int((label >= 0).sum())):
         loads = _divided(model, surface, loads, label)
-    members = own | (loads.force > 0.0)
+    members = touches | (loads.force > 0.0)
     fields = {name: values[members] for name, values in loads.__dict__.items() if name != "rows"}
     return ContactLoads(**fields, rows=rows.of(members))
 
@@ -138,7 +138,7 @@ def _rigid_bodies(model: Model, rows: ContactRows) -> NDArray[np.int64]:
 
 def _together(
     rows: ContactRows,
-    own: NDArray[np.bool_],
+    touches: NDArray[np.bool_],
     force: Array,
     tied: float,
     rigid: NDArray[np.int64],
@@ -147,7 +147,7 @@ def _together(
 
     Parameters
     ----------
-    own, force : (rows,)
+    touches, force : (rows,)
         Mask of rows with a multiplier, and their forces.
     tied
         Difference of gaps that counts as zero.
@@ -163,7 +163,7 @@ def _together(
     if not several.any():
         return label
     matrix, length = unit_rows(some)
-    gap, solved, of_body = some.gaps / length, own[several], rigid[several]
+    gap, solved, of_body = some.gaps / length, touches[several], rigid[several]
     links = [np.zeros((0, 2), np.int64)]
     for i, j in pairs_at_nodes(some.nodes):
         cosine = np.asarray(matrix[i].multiply(matrix[j]).sum(axis=1)).ravel()
@@ -191,9 +191,9 @@ def _divided(
     group = label[grouped]
     weight = _weights(model, surface, loads, grouped, group)
     total = np.bincount(group, weight)
-    known = total[group] > 0.0
-    grouped, group = grouped[known], group[known]
-    part = weight[known] / total[group]
+    has_weight = total[group] > 0.0
+    grouped, group = grouped[has_weight], group[has_weight]
+    part = weight[has_weight] / total[group]
 
     def divided(values: Array) -> Array:
         values = values.copy()
@@ -244,10 +244,10 @@ def _members(
     row = row.reshape(-1)
     table = np.full((len(start), int(count.max())), -1, np.int64)
     table[row, np.arange(len(order)) - start[row]] = sources[order]
-    found, place = np.unique(table, axis=0, return_inverse=True)
+    rows, place = np.unique(table, axis=0, return_inverse=True)
     which = np.empty(len(order), np.int64)
     which[order] = place.reshape(-1)[row]
-    return [tuple(int(s) for s in line if s >= 0) for line in found], which
+    return [tuple(int(s) for s in line if s >= 0) for line in rows], which
 
 
 def _shares_in_turn(
@@ -261,7 +261,9 @@ def _shares_in_turn(
     for source in sources:
         touching = model.scene.touching[source]
         chosen = facets_of(model.scene.bodies, model.partition, touching.body, touching.boundary)
-        left = [np.setdiff1d(own, t) for own, t in zip(chosen, chosen_before, strict=True)]
+        left = [np.setdiff1d(group, t) for group, t in zip(chosen, chosen_before, strict=True)]
         means = has_averaged_rows(model.scene.bodies[touching.body])
         yield source, surface.shares(model, left, hats=means)
-        chosen_before = [np.union1d(own, t) for own, t in zip(chosen, chosen_before, strict=True)]
+        chosen_before = [
+            np.union1d(group, t) for group, t in zip(chosen, chosen_before, strict=True)
+        ]

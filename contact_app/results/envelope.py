@@ -87,18 +87,18 @@ class Envelope:
         (first, order), (other, place) = (_sorted_cells(c.cells) for c in (self._cells, cells))
         if not np.array_equal(first, other):
             return None
-        found = np.empty(len(order), np.int64)
-        found[order] = place
-        return found
+        places = np.empty(len(order), np.int64)
+        places[order] = place
+        return places
 
     def peaks(self, names: list[str]) -> dict[str, Any]:
         """The largest values of all cases, and the names of their cases."""
-        found = {}
+        peaks = {}
         for key, largest in (("von_mises", self._stress), ("contact_pressure", self._pressure)):
             number = max(largest.peaks, key=largest.peaks.__getitem__)
             value = largest.peaks[number]
-            found[key] = {"value": value, "case": names[number - 1] if value > 0.0 else None}
-        return found
+            peaks[key] = {"value": value, "case": names[number - 1] if value > 0.0 else None}
+        return peaks
 
     def write(self, directory: Path) -> list[Path]:
         """Write ``envelope.xdmf``, ``envelope.vtu`` or both; return the paths (collective)."""

@@ -69,21 +69,21 @@ class FreeMotion:
 
 def free_motions(model: Model, solution: Solution) -> list[FreeMotion]:
     """Motions that make up most of the displacement of their body (collective)."""
-    found = sliding_bodies(model.problem, solution, partial(motion_size, model.scene))
-    return [slide for slide in found if slide.body < len(model.scene.bodies)]
+    motions = sliding_bodies(model.problem, solution, partial(motion_size, model.scene))
+    return [slide for slide in motions if slide.body < len(model.scene.bodies)]
 
 
 def sliding_bodies(
     problem: DualProblem, solution: Solution, size_of: Callable[[int, NDArray[np.float64]], float]
 ) -> list[FreeMotion]:
-    """The same for any bodies (collective).
+    """Motions that make up most of the displacement of their body, rigid or not (collective).
 
     Parameters
     ----------
     size_of
         Largest displacement of a body, by its number, in a rigid motion (motions,).
     """
-    free, measures, found = problem.system.free, solution.measures, []
+    free, measures, motions = problem.system.free, solution.measures, []
     for b, motion in enumerate(free.of(solution.displacements) if free is not None else []):
         largest, without = float(measures.displacements[b]), float(measures.deformations[b])
         moved = size_of(b, motion)
@@ -91,8 +91,8 @@ def sliding_bodies(
             share = np.abs(motion) > SMALL * np.abs(motion).max()
             along = directions_in_words(upward(np.where(share, motion, 0.0)[:, None]))
             names = _stopping(motion, problem.dimension)
-            found.append(FreeMotion(b, along, names, largest, without))
-    return found
+            motions.append(FreeMotion(b, along, names, largest, without))
+    return motions
 
 
 def _stopping(motion: NDArray[np.float64], dimension: int) -> tuple[int, ...]:

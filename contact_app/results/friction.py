@@ -90,11 +90,11 @@ def of_most_pressed(
 
 def dissipated_work(problem: DualProblem, solution: Solution) -> float:
     """Σ λ_t · w, the work dissipated by friction (collective)."""
-    points, own = problem.friction, 0.0
+    points, work = problem.friction, 0.0
     if points is not None:
         residual = problem.residual(problem.on_interface(solution.displacements))
-        own = float(points.forces(solution.multiplier) @ points.slips(residual))
-    return float(problem.comm.allreduce(own))
+        work = float(points.forces(solution.multiplier) @ points.slips(residual))
+    return float(problem.comm.allreduce(work))
 
 
 def approach_of_held(model: Model, before: Scene | None) -> Array:

@@ -138,10 +138,10 @@ def whole_summary(summary: dict[str, Any], model: Model, nodes: NodeFields) -> d
 
     `decomposition` and `active_contacts` are those of the solved part.
     """
-    comm, d, found = model.comm, model.scene.dimension, full_mesh(model, nodes)
-    copies = len(found.images)
+    comm, d, whole = model.comm, model.scene.dimension, full_mesh(model, nodes)
+    copies = len(whole.images)
     magnitude = np.linalg.norm(nodes.displacement, axis=1)
-    mean = comm.allreduce(float(found.weight @ magnitude)) / found.nodes
+    mean = comm.allreduce(float(whole.weight @ magnitude)) / whole.nodes
     factor = np.full(3, float(copies))
     factor[[m.axis for m in model.scene.mirrors]] = 0.0
     solution = {
@@ -154,7 +154,7 @@ def whole_summary(summary: dict[str, Any], model: Model, nodes: NodeFields) -> d
     planes = [f"{'xyz'[m.axis]} = {m.at:g}" for m in model.scene.mirrors]
     return {
         **summary,
-        "mesh": {"cells": found.cells, "nodes": found.nodes, "dofs": found.nodes * d},
+        "mesh": {"cells": whole.cells, "nodes": whole.nodes, "dofs": whole.nodes * d},
         "solution": solution,
         "symmetry": {"planes": planes, "images": copies, "solved": summary["mesh"]},
     }
@@ -162,19 +162,19 @@ def whole_summary(summary: dict[str, Any], model: Model, nodes: NodeFields) -> d
 
 def _pair_forces(forces: dict[str, list[float]], scene: Scene) -> dict[str, list[float]]:
     """Forces between the whole bodies, by pair, from those of the solved part."""
-    found = {pair: np.array(force) for pair, force in forces.items()}
+    sums = {pair: np.array(force) for pair, force in forces.items()}
     pairs = {c.source for c in scene.mirrors[0].contacts if c.against not in SHAPES}
     for mirror in reversed(scene.mirrors):
         partners = {a: b for a, b in mirror.partners if a in pairs}
         turn = np.ones(3)
         turn[mirror.axis] = -1.0
         none = np.zeros(3)
-        found = {
-            pair: found.get(pair, none) + turn * found.get(partners.get(pair, pair), none)
-            for pair in {**found, **partners}
+        sums = {
+            pair: sums.get(pair, none) + turn * sums.get(partners.get(pair, pair), none)
+            for pair in {**sums, **partners}
         }
-    order = sorted(found, key=lambda pair: (len(pair), pair))
-    return {pair: [float(v) for v in found[pair]] for pair in order}
+    order = sorted(sums, key=lambda pair: (len(pair), pair))
+    return {pair: [float(v) for v in sums[pair]] for pair in order}
 
 
 def _times(force: list[float], factor: NDArray[np.float64]) -> list[float]:

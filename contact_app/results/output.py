@@ -62,20 +62,20 @@ def write_fields(
     files = [directory / name for name in file_names(model.scene)]
     if not files:
         return files
-    nodes, cells, found = fields.nodes, fields.cells, full_mesh(model, fields.nodes)
+    nodes, cells, whole = fields.nodes, fields.cells, full_mesh(model, fields.nodes)
     wanted = wanted_fields(model.scene)
     point_fields = {name: getattr(nodes, name) for name in POINT_FIELDS if name in wanted}
     point_fields |= fields.nodal
-    known = {"stress": cells.stress, "von_mises": cells.von_mises, **_numbers(model)}
-    cell_fields = {name: known[name] for name in CELL_FIELDS if name in wanted}
-    contacts = ContactsOfWhole(model, nodes, found)
+    cell_fields_by_name = {"stress": cells.stress, "von_mises": cells.von_mises, **_numbers(model)}
+    cell_fields = {name: cell_fields_by_name[name] for name in CELL_FIELDS if name in wanted}
+    contacts = ContactsOfWhole(model, nodes, whole)
     alone = contacts.overlapping() if "contact_pressure" in wanted else []
 
     def at_nodes(image: Image) -> dict[str, Array]:
-        own = {name: image.field(name, values) for name, values in point_fields.items()}
-        return own | {f"contact_pressure_{k + 1}": contacts.pressure(image, k) for k in alone}
+        of_image = {name: image.field(name, values) for name, values in point_fields.items()}
+        return of_image | {f"contact_pressure_{k + 1}": contacts.pressure(image, k) for k in alone}
 
-    size = result_bytes(model.scene, found.nodes, found.cells, len(alone))
+    size = result_bytes(model.scene, whole.nodes, whole.cells, len(alone))
     write_grid(model, nodes, files, at_nodes, cell_fields, size, series)
     collections = [path.with_suffix(".pvd") for path in files if path.suffix == ".vtu" and series]
     for path in collections if model.comm.rank == 0 else ():
@@ -108,25 +108,25 @@ def write_grid(
     series
         As in `write_fields`.
     """
-    partition, comm, found = model.partition, model.comm, full_mesh(model, nodes)
+    partition, comm, whole = model.partition, model.comm, full_mesh(model, nodes)
     starts = partition.cell_starts
     first_cell = int(starts[0]) if len(starts) else 0
     with ExitStack() as stack:
         writer = None
-        for number, image in enumerate(found.images):
-            own = {name: values[image.new] for name, values in at_nodes(image).items()}
+        for number, image in enumerate(whole.images):
+            of_image = {name: values[image.new] for name, values in at_nodes(image).items()}
             if comm.rank == 0 and writer is None:
-                names = tuple(own), tuple(cell_fields)
-                writer = stack.enter_context(_files(model, files, found, names, size, series))
+                names = tuple(of_image), tuple(cell_fields)
+                writer = stack.enter_context(_files(model, files, whole, names, size, series))
             points = image.points(nodes.points)[image.new]
-            for start, (located, fields) in slabs(comm, image.first, points, own):
+            for start, (located, fields) in slabs(comm, image.first, points, of_image):
                 assert writer is not None
                 writer.points(start, located)
                 for name, values in fields.items():
                     writer.point_data(name, start, values)
-            own = {name: image.field(name, v) for name, v in cell_fields.items()}
+            of_image = {name: image.field(name, v) for name, v in cell_fields.items()}
             first = number * partition.cells + first_cell
-            for start, (groups, fields) in slabs(comm, first, _cells(model, image), own):
+            for start, (groups, fields) in slabs(comm, first, _cells(model, image), of_image):
                 assert writer is not None
                 for name, values in fields.items():
                     writer.cell_data(name, start, values)
@@ -162,7 +162,7 @@ class _Files:
 def _files(
     model: Model,
     files: Sequence[Path],
-    found: FullMesh,
+    whole: FullMesh,
     names: tuple[tuple[str, ...], tuple[str, ...]],
     size: int,
     series: Series | None,
@@ -172,19 +172,19 @@ def _files(
     runs = [
         (cell_type_name(b.mesh.cell, b.degree), int(n))
         for b, n in zip(model.scene.bodies, counts, strict=True)
-    ] * len(found.images)
+    ] * len(whole.images)
     at_nodes, at_cells = ({name: components(name) for name in part} for part in names)
     writers: list[XDMFWriter | VTUWriter] = []
     with ExitStack() as stack:
         for path in files:
             if path.suffix == ".xdmf":
-                xdmf = XDMFWriter(path, runs, found.nodes, found.cells, size, series)
+                xdmf = XDMFWriter(path, runs, whole.nodes, whole.cells, size, series)
                 writers.append(stack.enter_context(xdmf))
             else:
                 from contact_app.results.vtu import VTUWriter
 
                 path = series.grid_of(path) if series else path
-                vtu = VTUWriter(path, runs, found.nodes, at_nodes, at_cells)
+                vtu = VTUWriter(path, runs, whole.nodes, at_nodes, at_cells)
                 writers.append(stack.enter_context(vtu))
         yield _Files(writers)
 
@@ -193,7 +193,7 @@ def _numbers(model: Model) -> dict[str, NDArray[np.float64]]:
     """Numbers, in the order of the file, of the body and the material of each cell of this rank."""
     subdomains = model.partition.subdomains
     tags = [s.reference.tags for s in subdomains]
-    bodies = [np.full(len(own), s.body) for own, s in zip(tags, subdomains, strict=True)]
+    bodies = [np.full(len(local), s.body) for local, s in zip(tags, subdomains, strict=True)]
     none = [np.zeros(0)]
     return {"body": np.concatenate(none + bodies), "material": np.concatenate(none + tags)}
 

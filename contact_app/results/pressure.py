@@ -140,11 +140,11 @@ def contact_forces(model: Model, solution: Solution, surface: SurfaceNodes) -> C
     pressure, smoothed = np.zeros((2, len(surface.owned)))
     contacts, lost = [], 0
     for number in range(len(model.scene.touching)):
-        found, missed = _in_contact(model, surface, loads, number)
-        at = np.searchsorted(surface.owned, found.nodes)
-        pressure[at] = np.maximum(pressure[at], found.pressure)
-        smoothed[at] = np.maximum(smoothed[at], found.smoothed)
-        contacts.append(found)
+        in_contact, missed = _in_contact(model, surface, loads, number)
+        at = np.searchsorted(surface.owned, in_contact.nodes)
+        pressure[at] = np.maximum(pressure[at], in_contact.pressure)
+        smoothed[at] = np.maximum(smoothed[at], in_contact.smoothed)
+        contacts.append(in_contact)
         lost += missed
     return ContactForces(surface.owned, pressure, smoothed, tuple(contacts), lost)
 
@@ -176,10 +176,10 @@ def _in_contact(
     covered = np.ones(len(on))
     if isinstance(touching, BodyContact):
         columns = np.column_stack([area, force, loads.friction[of_contact]])
-        known = np.column_stack([pressure, traction])
+        quotients = np.column_stack([pressure, traction])
         rows = loads.rows.of(loads.sources == number)
         side = boundary.side(body.degree)
-        means = side.with_means(rows, columns, known)
+        means = side.with_means(rows, columns, quotients)
         pressure, traction = means[:, 0], means[:, 1:]
         covered = side.share_of(at_owned(every, area))
     if body.degree == 2:
@@ -203,10 +203,10 @@ def _in_contact(
         sticks=at_owned(every, loads.sticks[of_contact].astype(float)) > 0.0,
         rubs=at_owned(every, loads.rubs[of_contact].astype(float)) > 0.0,
     )
-    found = NodesInContact(**{name: values[on] for name, values in of_owned.__dict__.items()})
-    fitted = found.pressure, found.shares, covered[on]
-    smoothed = smoothed_pressure(model, number, found.nodes, fitted)
-    return replace(found, smoothed=smoothed), int((loaded & ~usable).sum())
+    nodes = NodesInContact(**{name: values[on] for name, values in of_owned.__dict__.items()})
+    fitted = nodes.pressure, nodes.shares, covered[on]
+    smoothed = smoothed_pressure(model, number, nodes.nodes, fitted)
+    return replace(nodes, smoothed=smoothed), int((loaded & ~usable).sum())
 
 
 def node_gaps(model: Model, solution: Solution, surface: SurfaceNodes, far: Array) -> Array:
@@ -318,12 +318,12 @@ class _Boundary:
                 folded[mirror.axis] = on
         off = alternation(lines, q, lambda values: surface.copies(surface.sums(values)), folded)
         part = surface.sums(off) / surface.sums(np.ones(len(q)))
-        found = np.maximum(pressure - part, 0.0)
-        every = np.stack([pressure, np.abs(part), found]) @ self.shares
+        recovered = np.maximum(pressure - part, 0.0)
+        every = np.stack([pressure, np.abs(part), recovered]) @ self.shares
         force, alternating, left = surface.exchange.comm.allreduce(every)
         if alternating > STRONG * force:
             return self.at_all_nodes(self.smoothed(pressure))
-        return found * (force / left if left > 0.0 else 1.0)
+        return recovered * (force / left if left > 0.0 else 1.0)
 
     def smoothed(self, pressure: Array) -> Array:
         """Means about vertices of the pressure from forces over shares (owned,)."""
@@ -366,9 +366,9 @@ class _Boundary:
 
     def at_all_nodes(self, values: Array) -> Array:
         """Values (owned,) at vertices, interpolated to the middles, at their owners."""
-        known = np.zeros(sum(map(len, self._surface.local)))
+        areas = np.zeros(sum(map(len, self._surface.local)))
         for nodes, _ in self._parts:
-            known[nodes] = 1.0
-        found = self._surface.sums(np.where(known > 0.0, self.extended(values), 0.0))
-        count = self._surface.sums(known)
-        return np.divide(found, count, out=values.copy(), where=count > 0.0)
+            areas[nodes] = 1.0
+        summed = self._surface.sums(np.where(areas > 0.0, self.extended(values), 0.0))
+        count = self._surface.sums(areas)
+        return np.divide(summed, count, out=values.copy(), where=count > 0.0)

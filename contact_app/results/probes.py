@@ -12,14 +12,14 @@ from solver.contact.solution import Solution
 
 def probe_records(model: Model, solution: Solution) -> dict[str, Any]:
     """`probes` of ``summary.json``, by name (collective)."""
-    d, found = model.scene.dimension, {}
+    d, records = model.scene.dimension, {}
     for probe in model.probes:
-        own = np.zeros(d)
+        moved = np.zeros(d)
         if probe.subdomain is not None:
             cls, column = model.place[probe.subdomain]
             u = solution.displacements[cls][:, column].reshape(-1, d)
-            own = probe.shares @ u[probe.nodes]
+            moved = probe.shares @ u[probe.nodes]
             for mirror in probe.mirrors:
-                own[mirror.axis] *= -1.0
-        found[probe.name] = {"displacement": [float(v) for v in model.comm.allreduce(own)]}
-    return found
+                moved[mirror.axis] *= -1.0
+        records[probe.name] = {"displacement": [float(v) for v in model.comm.allreduce(moved)]}
+    return records

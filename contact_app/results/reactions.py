@@ -40,15 +40,15 @@ Array = NDArray[np.float64]
 def reaction_records(model: Model, solution: Solution, nodes: NodeFields) -> list[dict[str, Any]]:
     """The list `reactions` of ``summary.json``, in the order of the file (collective)."""
     scene = model.scene
-    found = dict(zip(
+    of_solved_part = dict(zip(
         (c.source for c in scene.displacements), _reactions(model, solution, nodes), strict=True
     ))  # fmt: skip
     images, records = full_mesh(model, nodes).images, []
     for source, on in scene.condition_names:
         pieces = [
-            found[origin].image(image)
+            of_solved_part[origin].image(image)
             for image in images
-            if (origin := image.origin(source)) in found
+            if (origin := image.origin(source)) in of_solved_part
         ]
         records.append({"on": on, **joined(pieces, scene.dimension)})
     return records
@@ -69,7 +69,7 @@ def _reactions(model: Model, solution: Solution, nodes: NodeFields) -> list[Resu
         force[:, i] = np.bincount(place, arrived[:, i], minlength=size)
     add_contact(model.problem, model.node_exchange, solution, force)
     assigned = np.zeros((size, 3), bool)
-    found = []
+    reactions = []
     for condition, copies in zip(conditions, held, strict=True):
         holds = np.zeros((size, 3), bool)
         on = np.zeros(size, bool)
@@ -79,8 +79,8 @@ def _reactions(model: Model, solution: Solution, nodes: NodeFields) -> list[Resu
         assigned |= holds
         shares = exchange.to_owners(copies.weight)
         weights = np.bincount(place, shares, minlength=size).astype(float)
-        found.append(summed(model.comm, nodes.points, on, chosen, weights))
-    return found
+        reactions.append(summed(model.comm, nodes.points, on, chosen, weights))
+    return reactions
 
 
 def add_contact(
@@ -181,7 +181,7 @@ def _residual(model: Model, solution: Solution, held: list[_Copies]) -> Array:
             unknowns = (local[:, None] * d + np.arange(d)).ravel()
             stiffness = model.problem.classes[cls].stiffness[unknowns]
             u = solution.displacements[cls][:, column]
-            own = stiffness @ u - model.problem.forces[cls][unknowns, column]
-            result[start + local] = own.reshape(-1, d)
+            residual = stiffness @ u - model.problem.forces[cls][unknowns, column]
+            result[start + local] = residual.reshape(-1, d)
         start += len(s.nodes)
     return result

@@ -80,8 +80,8 @@ def _first_of_many(kind: list[str]) -> list[str]:
 
 def _names(names: Iterable[str]) -> re.Pattern[str]:
     """Pattern of the names of bodies and of places in the configuration."""
-    known = sorted(map(re.escape, set(names)), key=len, reverse=True)
-    bodies = [rf"(?<![\w.])(?:{'|'.join(known)})(?![\w])"] if known else []
+    patterns = sorted(map(re.escape, set(names)), key=len, reverse=True)
+    bodies = [rf"(?<![\w.])(?:{'|'.join(patterns)})(?![\w])"] if patterns else []
     return re.compile("|".join([PLACE, *bodies]))
 
 
@@ -90,7 +90,7 @@ def _joined(group: list[str], pattern: re.Pattern[str]) -> str:
     first, *others = group
     if not others:
         return first
-    about = [found[0] for found in map(pattern.search, others) if found]
+    about = [match[0] for match in map(pattern.search, others) if match]
     listed = dict.fromkeys(about[:LISTED])
     if not listed:
         return f"{first} ({len(group)} times)"

@@ -95,16 +95,16 @@ def run_log(path: Path | None, first: bool = True) -> Iterator[logging.Logger]:
 
 def _log_end(error: BaseException, path: Path, first: bool) -> None:
     """Log the exception that ends a run; rank 0 logs those of other ranks."""
-    own = is_own_failure(error)
+    is_own = is_own_failure(error)
     if first:
-        log.error("%s", message_of(error), exc_info=error if own else None)
-    elif own:
+        log.error("%s", message_of(error), exc_info=error if is_own else None)
+    elif is_own:
         try:
             with path.open("a", encoding="utf-8") as file:
                 file.write("on another rank:\n" + "".join(traceback.format_exception(error)))
         except OSError:
             return
-    if own:
+    if is_own:
         mark_logged(error, path)
 
 

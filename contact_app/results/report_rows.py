@@ -31,9 +31,9 @@ def named_rows(summary: Mapping[str, Any]) -> Iterator[Row]:
         yield "largest contact pressure", number(solution["max_contact_pressure"])
         yield from _contacts(contacts)
     reactions = summary.get("reactions", [])
-    forces = [force for found in (*contacts, *reactions) for force in found["force"]]
+    forces = [force for record in (*contacts, *reactions) for force in record["force"]]
     most = max(map(abs, forces), default=0.0)
-    supports = [(found["on"], vector(found["force"], most)) for found in reactions]
+    supports = [(record["on"], vector(record["force"], most)) for record in reactions]
     yield from _several("reactions", supports)
     sections = summary.get("sections", {}).items()
     yield from _several(

@@ -32,9 +32,9 @@ def placements_of(model: Model, solution: Solution) -> list[Placement]:
         if cls.rigid
     ]
     moved: list[Array] = comm.bcast(on_rank, root=comm.size - 1)
-    found = dict(zip(scene.moving, moved, strict=True))
+    motions = dict(zip(scene.moving, moved, strict=True))
     held = [scene.held_components(k)[1] for k in range(len(scene.rigid_bodies))]
-    return [Placement.of(found.get(k, values), d) for k, values in enumerate(held)]
+    return [Placement.of(motions.get(k, values), d) for k, values in enumerate(held)]
 
 
 def rigid_records(
@@ -68,11 +68,13 @@ def rigid_records(
     forces = [_on_rigid(model, nodes, k, point) for k, point in enumerate(points)]
     for tie, record in zip(scene.rigid_ties, ties[len(scene.ties) :], strict=True):
         forces[tie.rigid] -= _about(record, points[tie.rigid])
-    own = {
+    moved = {
         motion.source: _reaction(scene, motion, forces[motion.body], points[motion.body])
         for motion in scene.rigid_motions
     }
-    every = dict(zip((source for source, _ in scene.condition_names), reactions, strict=True)) | own
+    every = (
+        dict(zip((source for source, _ in scene.condition_names), reactions, strict=True)) | moved
+    )
     order = sorted(every, key=lambda source: (len(source), source))
     return {"rigid_bodies": records, "reactions": [every[source] for source in order]}
 

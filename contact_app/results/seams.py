@@ -68,13 +68,13 @@ def smooth_forces(
     columns, values, f, w, q = (
         np.concatenate(field) for field in list(zip(*parts, strict=True))[1:]
     )
-    known, columns = np.unique(columns, return_inverse=True)
-    matrix = sparse.csr_matrix((values, (row, columns.reshape(-1))), shape=(len(f), len(known)))
+    distinct, columns = np.unique(columns, return_inverse=True)
+    matrix = sparse.csr_matrix((values, (row, columns.reshape(-1))), shape=(len(f), len(distinct)))
     root = np.sqrt(w)
     scaled = (sparse.diags(root) @ matrix).tocsr()
     target = (q * w - f) / root
-    found = lsmr(scaled, target, atol=ACCURACY, btol=ACCURACY, conlim=0.0, maxiter=STEPS)[0]
-    change = root * (target - scaled @ found)
+    correction = lsmr(scaled, target, atol=ACCURACY, btol=ACCURACY, conlim=0.0, maxiter=STEPS)[0]
+    change = root * (target - scaled @ correction)
     pulls = change < 0.0
     step = min(1.0, float((f[pulls] / -change[pulls]).min(initial=np.inf)))
     result = force.copy()

@@ -48,14 +48,14 @@ def section_records(model: Model, solution: Solution, nodes: NodeFields) -> dict
     outer = _outer_forces(model, solution, nodes)
     pieces: dict[str, list[Resultant]] = {}
     for piece in model.sections:
-        own = _resultant(model, piece, nodes, outer)
-        pieces.setdefault(piece.name, []).append(own.image(images[piece.mirrors]))
+        of_piece = _resultant(model, piece, nodes, outer)
+        pieces.setdefault(piece.name, []).append(of_piece.image(images[piece.mirrors]))
     return {
         name: {
-            **joined(found, model.scene.dimension),
-            "area": float(sum(piece.weight for piece in found)),
+            **joined(pieces_of_section, model.scene.dimension),
+            "area": float(sum(piece.weight for piece in pieces_of_section)),
         }
-        for name, found in pieces.items()
+        for name, pieces_of_section in pieces.items()
     }
 
 
@@ -96,15 +96,15 @@ def _shares(model: Model, piece: SectionPiece) -> Array:
     exchange = model.node_exchange
     copies = [np.zeros((0, 4))]
     for s, behind in zip(model.partition.subdomains, piece.behind, strict=True):
-        own = np.zeros((len(s.nodes), 4))
+        shares = np.zeros((len(s.nodes), 4))
         if behind is not None:
-            own[s.reference.cells[behind], 0] = 1.0
-            own[s.reference.cells[~behind], 1] = 1.0
+            shares[s.reference.cells[behind], 0] = 1.0
+            shares[s.reference.cells[~behind], 1] = 1.0
             rows = surface_facets(s, model.scene.bodies[s.body])
             facets, area = s.reference.facets[rows], _areas(s, rows)
             side = np.where(behind[s.reference.facet_cells[rows]], 2, 3)
-            np.add.at(own, (facets, side[:, None]), area[:, None])
-        copies.append(own)
+            np.add.at(shares, (facets, side[:, None]), area[:, None])
+        copies.append(shares)
     arrived, place = exchange.to_owners(np.concatenate(copies)), exchange.nodes - exchange.first
     size = exchange.last - exchange.first
     cells_behind, cells_before, behind_area, before_area = (
@@ -138,22 +138,22 @@ def _load_behind(model: Model, piece: SectionPiece, number: int) -> Array | None
     if not behind.all():
         part = _part(s, behind)
         element = Element(part.reference, d, np.flatnonzero(behind).astype(np.int32))
-        own = subdomain_load(model.scene, part, element, model.linear)
-        if own is None:
+        load_of_part = subdomain_load(model.scene, part, element, model.linear)
+        if load_of_part is None:
             return None
-        load = own
+        load = load_of_part
     return np.pad(load.reshape(-1, d), ((0, 0), (0, 3 - d)))
 
 
 def _part(s: Subdomain, behind: NDArray[np.bool_]) -> Subdomain:
     """The subdomain reduced to some of its cells."""
 
-    def own(rows: NDArray[np.int32]) -> NDArray[np.int32]:
+    def rows_of_part(rows: NDArray[np.int32]) -> NDArray[np.int32]:
         return rows[behind[s.reference.facet_cells[rows]]]
 
     return replace(
         s,
         reference=replace(s.reference),
-        exterior=own(s.exterior),
-        boundaries={name: own(rows) for name, rows in s.boundaries.items()},
+        exterior=rows_of_part(s.exterior),
+        boundaries={name: rows_of_part(rows) for name, rows in s.boundaries.items()},
     )

@@ -36,11 +36,11 @@ class Series:
     @classmethod
     def resumed(cls, directory: Path, times: Sequence[float]) -> Series:
         """The first frames, at these times, that an earlier run left in a directory."""
-        found, text = cls(), directory / "solution.xdmf"
-        found.times = list(times)
+        series, text = cls(), directory / "solution.xdmf"
+        series.times = list(times)
         if text.is_file():
-            found.grids = GRID.findall(text.read_text(encoding="utf-8"))[: len(times)]
-        return found
+            series.grids = GRID.findall(text.read_text(encoding="utf-8"))[: len(times)]
+        return series
 
     def begin(self, time: float) -> None:
         """The next frame is that of a time."""

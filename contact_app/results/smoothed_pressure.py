@@ -59,7 +59,7 @@ def smoothed_pressure(
     model: Model,
     number: int,
     nodes: NDArray[np.int64],
-    known: tuple[Array, Array, Array],
+    samples: tuple[Array, Array, Array],
 ) -> Array:
     """The smoothed pressure of a contact of a scene at its nodes that this rank owns, (n,).
 
@@ -69,7 +69,7 @@ def smoothed_pressure(
     ----------
     number
         As `Scene.touching` counts.
-    known : (n,), (n,), (n,)
+    samples : (n,), (n,), (n,)
         Pressure at these nodes, integrals of their shape functions, and covered shares.
     """
     touching = model.scene.touching[number]
@@ -79,13 +79,13 @@ def smoothed_pressure(
     at_nodes = isinstance(touching, Contact) and not has_averaged_rows(
         model.scene.bodies[touching.body]
     )
-    return smoothed_on(model.comm, sides, (nodes, *known), model.partition.nodes, at_nodes)
+    return smoothed_on(model.comm, sides, (nodes, *samples), model.partition.nodes, at_nodes)
 
 
 def smoothed_on(
     comm: MPI.Intracomm,
     sides: Sequence[Surface | None],
-    known: tuple[NDArray[np.int64], Array, Array, Array],
+    samples: tuple[NDArray[np.int64], Array, Array, Array],
     total: int,
     at_nodes: bool = True,
 ) -> Array:
@@ -95,7 +95,7 @@ def smoothed_on(
     ----------
     sides
         The facets that press, of all ranks, and those of the other body where there is one.
-    known : (n,), (n,), (n,), (n,)
+    samples : (n,), (n,), (n,), (n,)
         Nodes, pressure, the integrals of shape functions, and the share of the area about each node
         that the other body covers: one at obstacles.
     total
@@ -104,7 +104,7 @@ def smoothed_on(
         Whether every node has a pressure of its own; otherwise only vertices have, and the pressure
         is linear between them.
     """
-    nodes, pressure, shares, covered = known
+    nodes, pressure, shares, covered = samples
     some = covered > 0.0
     parts = comm.allgather((nodes[some], pressure[some], covered[some]))
     at, values, weights = (np.concatenate(part) for part in zip(*parts, strict=True))
@@ -115,12 +115,12 @@ def smoothed_on(
     p, weight = (np.where(place >= 0, v[place], 0.0) for v in (values, weights))
     near = cKDTree(points[p > 0.0]).query(points)[0] <= 2.0 * radii
     near = np.flatnonzero(near & (weight > 0.0))
-    found = np.zeros(len(numbers))
+    means = np.zeros(len(numbers))
     weighted = (areas * weight)[near]
-    found[near] = np.maximum(_twiced(points[near], radii[near], weighted, p[near]), 0.0)
+    means[near] = np.maximum(_twiced(points[near], radii[near], weighted, p[near]), 0.0)
     result = np.zeros(len(nodes))
     of_node = _places(numbers, nodes)
-    result[of_node >= 0] = found[of_node[of_node >= 0]]
+    result[of_node >= 0] = means[of_node[of_node >= 0]]
     areas_of_nodes = shares * covered
     before, after = comm.allreduce(np.stack([pressure, result]) @ areas_of_nodes)
     return result * (before / after) if after > 0.0 else pressure
@@ -129,7 +129,7 @@ def smoothed_on(
 def smoothed_tractions(
     model: Model, tie: Tie | RigidTie, nodes: NDArray[np.int64], tractions: Array
 ) -> Array:
-    """The same means of the tractions of a tied boundary, (n, 3) (collective).
+    """Tractions of a tied boundary, smoothed as pressures are, (n, 3) (collective).
 
     A scene with tied boundaries is not cut at planes of symmetry, so there are no images.
 
@@ -147,9 +147,9 @@ def smoothed_tractions(
     numbers, points, areas, radii = _at_nodes(side, others, at_nodes=True)
     place = _places(at, numbers)
     some = place >= 0
-    found = np.zeros((len(numbers), 3))
-    found[some] = _twiced(points[some], radii[some], areas[some], values[place[some]])
-    return np.asarray(found[_places(numbers, nodes)])
+    means = np.zeros((len(numbers), 3))
+    means[some] = _twiced(points[some], radii[some], areas[some], values[place[some]])
+    return np.asarray(means[_places(numbers, nodes)])
 
 
 def _places(numbers: NDArray[np.int64], wanted: NDArray[np.int64]) -> NDArray[np.int64]:
@@ -193,9 +193,9 @@ def _at_nodes(
 def _twiced(points: Array, radii: Array, areas: Array, p: Array) -> Array:
     """L p + M(p - L p)."""
     tree = cKDTree(points)
-    found = tree.query_ball_point(points, radii)
-    count = np.fromiter(map(len, found), np.int64, len(found))
-    row, column = np.repeat(np.arange(len(points)), count), np.concatenate(found).astype(np.int64)
+    near = tree.query_ball_point(points, radii)
+    count = np.fromiter(map(len, near), np.int64, len(near))
+    row, column = np.repeat(np.arange(len(points)), count), np.concatenate(near).astype(np.int64)
     away = (points[column] - points[row]) / radii[row, None]
     weight = np.maximum(1.0 - (away**2).sum(axis=1), 0.0) ** 2 * areas[column]
     weight /= np.bincount(row, weight, len(points))[row]

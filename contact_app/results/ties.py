@@ -83,7 +83,7 @@ def tie_records(model: Model, solution: Solution) -> list[dict[str, Any]]:
 
 
 def _over_covered(
-    side: OnSide, rows: ContactRows, force: Array, known: tuple[NDArray[np.int64], Array]
+    side: OnSide, rows: ContactRows, force: Array, at_nodes: tuple[NDArray[np.int64], Array]
 ) -> Array:
     """Tractions with means over covered parts in place of extrapolations, (n, 3) (collective).
 
@@ -91,18 +91,18 @@ def _over_covered(
     ----------
     rows, force : (k, 3)
         The rows of a tie of two bodies and their forces, along one axis each.
-    known : (n,), (n, 3)
+    at_nodes : (n,), (n, 3)
         Nodes with rows, and forces over areas.
     """
-    nodes, tractions = known
+    nodes, tractions = at_nodes
     at = np.searchsorted(side.owned, nodes)
     result = tractions.copy()
     axis = np.abs(rows.normals).argmax(axis=1)
     for i in range(rows.normals.shape[1]):
-        own = np.zeros((len(side.owned), 1))
-        own[at, 0] = tractions[:, i]
+        quotients = np.zeros((len(side.owned), 1))
+        quotients[at, 0] = tractions[:, i]
         columns = np.column_stack([rows.areas, force[:, i]])[axis == i]
-        result[:, i] = side.with_means(rows.of(axis == i), columns, own)[at, 0]
+        result[:, i] = side.with_means(rows.of(axis == i), columns, quotients)[at, 0]
     return result
 
 
@@ -118,11 +118,11 @@ def _contact_at_tied_nodes(problem: DualProblem, solution: Solution) -> NDArray[
         (moved.node * d + moved.component, -moved.value * pressing[moved.row])
     )
     place, value = (np.concatenate([part[k] for part in parts]) for k in (0, 1))
-    known, at = np.unique(place, return_inverse=True)
-    total = dict(zip(known.tolist(), np.bincount(at.reshape(-1), value).tolist(), strict=True))
+    distinct, at = np.unique(place, return_inverse=True)
+    total = dict(zip(distinct.tolist(), np.bincount(at.reshape(-1), value).tolist(), strict=True))
     component = np.abs(rows.normals).argmax(axis=1)
-    found = np.array([total.get(key, 0.0) for key in (rows.nodes * d + component).tolist()])
-    return np.where(rows.normals != 0.0, found.reshape(-1, 1), 0.0)
+    forces = np.array([total.get(key, 0.0) for key in (rows.nodes * d + component).tolist()])
+    return np.where(rows.normals != 0.0, forces.reshape(-1, 1), 0.0)
 
 
 def in_order_of_file(

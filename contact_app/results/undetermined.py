@@ -79,7 +79,7 @@ class Undetermined:
         return f"{self.name} {play} along {self.along}"
 
 
-def play_warnings(found: list[Undetermined], remedy: str) -> list[str]:
+def play_warnings(motions: list[Undetermined], remedy: str) -> list[str]:
     """One sentence that names every body once, with its largest play; none without plays.
 
     Parameters
@@ -87,10 +87,10 @@ def play_warnings(found: list[Undetermined], remedy: str) -> list[str]:
     remedy
         What determines the position.
     """
-    if not found:
+    if not motions:
         return []
     largest: dict[str, Undetermined] = {}
-    for one in sorted(found, key=lambda one: -one.reach):
+    for one in sorted(motions, key=lambda one: -one.reach):
         largest.setdefault(one.name, one)
     motion, it, whose = ("this motion", "it", "Its")
     if len(largest) > 1:
@@ -133,7 +133,7 @@ class Movable:
 def undetermined_of(
     problem: DualProblem, solution: Solution, seen: sparse.csr_matrix, bodies: Movable
 ) -> list[Undetermined]:
-    """The same for any bodies (collective).
+    """The motions of bodies that an answer without friction leaves open (collective).
 
     Parameters
     ----------
@@ -148,7 +148,7 @@ def undetermined_of(
     left = np.maximum(left / contact.spread, 0.0)
     force = solution.multiplier[problem.inequality] * contact.spread
     largest = comm.allreduce(float(force.max(initial=0.0)), op=MPI.MAX)
-    found = []
+    motions = []
     for group in bodies.groups:
         rows = seen[:, (group[:, None] * m + np.arange(m)).ravel()]
         acting = np.diff(rows.indptr) > 0
@@ -164,8 +164,8 @@ def undetermined_of(
             reach = speeds[most] * _reach(comm, dense @ motion, left[acting])
             if reach > SMALL_PLAY * solution.measures.displacements[group[most]]:
                 along = directions_in_words(upward(parts[most][:, None]))
-                found.append(Undetermined(bodies.names[group[most]], along, reach))
-    return found
+                motions.append(Undetermined(bodies.names[group[most]], along, reach))
+    return motions
 
 
 def _reach(comm: MPI.Intracomm, closing: Array, left: Array) -> float:

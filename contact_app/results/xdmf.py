@@ -275,6 +275,7 @@ class XDMFWriter:
         )
 
     def _grid(self) -> str:
+        """The XML text of the last time: mesh and fields, with their places in the HDF5 file."""
         wide = 4 if self.n_nodes < 2**31 else 8
         time = self._series.times[-1] if self._series else 0
         lines = [

@@ -207,8 +207,8 @@ def solve(
         raise ConfigurationError(
             f"a scene is the path of a YAML file or a mapping of its keys, not {scene!r:.80}"
         )
-    given = from_mapping(scene, overrides) if isinstance(scene, Mapping) else load(scene, overrides)
-    built = build_scene(given, comm=comm)
+    read = from_mapping(scene, overrides) if isinstance(scene, Mapping) else load(scene, overrides)
+    built = build_scene(read, comm=comm)
     if built.symmetry:
         from contact_app.model.symmetry import halved
 
@@ -242,11 +242,11 @@ def _step_answers(scene: Scene, comm: MPI.Intracomm) -> StepAnswers:
     return StepAnswers(answers, summary_of_steps(answers[-1].solved.summary, records))
 
 
-def _refuse(scene: Scene, known: Outline) -> None:
+def _refuse(scene: Scene, outline: Outline) -> None:
     if scene.guaranteed:
         from contact_app.accuracy.guarantee.box_surface import refuse_unguaranteed
 
-        refuse_unguaranteed(scene, known.partition)
+        refuse_unguaranteed(scene, outline.partition)
 
 
 def _answer(solved: SolvedScene, summary: dict[str, Any]) -> Answer:

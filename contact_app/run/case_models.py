@@ -31,7 +31,7 @@ from contact_app.machine.timings import Timings
 from contact_app.model.candidates import Needed
 from contact_app.model.method import is_undecomposed
 from contact_app.model.model import Model, build_model, model_of_case, model_of_outline
-from contact_app.model.outline import Outline, Report, outline, outline_of_case
+from contact_app.model.outline import Outline, Report, outline_of_case, outline_of_scene
 from contact_app.run.step_equilibrium import leaving_in_step
 from contact_app.scene.scene import Scene
 from solver.contact.solution import Solution
@@ -70,21 +70,23 @@ def outlines_of_cases(
         A loading has no equilibrium; the message names the case, or the step and the factor within
         it at which a body leaves.
     """
-    found: dict[str, Outline | None] = {}
+    outlines: dict[str, Outline | None] = {}
     first: Outline | None = None
     for number, case in enumerate(scene.loadings):
         loaded = scene.under(case)
         try:
             if first is None:
-                first = found[case.name] = outline(loaded, comm, timings, "distinct")
+                first = outlines[case.name] = outline_of_scene(loaded, comm, timings, "distinct")
             else:
-                found[case.name] = outline_of_case(first, loaded, timings)
+                outlines[case.name] = outline_of_case(first, loaded, timings)
         except NoEquilibriumError as error:
             if scene.steps:
                 raise leaving_in_step(scene, number, comm, first, error) from error
             raise NoEquilibriumError(f"case {case.name}: {error}") from error
-    needed = np.any([known.needed for known in found.values() if known is not None], axis=0)
-    return {name: known and known.with_needed(needed) for name, known in found.items()}
+    needed = np.any(
+        [outline.needed for outline in outlines.values() if outline is not None], axis=0
+    )
+    return {name: outline and outline.with_needed(needed) for name, outline in outlines.items()}
 
 
 @dataclass(frozen=True, eq=False)
@@ -153,27 +155,32 @@ class CaseModels:
         with timings.measure("setup"):
             if not self._outlines:
                 self._outlines = outlines_of_cases(self._scene, self._comm, timings)
-            known = self._outline(scene, timings)
+            outline = self._outline(scene, timings)
         others = scene.decomposition != self._scene.decomposition
         others |= is_undecomposed(scene) != is_undecomposed(self._scene)
-        if known is None or scene.rigid_bodies or others:
+        if outline is None or scene.rigid_bodies or others:
             return build_model(scene, self._comm, timings, needed, report)
         with timings.measure("setup"):
-            return self._shared(scene, known, timings, needed, report)
+            return self._shared(scene, outline, timings, needed, report)
 
     def _outline(self, scene: Scene, timings: Timings) -> Outline | None:
         """The outline of a loading; within a step, with the rows that the steps need."""
         if scene.case in self._outlines:
             return self._outlines[scene.case]
-        first = next(known for known in self._outlines.values() if known is not None)
-        known = outline_of_case(first, scene, timings)
-        return known and known.with_needed(first.needed)
+        first = next(outline for outline in self._outlines.values() if outline is not None)
+        outline = outline_of_case(first, scene, timings)
+        return outline and outline.with_needed(first.needed)
 
     def _shared(
-        self, scene: Scene, known: Outline, timings: Timings, needed: Needed, report: Report | None
+        self,
+        scene: Scene,
+        outline: Outline,
+        timings: Timings,
+        needed: Needed,
+        report: Report | None,
     ) -> Model:
         """The model of a case with the factors of other cases, or with new ones for more rows."""
-        rows = known.needed.copy()
+        rows = outline.needed.copy()
         if not isinstance(needed, str):
             rows |= needed
         elif needed == "all":
@@ -181,13 +188,13 @@ class CaseModels:
         if self._model is not None:
             more = bool((rows & ~self._model.needed).any())
             if not self._comm.allreduce(int(more)):
-                return model_of_case(self._model, known.with_needed(self._model.needed), scene)
+                return model_of_case(self._model, outline.with_needed(self._model.needed), scene)
             rows |= self._model.needed
-        known = known.with_needed(rows)
+        outline = outline.with_needed(rows)
         if report is not None:
-            report(self._scene, known)
+            report(self._scene, outline)
         self._patches = None
-        self._model = model_of_outline(scene, known, timings)
+        self._model = model_of_outline(scene, outline, timings)
         return self._model
 
     def estimator(self, model: Model) -> ErrorEstimator:
@@ -233,37 +240,37 @@ def nearest_combination(products: Array) -> Array | None:
     -------
     (cases,) or None where no earlier case is near.
     """
-    inner, own, square = products[:-1, :-1], products[:-1, -1], products[-1, -1]
+    inner, with_new, square = products[:-1, :-1], products[:-1, -1], products[-1, -1]
     squares = np.diag(inner)
-    share = np.divide(own, squares, out=np.zeros(len(own)), where=squares > 0.0)
+    share = np.divide(with_new, squares, out=np.zeros(len(with_new)), where=squares > 0.0)
     share = np.maximum(share, 0.0)
-    left = square - 2.0 * share * own + share**2 * squares
+    left = square - 2.0 * share * with_new + share**2 * squares
     best = int(np.argmin(left))
     if left[best] > FAR**2 * square or not share[best] > 0.0:
         return None
-    chosen, found, rest = [best], share[[best]], max(float(left[best]), 0.0)
-    distances = square - 2.0 * own + squares
-    while rest > NEAR**2 * square and len(chosen) < min(MOST, len(own)):
-        joined = [_joined(inner, own, square, [*chosen, k]) for k in range(len(own))]
+    chosen, factors, rest = [best], share[[best]], max(float(left[best]), 0.0)
+    distances = square - 2.0 * with_new + squares
+    while rest > NEAR**2 * square and len(chosen) < min(MOST, len(with_new)):
+        joined = [_joined(inner, with_new, square, [*chosen, k]) for k in range(len(with_new))]
         after = np.array([one[1] for one in joined])
         after[chosen] = np.inf
         if after.min() > GAINED**2 * rest:
             break
         nearly_best = after <= max(2.0 * after.min(), NEAR**2 * square)
         k = int(np.argmin(np.where(nearly_best, distances, np.inf)))
-        chosen, found, rest = [*chosen, k], joined[k][0], float(after[k])
-    result = np.zeros(len(own))
-    result[chosen] = found
+        chosen, factors, rest = [*chosen, k], joined[k][0], float(after[k])
+    result = np.zeros(len(with_new))
+    result[chosen] = factors
     return result
 
 
-def _joined(inner: Array, own: Array, square: float, some: list[int]) -> tuple[Array, float]:
+def _joined(inner: Array, with_new: Array, square: float, some: list[int]) -> tuple[Array, float]:
     """Minimise ‖d - Σ a_k d_k‖² over some cases: the factors and the minimum.
 
     Factors above `LARGEST` extrapolate too far: the minimum counts as infinite.
     """
-    factors = np.linalg.lstsq(inner[np.ix_(some, some)], own[some], rcond=1e-10)[0]
-    left = square - 2.0 * factors @ own[some] + factors @ inner[np.ix_(some, some)] @ factors
+    factors = np.linalg.lstsq(inner[np.ix_(some, some)], with_new[some], rcond=1e-10)[0]
+    left = square - 2.0 * factors @ with_new[some] + factors @ inner[np.ix_(some, some)] @ factors
     if np.abs(factors).max() > LARGEST:
         return factors, np.inf
     return factors, max(float(left), 0.0)

@@ -19,7 +19,7 @@ from contact_app.errors import ConfigurationError
 from contact_app.machine.environment import environment
 from contact_app.machine.exits import Exit
 from contact_app.machine.ranks import on_first
-from contact_app.model.method import chosen
+from contact_app.model.method import with_chosen_method
 from contact_app.model.outline import Report
 from contact_app.results.envelope import Envelope
 from contact_app.results.history import History
@@ -57,7 +57,7 @@ def solved_cases(
     report
         Called with the scene and the outline of the model of its first case.
     """
-    scene = chosen(scene)
+    scene = with_chosen_method(scene)
     models = CaseModels(scene, comm)
     for case in scene.cases:
         solved = solve_scene(
@@ -154,8 +154,8 @@ class Overview:
         for warning in self.warnings if comm.rank == 0 else ():
             log.warning("%s", warning)
         on_first(comm, lambda: write_summary(directory / "summary.json", summary))
-        own = [directory / name / "summary.json" for name in self._cases]
-        return summary, [*files, *own]
+        summaries = [directory / name / "summary.json" for name in self._cases]
+        return summary, [*files, *summaries]
 
 
 def run_cases(

@@ -9,8 +9,8 @@ from __future__ import annotations
 from mpi4py import MPI
 from rich.console import Console
 
-from contact_app.model.method import chosen
-from contact_app.model.outline import Outline, outline
+from contact_app.model.method import with_chosen_method
+from contact_app.model.outline import Outline, outline_of_scene
 from contact_app.run.case_models import outlines_of_cases
 from contact_app.run.cost import cost_lines
 from contact_app.run.model_report import loads_on_bodies, modelled_lines
@@ -31,18 +31,18 @@ def report(scene: Scene, comm: MPI.Intracomm = MPI.COMM_WORLD) -> None:
     halving = halved(scene)
     if scene.symmetry:
         scene = halving.scene
-    scene = chosen(scene)
+    scene = with_chosen_method(scene)
     outlines: dict[str, Outline] = {}
     if scene.loadings:
         outlines = {k: v for k, v in outlines_of_cases(scene, comm).items() if v is not None}
-        known = next(iter(outlines.values()))
+        outline = next(iter(outlines.values()))
     else:
-        known = outline(scene, comm, needed="distinct")
-    refuse_unguaranteed(scene, known.partition)
-    lines = describe(scene, known)
-    for name, own in outlines.items():
+        outline = outline_of_scene(scene, comm, needed="distinct")
+    refuse_unguaranteed(scene, outline.partition)
+    lines = describe(scene, outline)
+    for name, of_case in outlines.items():
         label = f"case {name}" if scene.cases else name
-        lines += [f"{label}: {line}" for line in loads_on_bodies(scene, own)]
+        lines += [f"{label}: {line}" for line in loads_on_bodies(scene, of_case)]
     if scene.symmetry:
         lines = [*halving.notes, "", *lines]
     elif halving.scene.mirrors:
@@ -59,6 +59,6 @@ def report(scene: Scene, comm: MPI.Intracomm = MPI.COMM_WORLD) -> None:
             console.print(line)
 
 
-def describe(scene: Scene, known: Outline) -> list[str]:
+def describe(scene: Scene, outline: Outline) -> list[str]:
     """Lines of the report (collective)."""
-    return [*modelled_lines(scene, known), "", *cost_lines(scene, known)]
+    return [*modelled_lines(scene, outline), "", *cost_lines(scene, outline)]

@@ -198,7 +198,7 @@ class CoarseIncrements:
         now: SolvedScene,
         monitor: Callable[[], Monitor | None],
     ) -> str:
-        """The same for an increment that is not the whole step."""
+        """A warning at the end of a step of several increments; empty before its end."""
         coarser, models = self._coarser, self._models
         if coarser.step != step:
             coarser = self._coarser = _Coarser(step)
@@ -210,17 +210,17 @@ class CoarseIncrements:
         coarser.reasons += reasons
         if coarser.failed or not coarser.reasons or not (at_end or coarser.number % 2 == 0):
             return ""
-        found = self._in_twice_the_length(now, monitor())
-        if found is None:
+        in_pairs = self._in_twice_the_length(now, monitor())
+        if in_pairs is None:
             coarser.failed = True
             return UNFINISHED.format(
                 of="the increments", other="half as many", reasons=coarser.reasons[0]
             )
-        coarser.displacements, coarser.differs = found.displacements, True
-        coarser.multiplications += found.counts.hessian
+        coarser.displacements, coarser.differs = in_pairs.displacements, True
+        coarser.multiplications += in_pairs.counts.hessian
         if not at_end:
             return ""
-        change = _change(now, found.multiplier, found.displacements)
+        change = _change(now, in_pairs.multiplier, in_pairs.displacements)
         if now.model.comm.rank == 0:
             log.info(
                 "step %d in half as many increments, %d Hessian multiplications: changes %s",
@@ -247,8 +247,8 @@ class CoarseIncrements:
             problem = model.problem.with_slip_from(begin)
         if not comm.allreduce(int(problem.size == model.problem.size), op=MPI.MIN):
             return None
-        found = solve(problem, *_loosely(now, monitor), start=now.solution.multiplier)
-        return found if found.converged else None
+        answer = solve(problem, *_loosely(now, monitor), start=now.solution.multiplier)
+        return answer if answer.converged else None
 
 
 def _turning(before: SolvedScene | None, now: SolvedScene) -> str:
@@ -315,13 +315,13 @@ def halved(
     second = solve(problem, options, limited, start=now.solution.multiplier)
     if not second.converged:
         return None
-    found = _change(now, second.multiplier, second.displacements)
+    change = _change(now, second.multiplier, second.displacements)
     if comm.rank == 0:
         log.info(
             "%s in halves, %d Hessian multiplications: changes %s",
-            now.model.scene.case, first.counts.hessian + second.counts.hessian, found,
+            now.model.scene.case, first.counts.hessian + second.counts.hessian, change,
         )  # fmt: skip
-    return found
+    return change
 
 
 def _loosely(now: SolvedScene, monitor: Monitor | None) -> tuple[SolverOptions, Monitor | None]:
@@ -353,13 +353,13 @@ def _change(
         sums[:] = points.sizes(forces).sum(), points.slip_limits(solution.multiplier).sum()
     moved, limits = comm.allreduce(sums)
     pairs = list(zip(displacements, solution.displacements, strict=True))
-    own = np.array(
+    slipped = np.array(
         [
             max((float(np.abs(a - b).max(initial=0.0)) for a, b in pairs), default=0.0),
             max((float(np.abs(b).max(initial=0.0)) for _, b in pairs), default=0.0),
         ]
     )
-    change, largest = np.max(comm.allgather(own), axis=0)
+    change, largest = np.max(comm.allgather(slipped), axis=0)
     return Change(
         float(moved / limits) if limits > 0.0 else 0.0,
         float(change / largest) if largest > 0.0 else 0.0,

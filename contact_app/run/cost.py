@@ -45,13 +45,13 @@ class Cost:
     seconds: float
 
 
-def estimate(scene: Scene, known: Outline) -> Cost:
+def estimate(scene: Scene, outline: Outline) -> Cost:
     """The cost of a run by the formulas of this module and of `memory` (collective)."""
-    partition, d = known.partition, scene.dimension
-    gluing, groups = gluing_rows(scene, known), groups_of(scene, known)
-    contact = partition.comm.allreduce(len(known.contact.gaps))
-    held = partition.comm.allreduce(int(known.held.held.sum()))
-    rows = gluing + contact + (0 if known.eliminated.all() else held)
+    partition, d = outline.partition, scene.dimension
+    gluing, groups = gluing_rows(scene, outline), groups_of(scene, outline)
+    contact = partition.comm.allreduce(len(outline.contact.gaps))
+    held = partition.comm.allreduce(int(outline.held.held.sum()))
+    rows = gluing + contact + (0 if outline.eliminated.all() else held)
     dofs = partition.nodes * d
     memory = needed_bytes(dofs, rows, tuple((g.unknowns, d) for g in groups))
     seconds = STARTED + CELL_RATE[d] * partition.cells
@@ -73,9 +73,9 @@ def _applications(scene: Scene, glued: bool) -> float:
     return float(applications * math.sqrt(slenderness) * digits**0.6)
 
 
-def cost_lines(scene: Scene, known: Outline) -> list[str]:
+def cost_lines(scene: Scene, outline: Outline) -> list[str]:
     """Lines on memory and time of a run, and on the checks done (collective)."""
-    cost = estimate(scene, known)
+    cost = estimate(scene, outline)
     each = "for the first case and less for each later one, " if scene.cases else ""
     if scene.steps:
         each = "for the first increment and less for each later one, "
@@ -92,49 +92,49 @@ def cost_lines(scene: Scene, known: Outline) -> list[str]:
     return lines
 
 
-def groups_of(scene: Scene, known: Outline) -> list[Group]:
+def groups_of(scene: Scene, outline: Outline) -> list[Group]:
     """Subdomains of this rank by shape and material."""
     members: dict[tuple, list[int]] = {}
-    for local, s in enumerate(known.partition.subdomains):
+    for local, s in enumerate(outline.partition.subdomains):
         key: tuple = (id(s.reference), scene.bodies[s.body].materials)
-        if known.eliminated[s.body]:
+        if outline.eliminated[s.body]:
             key = (*key, s.body)
         members.setdefault(key, []).append(local)
     groups = []
     for numbers in members.values():
-        s = known.partition.subdomains[numbers[0]]
-        interface = len(known.surface.local[numbers[0]])
-        if known.eliminated[s.body]:
-            first, last = known.partition.first_node[s.body : s.body + 2]
-            nodes = known.contact.entries.node
+        s = outline.partition.subdomains[numbers[0]]
+        interface = len(outline.surface.local[numbers[0]])
+        if outline.eliminated[s.body]:
+            first, last = outline.partition.first_node[s.body : s.body + 2]
+            nodes = outline.contact.entries.node
             interface = len(np.unique(nodes[(nodes >= first) & (nodes < last)]))
         d = scene.dimension
         unknowns = len(s.reference.points) * d
         groups.append(
-            Group(d, unknowns, interface * d, len(numbers), _reflections(scene, known, s))
+            Group(d, unknowns, interface * d, len(numbers), _reflections(scene, outline, s))
         )
     return groups
 
 
-def _reflections(scene: Scene, known: Outline, s: Subdomain) -> int:
+def _reflections(scene: Scene, outline: Outline, s: Subdomain) -> int:
     """Expected order of the reflection group of a subdomain."""
     graph = isinstance(scene.decomposition.subdomains, int)
-    if known.eliminated[s.body] or graph or not scene.bodies[s.body].mesh.congruent:
+    if outline.eliminated[s.body] or graph or not scene.bodies[s.body].mesh.congruent:
         return 1
     return 2**scene.dimension if s.reference.cell in ("quadrilateral", "hexahedron") else 2
 
 
-def gluing_rows(scene: Scene, known: Outline) -> int:
+def gluing_rows(scene: Scene, outline: Outline) -> int:
     """Number of gluing rows of B: one less than the copies of each shared unknown."""
-    comm = known.partition.comm
-    distinct = comm.allreduce(len(distinct_nodes(known, [known.surface.nodes])))
-    return int((comm.allreduce(len(known.surface.nodes)) - distinct) * scene.dimension)
+    comm = outline.partition.comm
+    distinct = comm.allreduce(len(distinct_nodes(outline, [outline.surface.nodes])))
+    return int((comm.allreduce(len(outline.surface.nodes)) - distinct) * scene.dimension)
 
 
-def distinct_nodes(known: Outline, nodes: list[NDArray[np.int64]]) -> NDArray[np.int64]:
+def distinct_nodes(outline: Outline, nodes: list[NDArray[np.int64]]) -> NDArray[np.int64]:
     """Distinct node numbers of all ranks on rank 0; empty on other ranks."""
     here = np.unique(np.concatenate([np.zeros(0, np.int64), *nodes]))
-    parts = known.partition.comm.gather(here)
+    parts = outline.partition.comm.gather(here)
     return here[:0] if parts is None else np.unique(np.concatenate(parts))
 
 

@@ -73,29 +73,29 @@ def write_run(
     return summary, files
 
 
-def log_model_that_fits(scene: Scene, known: Outline, directory: Path) -> None:
+def log_model_that_fits(scene: Scene, outline: Outline, directory: Path) -> None:
     """Run `log_model`, and refuse a result that will not fit on the disk (collective)."""
-    log_model(scene, known)
+    log_model(scene, outline)
     names = file_names(scene)
     if names:
         images = 2 ** len(scene.mirrors)
-        sizes = images * known.partition.nodes, images * known.partition.cells
+        sizes = images * outline.partition.nodes, images * outline.partition.cells
         count = len(scene.cases) or sum(step.increments for step in scene.steps) or 1
         needed = count * all_bytes(scene, *sizes)
         on_first(
-            known.partition.comm,
+            outline.partition.comm,
             lambda: refuse_without_room(directory, names[0].replace("xdmf", "h5"), needed),
         )
 
 
-def log_model(scene: Scene, known: Outline) -> None:
+def log_model(scene: Scene, outline: Outline) -> None:
     """Log the model and what it leaves out, with the lines of `check` (collective)."""
     if scene.guaranteed:
         from contact_app.accuracy.guarantee.box_surface import refuse_unguaranteed
 
-        refuse_unguaranteed(scene, known.partition)
-    for line in modelled_lines(scene, known):
-        if line and known.partition.comm.rank == 0:
+        refuse_unguaranteed(scene, outline.partition)
+    for line in modelled_lines(scene, outline):
+        if line and outline.partition.comm.rank == 0:
             log.info("%s", line)
 
 

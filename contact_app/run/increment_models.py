@@ -19,7 +19,7 @@ from contact_app.accuracy.estimate.error_estimate import ErrorEstimator
 from contact_app.accuracy.solved_scene import SolvedScene
 from contact_app.machine.timings import Timings
 from contact_app.model.candidates import Needed
-from contact_app.model.method import chosen, is_undecomposed
+from contact_app.model.method import is_undecomposed, with_chosen_method
 from contact_app.model.model import Model
 from contact_app.model.outline import Report
 from contact_app.model.rigid import RigidUnknowns, slips_of_held
@@ -34,10 +34,17 @@ Displacements = list[NDArray[np.float64]]
 
 
 class IncrementModels:
-    """Makes the models of increments, and stores the last answer; methods are collective."""
+    """Makes the models of increments, and stores the last answer; methods are collective.
+
+    Attributes
+    ----------
+    scene
+        The scene with the method that `auto` chooses.
+    """
 
     def __init__(self, scene: Scene, comm: MPI.Intracomm) -> None:
-        self._comm, self._models = comm, CaseModels(chosen(scene), comm)
+        self.scene = with_chosen_method(scene)
+        self._comm, self._models = comm, CaseModels(self.scene, comm)
         self._rough = scene.has_friction
         self._displacements: Displacements | None = None
         self._earlier: Callable[[list[tuple[int, int]]], Displacements] | None = None
@@ -137,9 +144,9 @@ class IncrementModels:
         scene
             With the loads of that state; None for no loads.
         """
-        found = copy(self)
-        found._last, found._displacements = scene, displacements
-        return found
+        following = copy(self)
+        following._last, following._displacements = scene, displacements
+        return following
 
     def on(self, model: Model) -> NDArray[np.float64] | None:
         """Initial multipliers (dual,)."""

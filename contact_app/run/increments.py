@@ -21,7 +21,6 @@ from mpi4py import MPI
 
 from contact_app.accuracy.solved_scene import SolvedScene
 from contact_app.errors import NoEquilibriumError
-from contact_app.model.method import chosen
 from contact_app.model.outline import Report
 from contact_app.run.coarse_increments import CoarseIncrements
 from contact_app.run.fallback import NoWayLeftError
@@ -129,18 +128,18 @@ def solved_increments(
     NoEquilibriumError
         Naming the step, and the factor within it at which a body leaves.
     """
-    begin, scene = begin or Position(), chosen(scene)
     models = models or IncrementModels(scene, comm)
+    begin, scene = begin or Position(), models.scene
     number, dissipated, coarse = begin.number, begin.dissipated, CoarseIncrements(models)
     last: SolvedIncrement | None = None
-    for step, given in enumerate(scene.steps[begin.step - 1 :], start=begin.step):
+    for step, step_of_scene in enumerate(scene.steps[begin.step - 1 :], start=begin.step):
         over = begin.share if step == begin.step else Fraction(0)
-        ahead = _parts(over, given.increments)
+        ahead = _parts(over, step_of_scene.increments)
         while ahead:
             part = ahead.pop()
             place = Place(step, part[1], number + 1)
             solved = _solved(scene, comm, place, monitor_of, report, models)
-            halved = _halvings(part, given.increments)
+            halved = _halvings(part, step_of_scene.increments)
             if not _is_final(solved) and halved < HALVINGS:
                 middle = (part[0] + part[1]) / 2
                 ahead += [(middle, part[1]), (part[0], middle)]

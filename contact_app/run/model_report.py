@@ -53,21 +53,22 @@ LEFT_OUT = (
 )
 
 
-def modelled_lines(scene: Scene, known: Outline) -> list[str]:
+def modelled_lines(scene: Scene, outline: Outline) -> list[str]:
     """Lines on the model, its method and what it leaves out (collective)."""
     return [
-        *_modelled(scene, known),
+        *_modelled(scene, outline),
         *_cases(scene),
         "",
-        *_decomposed(scene, known),
+        *_decomposed(scene, outline),
         "",
-        *_left_out(scene, known),
+        *_left_out(scene, outline),
     ]
 
 
-def _modelled(scene: Scene, known: Outline) -> list[str]:
+def _modelled(scene: Scene, outline: Outline) -> list[str]:
+    """Lines on bodies, conditions and contacts (collective)."""
     kind = {"strain": "2D, plane strain", "stress": "2D, plane stress", None: "3D"}[scene.plane]
-    partition = known.partition
+    partition = outline.partition
     dofs = partition.nodes * scene.dimension
     lines = [
         f"{scene.title or scene.source.name} ({kind})",
@@ -88,19 +89,19 @@ def _modelled(scene: Scene, known: Outline) -> list[str]:
         lines.append("  from {} to {}".format(*(_vector(tuple(corner)) for corner in corners)))
         lines += [f"  {note}" for note in body.mesh.notes]
         if not scene.loadings:
-            lines.append(f"  total load {_vector(_resultant(known, i, scene.dimension))}")
-    lines += _held(scene, known)
+            lines.append(f"  total load {_vector(_resultant(outline, i, scene.dimension))}")
+    lines += _held(scene, outline)
     for traction in scene.tractions:
         lines.append(
             f"{_name(traction)}: {_on(scene, traction)} loaded by {_vector(traction.vector)} per "
-            f"area {_facets(scene, known, traction)}"
+            f"area {_facets(scene, outline, traction)}"
         )
     for pressure in scene.pressures:
         lines.append(
             f"{_name(pressure)}: {_on(scene, pressure)} under a pressure of {pressure.value:g} "
-            f"{_facets(scene, known, pressure)}"
+            f"{_facets(scene, outline, pressure)}"
         )
-    for load, linear in zip(scene.total_loads, known.linear, strict=True):
+    for load, linear in zip(scene.total_loads, outline.linear, strict=True):
         lines.append(
             f"{_name(load)}: {_on(scene, load)} loaded by a total force {_vector(load.force)}"
             f"{_moment(scene, load)} on an area of {linear.area:.4g}"
@@ -121,17 +122,17 @@ def _modelled(scene: Scene, known: Outline) -> list[str]:
         whose = "" if contact.rigid is None else f"{scene.rigid_bodies[contact.rigid].name}, a "
         lines.append(
             f"{contact.source}: {_on(scene, contact)} may touch {whose or 'the '}{obstacle} "
-            f"({_candidates(known, i, _count_nodes(scene, known, contact))})"
+            f"({_candidates(outline, i, _count_nodes(scene, outline, contact))})"
             f"{_friction(contact)}{_interference(contact)}"
         )
-    gaps, sources = known.candidates
+    gaps, sources = outline.candidates
     hints = far_obstacle_hints(scene, gaps, sources, partition.comm)
     lines += [f"warning: {hint}" for hint in hints]
     for i, pair in enumerate(scene.pairs, start=len(scene.contacts)):
         other = f"{scene.bodies[pair.other].name}.{pair.other_boundary}"
         lines.append(
             f"{pair.source}: {_on(scene, pair)} may touch {other}, by a mortar method "
-            f"({_candidates(known, i)}){_friction(pair)}{_interference(pair)}"
+            f"({_candidates(outline, i)}){_friction(pair)}{_interference(pair)}"
         )
     for tie in scene.ties:
         other = f"{scene.bodies[tie.other].name}.{tie.other_boundary}"
@@ -139,18 +140,18 @@ def _modelled(scene: Scene, known: Outline) -> list[str]:
     for glued in scene.rigid_ties:
         name = scene.rigid_bodies[glued.rigid].name
         lines.append(f"{glued.source}: {_on(scene, glued)} moves with {name}, which is rigid")
-    lines += [f"warning: {note}" for note in known.tied.notes]
+    lines += [f"warning: {note}" for note in outline.tied.notes]
     return lines
 
 
-def _held(scene: Scene, known: Outline) -> list[str]:
+def _held(scene: Scene, outline: Outline) -> list[str]:
     """Displacement conditions, one line each (collective)."""
     lines = []
     for condition in scene.displacements:
         held = _components("xyz", condition.values)
         lines.append(
             f"{_name(condition)}: {_on(scene, condition)} displaced by {held} "
-            f"({_count_nodes(scene, known, condition):,} nodes)"
+            f"({_count_nodes(scene, outline, condition):,} nodes)"
         )
     return lines
 
@@ -216,18 +217,19 @@ def _cases(scene: Scene) -> list[str]:
     return lines
 
 
-def loads_on_bodies(scene: Scene, known: Outline) -> list[str]:
+def loads_on_bodies(scene: Scene, outline: Outline) -> list[str]:
     """The total load on each body of a case (collective)."""
     d = scene.dimension
     return [
-        f"total load on {body.name} {_vector(_resultant(known, i, d))}"
+        f"total load on {body.name} {_vector(_resultant(outline, i, d))}"
         for i, body in enumerate(scene.bodies)
     ]
 
 
-def _decomposed(scene: Scene, known: Outline) -> list[str]:
-    partition = known.partition
-    groups = groups_of(scene, known)
+def _decomposed(scene: Scene, outline: Outline) -> list[str]:
+    """Lines on the method, the subdomains, and what holds each body (collective)."""
+    partition = outline.partition
+    groups = groups_of(scene, outline)
     many = partition.count > 1
     if is_undecomposed(scene):
         why = "on thick bodies from mesh files its iterations hardly grow with the size"
@@ -238,23 +240,25 @@ def _decomposed(scene: Scene, known: Outline) -> list[str]:
     lines = [
         f"decomposition: {partition.count} subdomain{'s' * many} of about "
         f"{partition.nodes * scene.dimension / partition.count:,.0f} unknowns, {len(groups)} of "
-        f"them different on this process: one factor each; {gluing_rows(scene, known):,} rows "
+        f"them different on this process: one factor each; {gluing_rows(scene, outline):,} rows "
         "glue them"
     ]
     obstacles = [body.name for body in scene.rigid_bodies if body.name not in scene.body_names]
     lines += [f"  {name}: held in all components, so it is a fixed obstacle" for name in obstacles]
-    undecomposed = np.append(known.eliminated, np.zeros(len(scene.moving), bool))
-    for name, found, eliminated in zip(scene.body_names, known.balances, undecomposed, strict=True):
+    undecomposed = np.append(outline.eliminated, np.zeros(len(scene.moving), bool))
+    for name, balance, eliminated in zip(
+        scene.body_names, outline.balances, undecomposed, strict=True
+    ):
         if eliminated:
             state = "held by its conditions and not decomposed: no gluing and no coarse problem"
-        elif name not in [body.name for body in scene.bodies] and not found.free_motions.shape[1]:
+        elif name not in [body.name for body in scene.bodies] and not balance.free_motions.shape[1]:
             state = "rigid: its contacts and its conditions hold it"
-        elif found.held:
+        elif balance.held:
             state = "held by its conditions; its subdomains float (Total FETI)"
-        elif found.free_motions.shape[1]:
+        elif balance.free_motions.shape[1]:
             state = (
-                f"free in {found.free_motions.shape[1]} rigid motions on which no load does work: "
-                "the run holds the body in its place"
+                f"free in {balance.free_motions.shape[1]} rigid motions on which no load does "
+                "work: the run holds the body in its place"
             )
         else:
             state = "held by its contacts alone, or by its contacts and conditions together"
@@ -276,9 +280,10 @@ def _decomposed(scene: Scene, known: Outline) -> list[str]:
     return lines
 
 
-def _left_out(scene: Scene, known: Outline) -> list[str]:
-    notes = [*left_out_notes(scene, known), *_repeated(scene)]
-    notes += [] if scene.loadings else _unloaded(scene, known)
+def _left_out(scene: Scene, outline: Outline) -> list[str]:
+    """Lines on what the model leaves out (collective)."""
+    notes = [*left_out_notes(scene, outline), *_repeated(scene)]
+    notes += [] if scene.loadings else _unloaded(scene, outline)
     notes = without_repetitions(notes, [body.name for body in scene.bodies])
     lines = ["left out:", *(f"  {sentence}" for sentence in notes)]
     smooth = [contact.source for contact in scene.touching if contact.friction is None]
@@ -311,12 +316,12 @@ def _repeated(scene: Scene) -> list[str]:
     ]
 
 
-def _unloaded(scene: Scene, known: Outline) -> list[str]:
+def _unloaded(scene: Scene, outline: Outline) -> list[str]:
     """Bodies without load, heat, displacement or overlap, directly or through other bodies."""
-    comm = known.partition.comm
+    comm = outline.partition.comm
     acted = np.zeros(len(scene.bodies), bool)
-    for loads in (known.loads, known.thermal):
-        for s, load in zip(known.partition.subdomains, loads, strict=True):
+    for loads in (outline.loads, outline.thermal):
+        for s, load in zip(outline.partition.subdomains, loads, strict=True):
             acted[s.body] |= load is not None and bool(load.any())
     for condition in scene.displacements:
         acted[condition.body] |= any(condition.values)
@@ -324,7 +329,7 @@ def _unloaded(scene: Scene, known: Outline) -> list[str]:
         acted[rigid.body] |= rigid.rigid is not None
     for tie in scene.rigid_ties:
         acted[tie.body] = True
-    gaps, sources = known.candidates
+    gaps, sources = outline.candidates
     touched = np.array([c.body for c in scene.touching], int)
     acted[touched[sources[gaps < 0.0]]] = True
     group = group_numbers(scene)[: len(acted)]  # bodies of a group act on each other
@@ -336,41 +341,41 @@ def _unloaded(scene: Scene, known: Outline) -> list[str]:
     ]
 
 
-def _count_nodes(scene: Scene, known: Outline, condition: DisplacementCondition | Contact) -> int:
+def _count_nodes(scene: Scene, outline: Outline, condition: DisplacementCondition | Contact) -> int:
     body = scene.bodies[condition.body]
     nodes = [
         s.nodes[boundary_nodes(s, body, condition.boundary)]
-        for s in known.partition.subdomains
+        for s in outline.partition.subdomains
         if s.body == condition.body
     ]
-    return int(known.partition.comm.allreduce(len(distinct_nodes(known, nodes))))
+    return int(outline.partition.comm.allreduce(len(distinct_nodes(outline, nodes))))
 
 
-def _facets(scene: Scene, known: Outline, load: Traction | Pressure) -> str:
-    count, area = loaded_facets(scene, known.partition, load)
+def _facets(scene: Scene, outline: Outline, load: Traction | Pressure) -> str:
+    count, area = loaded_facets(scene, outline.partition, load)
     return f"({count:,} facets, area {area:.4g})"
 
 
-def _candidates(known: Outline, contact: int, on_boundary: int = 0) -> str:
+def _candidates(outline: Outline, contact: int, on_boundary: int = 0) -> str:
     """Phrase with the number of candidate nodes on the boundary, and their smallest gap."""
-    comm = known.partition.comm
-    gaps, sources = known.candidates
+    comm = outline.partition.comm
+    gaps, sources = outline.candidates
     smallest = comm.allreduce(float(gaps[sources == contact].min(initial=np.inf)), op=MPI.MIN)
     if np.isinf(smallest):
         return "no candidate nodes: other conditions determine all nodes of the boundary"
-    count = comm.allreduce(int((known.contact.sources == contact).sum()))
+    count = comm.allreduce(int((outline.contact.sources == contact).sum()))
     others = max(on_boundary - comm.allreduce(int((sources == contact).sum())), 0)
     decided = f" and {others:,} that are held or belong to other contacts" if others else ""
     return f"{count:,} candidate nodes{decided}, smallest gap {smallest:.4g}"
 
 
-def _resultant(known: Outline, body: int, dimension: int) -> tuple[float, ...]:
+def _resultant(outline: Outline, body: int, dimension: int) -> tuple[float, ...]:
     """Sum of the loads on a body."""
     total = np.zeros(dimension)
-    for s, load in zip(known.partition.subdomains, known.loads, strict=True):
+    for s, load in zip(outline.partition.subdomains, outline.loads, strict=True):
         if s.body == body and load is not None:
             total += load.reshape(-1, dimension).sum(axis=0)
-    total = known.partition.comm.allreduce(total)
+    total = outline.partition.comm.allreduce(total)
     total[np.abs(total) < 1e-12 * np.abs(total).max(initial=0.0)] = 0.0
     return tuple(total)
 

@@ -116,9 +116,9 @@ def _large_deformations(answer: SolvedScene) -> list[str]:
 def _straight_edges(answer: SolvedScene) -> Iterator[str]:
     """Round boundaries whose straight edges are coarse beside displacements or gaps."""
     scene, moved = answer.model.scene, answer.solution.measures.deformations
-    found = sagittas(answer.model, answer.nodes)
-    gaps = median_gaps(answer.model) if any(found) else []
-    for contact, sagitta, gap in zip(scene.contacts, found, gaps, strict=False):
+    distances = sagittas(answer.model, answer.nodes)
+    gaps = median_gaps(answer.model) if any(distances) else []
+    for contact, sagitta, gap in zip(scene.contacts, distances, gaps, strict=False):
         body = scene.bodies[contact.body]
         if text := straight_edges(body.name, sagitta, moved[contact.body], gap, body.degree):
             yield f"{contact.source}: {text}"
@@ -127,9 +127,9 @@ def _straight_edges(answer: SolvedScene) -> Iterator[str]:
 def _straight_facets(answer: SolvedScene) -> Iterator[str]:
     """Round bodies in contact through flat facets that are coarse for displacements or gaps."""
     scene, moved = answer.model.scene, answer.solution.measures.deformations
-    found = pair_sagittas(answer.model, answer.nodes)
-    gaps = median_gaps(answer.model)[len(scene.contacts) :] if any(found) else []
-    for pair, sagitta, gap in zip(scene.pairs, found, gaps, strict=False):
+    distances = pair_sagittas(answer.model, answer.nodes)
+    gaps = median_gaps(answer.model)[len(scene.contacts) :] if any(distances) else []
+    for pair, sagitta, gap in zip(scene.pairs, distances, gaps, strict=False):
         names = f"{scene.bodies[pair.body].name} and {scene.bodies[pair.other].name}"
         largest = max(moved[pair.body], moved[pair.other])
         if text := flat_facets(names, sagitta, largest, gap, pair.round):
@@ -178,8 +178,8 @@ def _sliding_bodies(answer: SolvedScene) -> Iterator[str]:
     """Bodies that slide along each other by more than a facet."""
     scene = answer.model.scene
     for i, pair in enumerate(scene.pairs, start=len(scene.contacts)):
-        found = sliding_on_each_other(*_moved(answer), answer.solution, i)
-        if text := sliding_far(*found):
+        sliding_and_size = sliding_on_each_other(*_moved(answer), answer.solution, i)
+        if text := sliding_far(*sliding_and_size):
             yield f"{pair.source}: {text}"
 
 
@@ -302,17 +302,17 @@ def _cautions(answer: SolvedScene) -> Iterable[str]:
 def _rubs_where_open(answer: SolvedScene) -> Iterator[str]:
     """Friction of a given limit at nodes without a contact force."""
     scene, comm = answer.model.scene, answer.model.comm
-    for contact, found in zip(scene.touching, answer.nodes.contacts, strict=True):
-        count = comm.allreduce(int((found.rubs & ~found.closed).sum()))
+    for contact, nodes in zip(scene.touching, answer.nodes.contacts, strict=True):
+        count = comm.allreduce(int((nodes.rubs & ~nodes.closed).sum()))
         if text := rubbing_where_open(count):
             yield f"{contact.source}: {text}"
 
 
 def _several_answers(answer: SolvedScene) -> Iterator[str]:
     """Coulomb friction so large that the answer need not be unique."""
-    for contact, found in zip(answer.model.scene.touching, answer.nodes.contacts, strict=True):
+    for contact, nodes in zip(answer.model.scene.touching, answer.nodes.contacts, strict=True):
         law = contact.friction
-        pressed = answer.model.comm.allreduce(int(found.closed.any()), op=MPI.MAX)
+        pressed = answer.model.comm.allreduce(int(nodes.closed.any()), op=MPI.MAX)
         if text := several_answers((law and law.coulomb) or 0.0, bool(pressed)):
             yield f"{contact.source}: {text}"
 
@@ -331,12 +331,12 @@ def _slides(answer: SolvedScene) -> Iterator[str]:
     """Bodies that slide along round surfaces, resisted by their facets alone (collective)."""
     scene = answer.model.scene
     touching = {b for item in scene.touching for b in (item.body, getattr(item, "other", -1))}
-    for found in free_motions(answer.model, answer.solution):
-        if found.body not in touching:
+    for motion in free_motions(answer.model, answer.solution):
+        if motion.body not in touching:
             continue
-        names = ", ".join(MOTION_NAMES[scene.dimension][k] for k in found.names)
+        names = ", ".join(MOTION_NAMES[scene.dimension][k] for k in motion.names)
         remedy = f"`hold: [{names}]` on the body prevents the motion"
-        yield found.sentence(scene.bodies[found.body].name, remedy)
+        yield motion.sentence(scene.bodies[motion.body].name, remedy)
 
 
 def _loaded_holds(answer: SolvedScene) -> Iterator[str]:

@@ -73,9 +73,9 @@ class Relaxation:
     def __init__(self) -> None:
         self._share, self._before = 1.0, np.zeros(0)
 
-    def towards(self, now: Sequence[Placement], found: Sequence[Placement]) -> list[Placement]:
+    def towards(self, now: Sequence[Placement], computed: Sequence[Placement]) -> list[Placement]:
         """The next placement of bodies, from their present placement and that of the answer."""
-        places, targets = (np.array([p.displacement for p in some]) for some in (now, found))
+        places, targets = (np.array([p.displacement for p in some]) for some in (now, computed))
         step = targets - places
         if len(self._before):
             change = step - self._before
@@ -86,7 +86,7 @@ class Relaxation:
         self._before = step
         return [
             replace(place, displacement=(float(x), float(y), float(z)))
-            for place, (x, y, z) in zip(found, places + self._share * step, strict=True)
+            for place, (x, y, z) in zip(computed, places + self._share * step, strict=True)
         ]
 
 

@@ -31,10 +31,10 @@ log = logging.getLogger("contact_app")
 
 def together(*monitors: Monitor | None) -> Monitor:
     """One monitor for several: each gets every step, and any of them can stop the solver."""
-    given = [monitor for monitor in monitors if monitor is not None]
+    present = [monitor for monitor in monitors if monitor is not None]
 
     def monitor(event: Step) -> bool:
-        answers = [bool(each(event)) for each in given]  # every monitor has to get the step
+        answers = [bool(each(event)) for each in present]  # every monitor has to get the step
         return any(answers)
 
     return monitor

@@ -82,11 +82,11 @@ def _clear_cases(directory: Path) -> None:
     except (OSError, ValueError, AttributeError):
         return
     for name in names:
-        own = directory / name
-        if Path(name).name == name and (own / "summary.json").is_file():
-            clear(own, resume=False)
-            if not any(own.iterdir()):
-                own.rmdir()
+        of_case = directory / name
+        if Path(name).name == name and (of_case / "summary.json").is_file():
+            clear(of_case, resume=False)
+            if not any(of_case.iterdir()):
+                of_case.rmdir()
 
 
 def remove_parts(directory: Path) -> None:

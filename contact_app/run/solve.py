@@ -18,7 +18,7 @@ from contact_app.machine.environment import slow_blas_warning
 from contact_app.machine.memory import give_back
 from contact_app.machine.timings import Timings
 from contact_app.model.candidates import Needed
-from contact_app.model.method import chosen
+from contact_app.model.method import with_chosen_method
 from contact_app.model.model import Model, build_model
 from contact_app.model.outline import Report
 from contact_app.results.fields import cell_fields, node_fields
@@ -147,7 +147,7 @@ def solve_scene(
             f"{scene.at(key)}: {loadings} are solved by `run` and by `contact_app.solve`; give a "
             "scene without them"
         )
-    scene = chosen(scene)
+    scene = with_chosen_method(scene)
     request = _Request(
         scene, comm, monitor, checkpoint, report, start, Timings(), needed=needed, cases=cases
     )
@@ -157,11 +157,11 @@ def solve_scene(
     from contact_app.accuracy.guarantee.guarantee import guarantee, with_guarantee
 
     with solved.timings.measure("estimate"):
-        found = guarantee(solved.model, solved.solution)
+        bound = guarantee(solved.model, solved.solution)
     if comm.rank == 0:
-        log.info("%s", found)
-    summary = {**with_guarantee(solved.summary, found), "timings": solved.timings.as_dict()}
-    return replace(solved, guaranteed=found, summary=summary)
+        log.info("%s", bound)
+    summary = {**with_guarantee(solved.summary, bound), "timings": solved.timings.as_dict()}
+    return replace(solved, guaranteed=bound, summary=summary)
 
 
 def _at_rest(request: _Request) -> SolvedScene:

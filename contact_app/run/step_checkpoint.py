@@ -100,6 +100,7 @@ class StepCheckpoint:
         return on_first(self._comm, self._read)
 
     def _read(self) -> Reached | None:
+        """The stored position; None without a file. Refuses files of other scenes or ranks."""
         if not self._path.is_file():
             return None
         try:

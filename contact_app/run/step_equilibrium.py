@@ -11,7 +11,7 @@ from __future__ import annotations
 from mpi4py import MPI
 
 from contact_app.errors import NoEquilibriumError
-from contact_app.model.outline import Outline, outline, outline_of_case
+from contact_app.model.outline import Outline, outline_of_case, outline_of_scene
 from contact_app.scene.scene import Scene
 
 DIGITS = 1e-3
@@ -39,7 +39,7 @@ def leaving_in_step(
     scene: Scene,
     step: int,
     comm: MPI.Intracomm,
-    known: Outline | None,
+    outline: Outline | None,
     error: NoEquilibriumError,
     digits: float = DIGITS,
 ) -> LeavesInStepError:
@@ -51,7 +51,7 @@ def leaving_in_step(
         The scene with its steps.
     step
         Number of the step, from zero.
-    known
+    outline
         The outline of another loading, if there is one.
     error
         The error at the end of the step.
@@ -62,14 +62,14 @@ def leaving_in_step(
     while leaves - balanced > digits * leaves and leaves > LEAST:
         loaded = scene.under(scene.loading_at(step, share))
         try:
-            if known is None or outline_of_case(known, loaded) is None:
-                known = outline(loaded, comm, needed="distinct")
+            if outline is None or outline_of_case(outline, loaded) is None:
+                outline = outline_of_scene(loaded, comm, needed="distinct")
             balanced = share
         except NoEquilibriumError as earlier:
             leaves, error = share, earlier
         share = 0.5 * (balanced + leaves)
     message = str(error).removeprefix(f"{scene.source}: ")
-    found = 0.5 * (balanced + leaves) if balanced else 0.0
-    where = f"from its factor {found:.3g} on" if balanced else "from its start on"
+    factor = 0.5 * (balanced + leaves) if balanced else 0.0
+    where = f"from its factor {factor:.3g} on" if balanced else "from its start on"
     text = f"{scene.at(f'steps[{step}]')}: step {step + 1}, {where}: {message}"
-    return LeavesInStepError(text, found)
+    return LeavesInStepError(text, factor)

@@ -24,8 +24,8 @@ def record_of(increment: SolvedIncrement) -> Record:
     number.
     """
     place, summary = increment.place, increment.solved.summary
-    own = {key: value for key, value in summary.items() if key not in OF_THE_RUN}
-    solution = dict(own["solution"])
+    of_increment = {key: value for key, value in summary.items() if key not in OF_THE_RUN}
+    solution = dict(of_increment["solution"])
     if "dissipated_work" in solution:
         solution["dissipated_work_of_increment"] = solution["dissipated_work"]
         solution["dissipated_work"] = increment.dissipated
@@ -36,7 +36,7 @@ def record_of(increment: SolvedIncrement) -> Record:
         "time": place.time,
         "factors": dict(increment.factors),
         "halved": increment.halved,
-        **own,
+        **of_increment,
         "solution": solution,
         "timings": increment.solved.timings.as_dict(),
     }
@@ -69,13 +69,13 @@ def summary_of_steps(last: Mapping[str, Any], records: Sequence[Record]) -> Reco
 def _warnings(records: Sequence[Record]) -> list[str]:
     """The warnings of the last increment, then those of others of another kind."""
     last = list(records[-1]["certificate"]["warnings"])
-    result, known, left_out = list(last), {without_numbers(sentence) for sentence in last}, 0
+    result, sentences, left_out = list(last), {without_numbers(sentence) for sentence in last}, 0
     for record in records[:-1]:
         for sentence in record["certificate"]["warnings"]:
             kind = without_numbers(sentence)
-            if kind not in known:
+            if kind not in sentences:
                 result.append(f"step {record['step']}, factor {record['factor']:.6g}: {sentence}")
-                known.add(kind)
+                sentences.add(kind)
             elif sentence not in last:
                 left_out += 1
     if left_out:

@@ -44,10 +44,10 @@ def run_steps(
     with attended(directory, comm, resume, every) as run:
         scene = part_that_is_solved(scene)
         files = _Files(scene, directory, comm, resume)
-        if resume and not files.found:
+        if resume and not files.is_resumed:
             run.progress.stage(f"no checkpoint in {directory}: starting from the beginning")
         with History(
-            directory / "history.csv" if first else None, files.found, increments=True
+            directory / "history.csv" if first else None, files.is_resumed, increments=True
         ) as history:
             code = _solve_and_write(files, run, history)
     summary = files.summary
@@ -62,7 +62,7 @@ class _Files:
 
     Attributes
     ----------
-    found
+    is_resumed
         Whether the run goes on from an earlier one.
     summary
         Content of ``summary.json``; None before the first increment is solved.
@@ -74,7 +74,7 @@ class _Files:
         self.scene, self.directory, self.comm = scene, directory, comm
         self._checkpoint = StepCheckpoint(directory, scene, comm)
         self.reached = self._checkpoint.read() if resume else None
-        self.found = self.reached is not None
+        self.is_resumed = self.reached is not None
         self.records: list[Record] = []
         self.summary: dict[str, Any] | None = None
         self.series, self.paths = Series(), list[Path]()

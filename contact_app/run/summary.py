@@ -138,12 +138,12 @@ def decomposition_record(problem: DualProblem, subdomains: int) -> dict[str, Any
 
 def _distinct_classes(problem: DualProblem) -> int:
     """Number of classes of equal stiffness on all ranks; a class on several ranks counts once."""
-    found = []
+    classes = []
     for cls in problem.classes:
         K = cls.stiffness
         parts = K @ np.sin(np.arange(K.shape[0])), K.diagonal(), np.asarray(cls.free, float)
-        found.append(sha1(np.concatenate(parts).tobytes(), usedforsecurity=False).digest())
-    return len(set().union(*problem.comm.allgather(found)))
+        classes.append(sha1(np.concatenate(parts).tobytes(), usedforsecurity=False).digest())
+    return len(set().union(*problem.comm.allgather(classes)))
 
 
 def solver_record(solution: Solution) -> dict[str, Any]:

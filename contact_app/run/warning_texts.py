@@ -43,17 +43,17 @@ Math. 57, 2004). Random scenes: `python -m tests.stability.several_answers`."""
 
 def large_deformations(strain: float, rotation: float) -> list[str]:
     """Strains and rotations, in radians, that are not small."""
-    found = []
+    sentences = []
     if strain > SMALL_STRAIN:
-        found.append(
+        sentences.append(
             f"strains reach {strain:.2g}; the model assumes small ones (below {SMALL_STRAIN})"
         )
     if rotation > SMALL_ROTATION:
-        found.append(
+        sentences.append(
             f"rotations reach {rotation:.2g} rad; the model assumes small ones, and gaps and "
             "normals are those of the undeformed shape"
         )
-    return found
+    return sentences
 
 
 def locking_in_bending(share: float, quantity: str, near: str, remedy: str) -> str:

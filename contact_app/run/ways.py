@@ -155,21 +155,21 @@ def first_certified(
     answer: SolvedScene | None = None
     failed, warnings = _Failure(), list[str]()
     for number, way in enumerate(ways_to(scene, keeps_subdomains)):
-        own = way.scene
-        if own is None and not keeps_subdomains:
-            own = fewest_subdomains(scene, failed.subdomains, comm)
-        if own is None:  # no fewer subdomains: the answer of the method before counts
+        undecomposed = way.scene
+        if undecomposed is None and not keeps_subdomains:
+            undecomposed = fewest_subdomains(scene, failed.subdomains, comm)
+        if undecomposed is None:  # no fewer subdomains: the answer of the method before counts
             continue
         if number and way.instead:
-            text = failed.message(way.instead, own)
+            text = failed.message(way.instead, undecomposed)
             if comm.rank == 0:
                 log.info("%s", text)
             warnings += [text] * way.warns
         before = answer if way.keeps else None
-        scene, answer = own, None  # free the factors of the last method
+        scene, answer = undecomposed, None  # free the factors of the last method
         try:
-            answer = solve(_limited(own, way.patience), counts_before, number == 0)
-            if _ends(way, answer, own.solver.max_iterations):
+            answer = solve(_limited(undecomposed, way.patience), counts_before, number == 0)
+            if _ends(way, answer, undecomposed.solver.max_iterations):
                 break
             counts_before = answer.solution.counts
             failed = _Failure(reason_text(answer.solution), answer.model.partition.count)

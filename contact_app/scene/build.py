@@ -68,11 +68,11 @@ def build_scene(
     _check_memory(keys, bodies, decomposition)
     reader = ConditionReader(keys, bodies, rigid_bodies)
     conditions = [
-        replace(reader.condition(i, given), name=given.name)
-        for i, given in enumerate(configuration.conditions)
+        replace(reader.condition(i, item), name=item.name)
+        for i, item in enumerate(configuration.conditions)
     ]
     contacts = [
-        x for i, given in enumerate(configuration.contacts) for x in reader.contacts(i, given)
+        x for i, item in enumerate(configuration.contacts) for x in reader.contacts(i, item)
     ]
     scene = Scene(
         title=configuration.title,
@@ -142,9 +142,9 @@ def _solver_options(configuration: Configuration) -> SolverOptions:
     """Options of the solver; with `accuracy` its tolerance follows the mesh unless one is given."""
     from solver.contact.options import SolverOptions  # imports PETSc
 
-    given, accuracy = configuration.solver, configuration.accuracy
-    options = SolverOptions(**given.model_dump())
-    if accuracy is not None and "tolerance" not in given.model_fields_set:
+    solver, accuracy = configuration.solver, configuration.accuracy
+    options = SolverOptions(**solver.model_dump())
+    if accuracy is not None and "tolerance" not in solver.model_fields_set:
         options = replace(options, tolerance="auto")
     if accuracy is None:
         return options
@@ -152,56 +152,57 @@ def _solver_options(configuration: Configuration) -> SolverOptions:
 
 
 def _output(keys: Keys, bodies: tuple[Body, ...]) -> OutputOptions:
-    given = keys.configuration.output
+    output = keys.configuration.output
     probes = tuple(
         (name, keys.space(point, ("output", "probes", name), "a point"))
-        for name, point in given.probes.items()
+        for name, point in output.probes.items()
     )
     sections = tuple(
-        _section(keys, bodies, name, section) for name, section in given.sections.items()
+        _section(keys, bodies, name, section) for name, section in output.sections.items()
     )
-    fields = tuple(dict.fromkeys(given.fields))
-    return OutputOptions(given.xdmf, given.vtu, fields, probes, sections)
+    fields = tuple(dict.fromkeys(output.fields))
+    return OutputOptions(output.xdmf, output.vtu, fields, probes, sections)
 
 
 def _section(
-    keys: Keys, bodies: tuple[Body, ...], name: str, given: SectionKeys
+    keys: Keys, bodies: tuple[Body, ...], name: str, section: SectionKeys
 ) -> Section | InnerSection:
+    """A section as resolved from its keys."""
     names, path = [body.name for body in bodies], ("output", "sections", name)
-    if given.on is not None:
-        return _inner_section(keys, bodies, name, given)
-    if given.behind is not None:
+    if section.on is not None:
+        return _inner_section(keys, bodies, name, section)
+    if section.behind is not None:
         keys.fail((*path, "behind"), "is allowed for an inner surface only, `on: body.surface`")
-    if given.plane is None and given.inside is None:
+    if section.plane is None and section.inside is None:
         keys.fail(path, "is empty; it has the form {in: body, plane: {point, normal}} or {on: "
                   "body.surface, behind: point}")  # fmt: skip
-    if given.plane is None:
+    if section.plane is None:
         keys.fail((*path, "plane"), "is missing: {point: …, normal: …}")
-    if given.inside is None:
+    if section.inside is None:
         keys.fail((*path, "in"), f"is missing: the name of a body ({', '.join(names)})")
-    if given.inside not in names:
-        keys.fail((*path, "in"), f"is {given.inside}; the bodies are {', '.join(names)}")
-    point = keys.space(given.plane.point, (*path, "plane", "point"), "a point")
-    normal = keys.direction(given.plane.normal, (*path, "plane", "normal"))
-    return Section(name, names.index(given.inside), given.inside, point, normal)
+    if section.inside not in names:
+        keys.fail((*path, "in"), f"is {section.inside}; the bodies are {', '.join(names)}")
+    point = keys.space(section.plane.point, (*path, "plane", "point"), "a point")
+    normal = keys.direction(section.plane.normal, (*path, "plane", "normal"))
+    return Section(name, names.index(section.inside), section.inside, point, normal)
 
 
 def _inner_section(
-    keys: Keys, bodies: tuple[Body, ...], name: str, given: SectionKeys
+    keys: Keys, bodies: tuple[Body, ...], name: str, section: SectionKeys
 ) -> InnerSection:
     """A section on an inner surface."""
     path = ("output", "sections", name)
-    if given.plane is not None or given.inside is not None:
-        extra = "in" if given.plane is None else "plane"
+    if section.plane is not None or section.inside is not None:
+        extra = "in" if section.plane is None else "plane"
         keys.fail((*path, extra), "is not allowed together with `on`, which names body and surface")
     reader = ConditionReader(keys, bodies)
-    body, boundary = reader.boundary(str(given.on), (*path, "on"), inner=True)
-    if given.behind is None:
+    body, boundary = reader.boundary(str(section.on), (*path, "on"), inner=True)
+    if section.behind is None:
         keys.fail(
             (*path, "behind"),
             f"is missing: a point in {bodies[body].name} on the side on which the force acts",
         )
-    behind = keys.space(given.behind, (*path, "behind"), "a point")
+    behind = keys.space(section.behind, (*path, "behind"), "a point")
     return InnerSection(name, body, boundary, behind)
 
 
@@ -220,10 +221,11 @@ def _places(configuration: Configuration) -> dict[str, str]:
 
 
 def _decomposition(keys: Keys, bodies: tuple[Body, ...]) -> Decomposition:
-    given = keys.configuration.decomposition
-    if isinstance(given, str):
+    """The decomposition as resolved from its key."""
+    decomposition = keys.configuration.decomposition
+    if isinstance(decomposition, str):
         return Decomposition(None)
-    parts = given.subdomains
+    parts = decomposition.subdomains
     if isinstance(parts, int):
         cells = sum(b.mesh.total_cells for b in bodies)
         if parts > cells:
@@ -266,12 +268,12 @@ def _check_memory(keys: Keys, bodies: tuple[Body, ...], decomposition: Decomposi
     needed, available = needed_bytes(dofs, factors=tuple(factors)), keys.memory
     if needed > available:
         largest = int(np.argmax([float(b.nodes) for b in bodies]))
-        i, given = [
+        i, entry = [
             (i, body)
             for i, body in enumerate(keys.configuration.bodies)
             if isinstance(body, BodyKeys)
         ][largest]
-        key = ("box", "cells") if given.mesh.box else ("file",)
+        key = ("box", "cells") if entry.mesh.box else ("file",)
         keys.fail(
             ("bodies", i, "mesh", *key),
             f"{'make' if len(key) == 2 else 'makes'} {float(dofs):.3g} degrees of freedom in "
@@ -285,10 +287,10 @@ def _loaded(scene: Scene) -> bool:
     vectors = [x.vector for x in scene.tractions] + [x.vector for x in scene.forces]
     vectors += [(*x.force, *x.moment) for x in scene.total_loads]
     vectors += [(*x.force, *x.moment) for x in scene.rigid_loads]
-    given = [condition.values for condition in scene.displacements]
-    given += [motion.values for motion in scene.rigid_motions]
+    prescribed = [condition.values for condition in scene.displacements]
+    prescribed += [motion.values for motion in scene.rigid_motions]
     pressed = any(map(any, vectors)) or any(load.value for load in scene.pressures)
-    moved = any(map(any, given))
+    moved = any(map(any, prescribed))
     moved |= any(contact.interference > 0.0 for contact in scene.touching)
     entered = any(_may_enter(scene.bodies, contact) for contact in scene.contacts)
     overlapping = any(_may_overlap(scene.bodies, pair) for pair in scene.pairs)

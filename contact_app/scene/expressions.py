@@ -167,8 +167,8 @@ class FieldExpression(_Checked):
     def __call__(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
         """The number at each of the points (n, 3), (n,); NaN or infinite where it has no value."""
         with np.errstate(all="ignore"):
-            found = _number(self.tree, dict(zip("xyz", points.T, strict=True)))
-        return np.broadcast_to(np.asarray(found, float), len(points)).copy()
+            value = _number(self.tree, dict(zip("xyz", points.T, strict=True)))
+        return np.broadcast_to(np.asarray(value, float), len(points)).copy()
 
 
 def _parsed(text: str, variables: tuple[str, ...]) -> tuple[ast.expr, str]:
@@ -200,14 +200,14 @@ def _check(node: ast.expr, variables: tuple[str, ...]) -> str:
     """Whether a node is a `number` or a `condition`; raises where it is neither."""
 
     def check(child: ast.expr, expected: str) -> str:
-        found = _check(child, variables)
-        if found != expected:
+        problem = _check(child, variables)
+        if problem != expected:
             logic = isinstance(node, ast.BinOp) and isinstance(node.op, _LOGIC)
             raise ExpressionError(
-                f"uses `{_source(child)}`, a {found}, where a {expected} belongs"
+                f"uses `{_source(child)}`, a {problem}, where a {expected} belongs"
                 + ("; put comparisons in parentheses around & and |" if logic else "")
             )
-        return found
+        return problem
 
     match node:
         case ast.Constant(value=bool()):
@@ -291,8 +291,8 @@ def _condition(node: ast.expr, values: dict[str, Any]) -> Decided:
 
 def _compare(op: ast.cmpop, a: Any, b: Any) -> Decided:
     holds = _COMPARISON[type(op)](a, b)
-    known = ~(np.isnan(a) | np.isnan(b))
-    return holds & known, ~holds & known
+    defined = ~(np.isnan(a) | np.isnan(b))
+    return holds & defined, ~holds & defined
 
 
 def _both(a: Decided, b: Decided) -> Decided:

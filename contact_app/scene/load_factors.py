@@ -41,9 +41,9 @@ def names_of_conditions(keys: Keys) -> list[str]:
 
 def read_factors(
     keys: Keys,
-    given: Mapping[str, float],
+    values: Mapping[str, float],
     path: Place,
-    known: Sequence[str],
+    names: Sequence[str],
     others: Sequence[str] = (),
 ) -> tuple[tuple[str, float], ...]:
     """Factors of conditions by name; unknown names are errors.
@@ -53,30 +53,30 @@ def read_factors(
     others
         Further keys that are allowed in addition to the names.
     """
-    for name in given:
-        if name not in known:
-            hint = suggestion(name, [*known, *others])
-            keys.fail((*path, name), f"names no condition{hint} (known: {', '.join(known)})")
-    return tuple(given.items())
+    for name in values:
+        if name not in names:
+            hint = suggestion(name, [*names, *others])
+            keys.fail((*path, name), f"names no condition{hint} (known: {', '.join(names)})")
+    return tuple(values.items())
 
 
 def read_cases(keys: Keys) -> tuple[LoadCase, ...]:
     """The load cases of a scene file."""
-    known, given = names_of_conditions(keys), keys.configuration.cases
-    if given is None:
+    names, entries = names_of_conditions(keys), keys.configuration.cases
+    if entries is None:
         return ()
-    _refuse_without_names(keys, "cases", known)
-    _refuse_bad_names(keys, list(given))
+    _refuse_without_names(keys, "cases", names)
+    _refuse_bad_names(keys, list(entries))
     return tuple(
-        LoadCase(name, read_factors(keys, factors, ("cases", name), known))
-        for name, factors in given.items()
+        LoadCase(name, read_factors(keys, factors, ("cases", name), names))
+        for name, factors in entries.items()
     )
 
 
 def read_steps(keys: Keys) -> tuple[LoadStep, ...]:
     """The load history of a scene file."""
-    known, given = names_of_conditions(keys), keys.configuration.steps
-    if given is None:
+    names, entries = names_of_conditions(keys), keys.configuration.steps
+    if entries is None:
         return ()
     if keys.configuration.cases is not None:
         keys.fail(
@@ -84,8 +84,8 @@ def read_steps(keys: Keys) -> tuple[LoadStep, ...]:
             "and cases exclude each other: cases begin at the unloaded state, each step where the "
             "one before ends; leave one of them out",
         )
-    _refuse_without_names(keys, "steps", known)
-    if "increments" in known:
+    _refuse_without_names(keys, "steps", names)
+    if "increments" in names:
         keys.fail(
             ("steps",),
             "have the key `increments`, the number of parts in which a step is solved, and a "
@@ -93,20 +93,20 @@ def read_steps(keys: Keys) -> tuple[LoadStep, ...]:
         )
     factors: dict[str, float] = {}
     steps = []
-    for i, step in enumerate(given):
-        named = read_factors(keys, step.model_extra or {}, ("steps", i), known, ["increments"])
+    for i, step in enumerate(entries):
+        named = read_factors(keys, step.model_extra or {}, ("steps", i), names, ["increments"])
         if not named:
             keys.fail(
                 ("steps", i),
-                f"names no condition, so that it changes no load (known: {', '.join(known)})",
+                f"names no condition, so that it changes no load (known: {', '.join(names)})",
             )
         factors |= dict(named)
         steps.append(LoadStep(tuple(factors.items()), step.increments))
     return tuple(steps)
 
 
-def _refuse_without_names(keys: Keys, key: str, known: Sequence[str]) -> None:
-    if not known:
+def _refuse_without_names(keys: Keys, key: str, names: Sequence[str]) -> None:
+    if not names:
         keys.fail(
             (key,),
             "give factors to conditions by their names, and no condition has a name: add one, e.g. "

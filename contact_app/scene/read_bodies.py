@@ -42,8 +42,8 @@ def read_bodies(keys: Keys) -> tuple[Body, ...]:
     ConfigurationError
         Naming file, line, key and what is allowed.
     """
-    given = keys.configuration.bodies
-    for i, body in enumerate(given):
+    entries = keys.configuration.bodies
+    for i, body in enumerate(entries):
         if not re.fullmatch(r"[A-Za-z_][A-Za-z0-9_-]{0,99}", body.name):
             keys.fail(
                 ("bodies", i, "name"),
@@ -51,9 +51,9 @@ def read_bodies(keys: Keys) -> tuple[Body, ...]:
             )
     read = _reading_once()
     bodies = tuple(
-        _body(keys, i, body, read) for i, body in enumerate(given) if isinstance(body, c.Body)
+        _body(keys, i, body, read) for i, body in enumerate(entries) if isinstance(body, c.Body)
     )
-    names = [body.name for body in given]
+    names = [body.name for body in entries]
     for i, name in enumerate(names):
         if name in names[:i]:
             keys.fail(("bodies", i, "name"), f"is {name!r}, the name of an earlier body")
@@ -75,6 +75,7 @@ def _reading_once() -> Read:
 
 
 def _body(keys: Keys, i: int, body: c.Body, read: Read) -> Body:
+    """A body as resolved from its keys, its mesh read."""
     path: Place = ("bodies", i)
     if body.degree not in (1, 2):
         keys.fail((*path, "degree"), f"is {body.degree}; 1 or 2 is allowed")
@@ -142,21 +143,22 @@ def _materials(
     keys: Keys, body: c.Body, mesh: BodyMesh, path: Place
 ) -> tuple[tuple[Material, ...], BodyMesh]:
     """The materials of a body, and its mesh with each cell tagged by the number of its material."""
-    given = body.material
-    if isinstance(given, c.Material):
-        return (_material(keys, given, path),), mesh
+    materials_by_group = body.material
+    if isinstance(materials_by_group, c.Material):
+        return (_material(keys, materials_by_group, path),), mesh
     if body.mesh.box is not None:
         keys.fail(path, "by tag needs a mesh from a file; a box takes {young, poisson}")
     from meshes import MeshError
 
-    materials = tuple(_material(keys, m, (*path, name)) for name, m in given.items())
+    materials = tuple(_material(keys, m, (*path, name)) for name, m in materials_by_group.items())
     try:
-        return materials, mesh.tagged(tuple(given))  # type: ignore[attr-defined]
+        return materials, mesh.tagged(tuple(materials_by_group))  # type: ignore[attr-defined]
     except MeshError as error:
         keys.fail(path, str(error))
 
 
 def _material(keys: Keys, material: c.Material, path: Place) -> Material:
+    """A material with admissible numbers."""
     poisson = material.poisson
     if not -1.0 < poisson < 0.5:
         keys.fail(
@@ -192,6 +194,7 @@ def _mesh(keys: Keys, mesh: c.Mesh, degree: int, path: Place, read: Read) -> Bod
 
 def _file(keys: Keys, mesh: c.Mesh, degree: int, path: Place, read: Read) -> BodyMesh:
     # imports dolfinx and meshio, which boxes do not need here
+    """The mesh of a file, placed and refined."""
     from meshes import MeshError, refined
     from meshes.repair import Placement, load_mesh
 
@@ -215,10 +218,10 @@ def _file(keys: Keys, mesh: c.Mesh, degree: int, path: Place, read: Read) -> Bod
         keys.fail((*path, "file"), f"is {mesh.file!r}, which is no valid file name")
     file = keys.configuration.source.parent / mesh.file
     try:
-        found = load_mesh(file, keys.dimension, placement, groups, degree, read, keys.comm)
+        body_mesh = load_mesh(file, keys.dimension, placement, groups, degree, read, keys.comm)
     except MeshError as error:
         keys.fail((*path, "file"), f"is {file}, which {error}")
-    dofs = float(found.nodes * keys.dimension * 2 ** (keys.dimension * mesh.refine))
+    dofs = float(body_mesh.nodes * keys.dimension * 2 ** (keys.dimension * mesh.refine))
     needed, available = needed_bytes(dofs), keys.memory
     if needed > available:
         keys.fail(
@@ -227,11 +230,12 @@ def _file(keys: Keys, mesh: c.Mesh, degree: int, path: Place, read: Read) -> Bod
             f"{available / 1e9:.3g} GB are available",
         )
     for _ in range(mesh.refine):
-        found = refined(found)
-    return found
+        body_mesh = refined(body_mesh)
+    return body_mesh
 
 
 def _box(keys: Keys, box: c.Box, path: Place) -> Box:
+    """The mesh of a box with admissible corners and cells."""
     lower = keys.vector(box.lower, (*path, "lower"), "a corner")
     upper = keys.vector(box.upper, (*path, "upper"), "a corner")
     if len(box.cells) != keys.dimension:

@@ -52,10 +52,10 @@ class ConditionReader:
         self._refuse_unknown(text, self.names, path)
         return self.names.index(text)
 
-    def _refuse_unknown(self, text: str, known: list[str], path: Place) -> None:
-        if text not in known:
-            hint = suggestion(text, known)
-            self.keys.fail(path, f"names the body {text!r}{hint} (known: {', '.join(known)})")
+    def _refuse_unknown(self, text: str, names: list[str], path: Place) -> None:
+        if text not in names:
+            hint = suggestion(text, names)
+            self.keys.fail(path, f"names the body {text!r}{hint} (known: {', '.join(names)})")
 
     def boundary(self, text: str, path: Place, inner: bool = False) -> tuple[int, str]:
         """Number of the body and name of the boundary in ``body.boundary``.
@@ -74,39 +74,43 @@ class ConditionReader:
             )
         body = self._name(name, path)
         mesh = self.bodies[body].mesh
-        own, other = (mesh.inner, mesh.boundaries) if inner else (mesh.boundaries, mesh.inner)
-        known = [*own, *self.bodies[body].boundaries]
-        if boundary not in known:
+        of_mesh, other = (mesh.inner, mesh.boundaries) if inner else (mesh.boundaries, mesh.inner)
+        boundaries = [*of_mesh, *self.bodies[body].boundaries]
+        if boundary not in boundaries:
             kind = "inner surface" if inner else "boundary"
-            hint = suggestion(boundary, known, f"{name}.")
+            hint = suggestion(boundary, boundaries, f"{name}.")
             if boundary in other:
                 hint = "; it is on the surface" if inner else "; it lies inside, for sections alone"
             elif boundary in mesh.groups:
                 hint = "; it is a group of cells, not of facets"
             elif boundary in FACES and not isinstance(mesh, Box):
                 hint = "; only a box has it"
-            if not known:
+            if not boundaries:
                 hint += (
                     "; the body has none: name it in the mesh file (in Gmsh a physical group) or "
                     "by an expression under `boundaries`"
                 )
-            listing = f" (known: {', '.join(known)})" if known else ""
+            listing = f" (known: {', '.join(boundaries)})" if boundaries else ""
             self.keys.fail(path, f"names the {kind} {boundary!r} of {name}{hint}{listing}")
         return body, boundary
 
     def _example(self, text: str) -> str:
         """A boundary with its body, where possible of the name that was given alone."""
         every = [(body.name, (*body.mesh.boundaries, *body.boundaries)) for body in self.bodies]
-        named = [f"{name}.{text}" for name, known in every if text in known]
-        return (*named, *(f"{name}.{known[0]}" for name, known in every if known), "part.foot")[0]
+        named = [f"{name}.{text}" for name, boundaries in every if text in boundaries]
+        return (
+            *named,
+            *(f"{name}.{boundaries[0]}" for name, boundaries in every if boundaries),
+            "part.foot",
+        )[0]
 
     def condition(self, i: int, condition: c.Condition) -> Condition:
         """A support or load."""
         path: Place = ("conditions", i)
         source = f"conditions[{i}]"
         if condition.inside is not None:
-            known = [*self.names, *self.rigid.names]
-            self._refuse_unknown(condition.inside, known, (*path, "in"))
+            body_names = [*self.names, *self.rigid.names]
+            self._refuse_unknown(condition.inside, body_names, (*path, "in"))
         if condition.inside in self.rigid.names:
             return self.rigid.condition(i, condition)
         if condition.rotation is not None:
@@ -116,23 +120,23 @@ class ConditionReader:
                 "is of a rigid body, as in {in: punch, rotation: [0, 0, 0.01]}"
                 + (f" (known: {names})" if names else "; the scene has none"),
             )
-        given = [k for k in ("displacement", "traction", "pressure", "force", "temperature")
+        kinds = [k for k in ("displacement", "traction", "pressure", "force", "temperature")
                  if getattr(condition, k) is not None]  # fmt: skip
         total = [k for k in TOTALS if getattr(condition, k) is not None]
-        if total and not given:
+        if total and not kinds:
             return self._total_load(condition, path, source)
         if total or condition.at is not None:
             key = (*total, "at")[0]
             self.keys.fail(
                 (*path, key), "belongs to a total_force or total_moment, which stand alone"
             )
-        if len(given) != 1:
+        if len(kinds) != 1:
             self.keys.fail(
                 path,
-                f"has {' and '.join(given) or 'no kind'}; exactly one of displacement, traction, "
+                f"has {' and '.join(kinds) or 'no kind'}; exactly one of displacement, traction, "
                 "pressure, force, temperature, or total_force and total_moment, is allowed",
             )
-        kind = given[0]
+        kind = kinds[0]
         if kind in ("force", "temperature"):
             if condition.inside is None or condition.on is not None:
                 example = {"force": "[0, 0, -1]", "temperature": "80"}[kind]
@@ -159,7 +163,7 @@ class ConditionReader:
             self.keys.fail((*path, kind), "leaves every component free; give a number for one")
         return DisplacementCondition(body, boundary, tuple(values), source)
 
-    def _temperature(self, body: int, given: float | str | None, path: Place) -> Temperature:
+    def _temperature(self, body: int, value: float | str | None, path: Place) -> Temperature:
         """A rise of temperature of a body; its materials need a coefficient of expansion."""
         keys, at = self.keys, (*path, "temperature")
         if self.bodies[body].expansion == 0.0:
@@ -169,7 +173,7 @@ class ConditionReader:
                 "{young: 2.1e5, poisson: 0.3, expansion: 1.2e-5}",
             )
         try:
-            text = given if isinstance(given, str) else repr(given)
+            text = value if isinstance(value, str) else repr(value)
             rise = FieldExpression.parse(text, ("x", "y", "z")[: keys.dimension])
         except ExpressionError as error:
             keys.fail(at, str(error))
@@ -234,6 +238,7 @@ class ConditionReader:
                 )
 
     def _contact(self, i: int, contact: c.Contact) -> Contact | BodyContact | Tie:
+        """A contact or tie as resolved from its keys."""
         path: Place = ("contacts", i)
         if (contact.obstacle is None) == (contact.against is None):
             forms = " or ".join(f"{{{kind}: …}}" for kind in SHAPES)
@@ -270,21 +275,21 @@ class ConditionReader:
             friction, contact.round,
         )  # fmt: skip
 
-    def _friction(self, given: c.Friction | None, path: Place) -> Friction | None:
+    def _friction(self, entry: c.Friction | None, path: Place) -> Friction | None:
         """A law of friction; None if its coefficient or limit is zero."""
-        if given is None:
+        if entry is None:
             return None
-        laws = [key for key in ("coulomb", "tresca") if getattr(given, key) is not None]
+        laws = [key for key in ("coulomb", "tresca") if getattr(entry, key) is not None]
         if len(laws) != 1:
             self.keys.fail(
                 path,
                 f"has {' and '.join(laws) or 'no law'}; exactly one is allowed, "
                 "{coulomb: coefficient} or {tresca: slip limit}",
             )
-        if not getattr(given, laws[0]):
+        if not getattr(entry, laws[0]):
             return None
         self._refuse_beside_friction(path)
-        return Friction(given.coulomb, given.tresca)
+        return Friction(entry.coulomb, entry.tresca)
 
     def _refuse_beside_friction(self, path: Place) -> None:
         """Refuse options that do not support friction."""

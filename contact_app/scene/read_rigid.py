@@ -26,8 +26,8 @@ def read_rigid_bodies(keys: Keys) -> tuple[RigidBody, ...]:
 def _body(keys: Keys, body: b.RigidBody, path: Place) -> RigidBody:
     several = len(body.rigid) > 1
     obstacles = tuple(
-        read_obstacle(keys, given, (*path, "rigid", *((k,) if several else ())))
-        for k, given in enumerate(body.rigid)
+        read_obstacle(keys, obstacle, (*path, "rigid", *((k,) if several else ())))
+        for k, obstacle in enumerate(body.rigid)
     )
     return RigidBody(body.name, obstacles, _reference(obstacles[0]))
 
@@ -40,20 +40,20 @@ def _reference(obstacle: Obstacle) -> Vector:
     return point
 
 
-def read_obstacle(keys: Keys, given: b.Obstacle, path: Place) -> Obstacle:
+def read_obstacle(keys: Keys, entry: b.Obstacle, path: Place) -> Obstacle:
     """One obstacle of exactly one shape."""
-    known = given.known_keys()
-    kinds = [key for key in known if getattr(given, key) is not None]
+    shapes = entry.known_keys()
+    kinds = [key for key in shapes if getattr(entry, key) is not None]
     if len(kinds) != 1:
         keys.fail(
             path,
-            f"has {' and '.join(kinds) or 'no shape'}; exactly one of {', '.join(known)} is "
+            f"has {' and '.join(kinds) or 'no shape'}; exactly one of {', '.join(shapes)} is "
             "allowed",
         )
     at, shape = (*path, kinds[0]), SHAPES[kinds[0]]
     if keys.dimension == 2 and shape.not_in_plane:
         keys.fail(at, shape.not_in_plane)
-    fields = dict(getattr(given, kinds[0]))
+    fields = dict(getattr(entry, kinds[0]))
     for key, value in fields.items():
         if key in shape.directions:
             fields[key] = keys.direction(value, (*at, key))
@@ -82,12 +82,12 @@ class RigidReader:
         path: Place = ("conditions", i)
         name = condition.inside or ""
         body = self.names.index(name)
-        given = [
+        kinds = [
             key
             for key in c.Condition.model_fields
             if key not in ("name", "inside") and getattr(condition, key) is not None
         ]
-        for key in given:
+        for key in kinds:
             if key not in (*RIGID_KEYS, "at"):
                 why = "stands beside `in`" if key == "on" else "has no meaning in a rigid body"
                 self.keys.fail(
@@ -95,15 +95,15 @@ class RigidReader:
                     f"{why}; {name} is rigid, and displacement, rotation, total_force and "
                     "total_moment are allowed",
                 )
-        moves = [key for key in given if key in RIGID_KEYS[:2]]
-        loads = [key for key in given if key in RIGID_KEYS[2:]]
+        moves = [key for key in kinds if key in RIGID_KEYS[:2]]
+        loads = [key for key in kinds if key in RIGID_KEYS[2:]]
         if not moves and not loads:
             self.keys.fail(
                 path,
                 f"does nothing to {name}, which is rigid: give displacement and rotation, or "
                 "total_force and total_moment",
             )
-        if moves and (loads or "at" in given):
+        if moves and (loads or "at" in kinds):
             key = (*loads, "at")[0]
             self.keys.fail(
                 (*path, key),
@@ -113,6 +113,7 @@ class RigidReader:
         return self._motion(body, condition, path) if moves else self._load(body, condition, path)
 
     def _motion(self, body: int, condition: c.Condition, path: Place) -> RigidMotion:
+        """A condition that holds or moves a rigid body; refuses components that are held twice."""
         keys, d = self.keys, self.keys.dimension
         displacement = condition.displacement
         if displacement is not None:
@@ -126,16 +127,16 @@ class RigidReader:
                 (*path, "rotation"),
                 f"has {len(rotation)} components; in {d}D it has {form}, in radians",
             )
-        found = RigidMotion(
+        motion = RigidMotion(
             body,
             tuple(displacement or (None,) * d),
             tuple(rotation or (None,) * TURNS[d]),
             f"conditions[{path[1]}]",
         )
         key = "rotation" if displacement is None else "displacement"
-        if all(value is None for value in found.values):
+        if all(value is None for value in motion.values):
             keys.fail((*path, key), "leaves every component free; give a number for one")
-        for k, value in enumerate(found.values):
+        for k, value in enumerate(motion.values):
             if value is None:
                 continue
             if (body, k) in self._held:
@@ -145,8 +146,8 @@ class RigidReader:
                     f"holds component {which[1]} of {self.names[body]}, which "
                     f"{self._held[body, k]} holds already",
                 )
-            self._held[body, k] = found.source
-        return found
+            self._held[body, k] = motion.source
+        return motion
 
     def _load(self, body: int, condition: c.Condition, path: Place) -> RigidLoad:
         """A force and moment, transferred to the reference point."""
@@ -165,17 +166,17 @@ class RigidReader:
         return RigidLoad(body, (x, y, z), (mx, my, mz), f"conditions[{path[1]}]")
 
 
-def read_moment(keys: Keys, given: list[float] | float | None, path: Place) -> Vector:
+def read_moment(keys: Keys, value: list[float] | float | None, path: Place) -> Vector:
     """A moment in space; zero where none is given."""
-    if given is None:
+    if value is None:
         return (0.0, 0.0, 0.0)
     if keys.dimension == 2:
-        if isinstance(given, list):
+        if isinstance(value, list):
             keys.fail(path, "is a list; in 2D a moment is one number, counter-clockwise")
-        return (0.0, 0.0, given)
-    if not isinstance(given, list):
+        return (0.0, 0.0, value)
+    if not isinstance(value, list):
         keys.fail(path, "is one number; in 3D a moment has 3 components")
-    return keys.space(given, path, "a moment")
+    return keys.space(value, path, "a moment")
 
 
 def refuse_with_rigid(keys: Keys, scene: Scene) -> None:

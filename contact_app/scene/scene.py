@@ -319,8 +319,8 @@ class Scene:
 
     def placed_as_held(self) -> Scene:
         """The scene with its rigid bodies placed by their prescribed components."""
-        found = [self.held_components(k)[1] for k in range(len(self.rigid_bodies))]
-        return self.placed([Placement.of(values, self.dimension) for values in found])
+        motions = [self.held_components(k)[1] for k in range(len(self.rigid_bodies))]
+        return self.placed([Placement.of(values, self.dimension) for values in motions])
 
     @property
     def touching(self) -> tuple[Contact | BodyContact, ...]:
@@ -337,7 +337,7 @@ class Scene:
         """All contacts in the order of the file; if the scene was cut, those of the whole."""
         if self.mirrors:
             return self.mirrors[0].contacts
-        found = []
+        names = []
         for contact in self.touching:
             if isinstance(contact, Contact) and contact.part:
                 continue
@@ -349,8 +349,8 @@ class Scene:
             else:
                 against = self._where(contact.other, contact.other_boundary)
             on = self._where(contact.body, contact.boundary)
-            found.append(ContactName(contact.source, on, against))
-        return tuple(sorted(found, key=lambda name: (len(name.source), name.source)))
+            names.append(ContactName(contact.source, on, against))
+        return tuple(sorted(names, key=lambda name: (len(name.source), name.source)))
 
     @property
     def condition_names(self) -> tuple[tuple[str, str], ...]:

@@ -153,6 +153,7 @@ def key_text(path: Sequence[str | int]) -> str:
 
 
 def _value(node: yaml.Node, path: Key, lines: dict[Key, int], name: str) -> Any:
+    """The Python value of a YAML node; stores the line of each key below it."""
     line = node.start_mark.line + 1
     lines.setdefault(path, line)
     at = f"{name}:{line}: {key_text(path)}".rstrip(": ")

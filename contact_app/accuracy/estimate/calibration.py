@@ -72,14 +72,14 @@ class Calibration:
         [1.0, 0.75, 0.75]
         """
         before = self._levels.setdefault(kind, [])
-        found = self._quotients.setdefault(kind, [])
+        quotients = self._quotients.setdefault(kind, [])
         comparable = [(e, s) for e, s in before if s >= APART * square]
         before.append((energy, square))
         if comparable:
             other, larger = comparable[-1]
             quotient = 2.0 * (other - energy) / (larger - square)
             if quotient >= LEAST or quotient <= 0.0:
-                found.append(quotient if quotient > 0.0 else 1.0)
-        if not found:
+                quotients.append(quotient if quotient > 0.0 else 1.0)
+        if not quotients:
             return 1.0
-        return min(UNCERTAIN * max(found), 1.0)
+        return min(UNCERTAIN * max(quotients), 1.0)

@@ -105,8 +105,8 @@ class ErrorEstimator:
             touching = touching_nodes(self.model, solution)
             elastic = self.model.elastic(solution.displacements)
             changes = self.recovery.patches.surface.changes(self.model, touching)
-            found = self.recovery.meeting(changes, elastic)
-            self._last = last = _Recovered(solution, elastic, changes, found)
+            recovered = self.recovery.meeting(changes, elastic)
+            self._last = last = _Recovered(solution, elastic, changes, recovered)
         if patches is None or patches is self.recovery.patches:
             return last.stresses
         return StressRecovery(self.model, patches).meeting(last.changes, last.elastic)
@@ -177,11 +177,11 @@ class ErrorEstimator:
         recovery, cells = self.recovery, self.recovery.cells[number]
         table = cells.table(2 * cells.degree)
         field = u.reshape(len(cells.places), cells.dimension, -1).swapaxes(1, 2)
-        known: NDArray[np.int64] | None = None
+        last_shape: NDArray[np.int64] | None = None
         for rows, shape, part in cells.batches(u.shape[1], len(table.weights)):
-            if shape is not known:  # members of one class share all that depends on shapes
+            if shape is not last_shape:  # members of one class share all that depends on shapes
                 root, nodal, weight, operator = self._of_shape(number, shape, table)
-                known = shape
+                last_shape = shape
             nodes = cells.nodes[rows]
             stress = apply(operator, at_cells(field[:, part], nodes))
             stress = np.tile(stress, weight.shape[1] // stress.shape[2])

@@ -121,17 +121,17 @@ class Helped:
         """Σ m mᵀ (targets, monomials, monomials), from those of the sources."""
         size = A.shape[1]
         T = translations(-self._shift, size)
-        known = self._helping.scatter(A.reshape(-1, size**2))[self._columns]
-        moved = np.swapaxes(T, 1, 2) @ known.reshape(-1, size, size) @ T
+        at_helping = self._helping.scatter(A.reshape(-1, size**2))[self._columns]
+        moved = np.swapaxes(T, 1, 2) @ at_helping.reshape(-1, size, size) @ T
         moved *= self._weight[:, None, None]
         sums = np.add.reduceat(moved, self._starts[:-1]) if len(moved) else moved
         return self._helped.gather(sums.reshape(len(sums), size**2)).reshape(-1, size, size)
 
-    def _summed(self, known: Array, T: Array) -> Array:
+    def _summed(self, at_helping: Array, T: Array) -> Array:
         """Sum over neighbours of T (…, rows, size) times what is known of them, (…, size, k)."""
-        size, k = known.shape[1:]
+        size, k = at_helping.shape[1:]
         rows = T.shape[1]
-        values = self._helping.scatter(known.reshape(-1, size * k))
+        values = self._helping.scatter(at_helping.reshape(-1, size * k))
         matrix = sparse.bsr_matrix(
             (self._weight[:, None, None] * T, self._columns, self._starts),
             shape=((len(self._starts) - 1) * rows, len(values) * size),
@@ -152,21 +152,24 @@ class Meeting:
 
     Attributes
     ----------
-    known : (owned,)
+    owned_nodes : (owned,)
         Nodes this rank owns that have copies, in order. Values at them are in the order in which
         copies come: neighbours in memory are summed and sent to.
     """
 
     def __init__(self, comm: MPI.Intracomm, numbers: NDArray[np.int64], total: int) -> None:
         self._exchange = exchange = NodeExchange(comm, numbers, total)
-        self.known, first, at = np.unique(exchange.nodes, return_index=True, return_inverse=True)
+        self.owned_nodes, first, at = np.unique(
+            exchange.nodes, return_index=True, return_inverse=True
+        )
         comes = np.zeros(len(exchange.nodes), np.int64)
         comes[first] = 1
         self._place = np.cumsum(comes)[first] - 1
         self._at = self._place[at.reshape(-1)]
         local, foreign = self._at[exchange.local_part], np.delete(self._at, exchange.local_part)
         self._sums = sparse.csr_matrix(
-            (np.ones(len(local)), (local, exchange.local)), shape=(len(self.known), len(numbers))
+            (np.ones(len(local)), (local, exchange.local)),
+            shape=(len(self.owned_nodes), len(numbers)),
         )
         # values from other ranks belong to few of the nodes
         self._shared, place = np.unique(foreign, return_inverse=True)
@@ -178,8 +181,8 @@ class Meeting:
 
     def places_of(self, part: Meeting) -> NDArray[np.int64]:
         """Positions here of the nodes of an exchange between a part of these nodes."""
-        result = np.empty(len(part.known), np.int64)
-        result[part._place] = self._place[np.searchsorted(self.known, part.known)]
+        result = np.empty(len(part.owned_nodes), np.int64)
+        result[part._place] = self._place[np.searchsorted(self.owned_nodes, part.owned_nodes)]
         return result
 
     def gather(self, copies: Array) -> Array:
@@ -256,13 +259,13 @@ def scaled_moments(
     the roots of the diagonals (owned, monomials). Vertices amid equal cells have the same.
     """
     upper = np.triu_indices(size)
-    found: dict[int, Array] = {}
+    moments_by_class: dict[int, Array] = {}
     for c in cells:
-        if id(c) not in found:
-            found[id(c)] = c.second_moments(size)[:, None]
+        if id(c) not in moments_by_class:
+            moments_by_class[id(c)] = c.second_moments(size)[:, None]
     sums = copies.sum(
         [
-            np.broadcast_to(found[id(c)], (*shape, len(upper[0])))
+            np.broadcast_to(moments_by_class[id(c)], (*shape, len(upper[0])))
             for c, shape in zip(cells, copies.shapes, strict=True)
         ]
     )
@@ -303,17 +306,20 @@ def pseudo_inverse(A: Array, weak: float, dimension: int) -> Array:
         begin = inverse.shape[1]
         if begin == end:
             break
-        known = inverse @ A[:, :begin, begin:end]
-        left = A[:, begin:end, begin:end] - np.swapaxes(A[:, :begin, begin:end], 1, 2) @ known
+        coupling = inverse @ A[:, :begin, begin:end]
+        left = A[:, begin:end, begin:end] - np.swapaxes(A[:, :begin, begin:end], 1, 2) @ coupling
         diagonal = np.einsum("nii->ni", A)[:, begin:end]
         scale = _outer(np.sqrt(np.where(diagonal > 0.0, diagonal, 1.0)))
         values, vectors = np.linalg.eigh(left / scale)
         determined = values > weak
-        own = np.where(determined, 1.0 / np.where(determined, values, 1.0), 0.0)
-        corner = np.einsum("nij,nj,nkj->nik", vectors, own, vectors) / scale
-        side = known @ corner
+        reciprocals = np.where(determined, 1.0 / np.where(determined, values, 1.0), 0.0)
+        corner = np.einsum("nij,nj,nkj->nik", vectors, reciprocals, vectors) / scale
+        side = coupling @ corner
         inverse = np.block(
-            [[inverse + side @ np.swapaxes(known, 1, 2), -side], [-np.swapaxes(side, 1, 2), corner]]
+            [
+                [inverse + side @ np.swapaxes(coupling, 1, 2), -side],
+                [-np.swapaxes(side, 1, 2), corner],
+            ]
         )
     return inverse
 
@@ -426,8 +432,8 @@ class QuadraticFits:
         if comm.allreduce(int(few.sum())):
             self._helped = helped = Helped(cells, copies, few, np.ones_like(few))
             moments = A[kind] * scale
-            own = OWN * moments[helped.targets]
-            enlarged = helped.second(moments[helped.sources]) + own
+            of_patch = OWN * moments[helped.targets]
+            enlarged = helped.second(moments[helped.sources]) + of_patch
             self._fit[helped.targets] = pseudo_inverse(enlarged, THIN, d)
 
     def determined_from(self, flat: float) -> QuadraticFits:
@@ -450,13 +456,13 @@ class QuadraticFits:
         size, k = self._size, stresses[0].shape[2]
         moments = []
         for c, stress in zip(self._cells, stresses, strict=True):
-            found = np.zeros((len(c.points), stress.shape[1], size, k))
+            polynomials = np.zeros((len(c.points), stress.shape[1], size, k))
             for a in range(len(c.first_moments)):
-                found[:, :, a] = c.moment(a, stress)
-            moments.append(found.reshape(*found.shape[:2], -1))
+                polynomials[:, :, a] = c.moment(a, stress)
+            moments.append(polynomials.reshape(*polynomials.shape[:2], -1))
         summed = self._copies.sum(moments).reshape(-1, size, k)
         if self._helped is not None:
             helped = self._helped
-            own = OWN * summed[helped.targets]
-            summed[helped.targets] = helped.first(summed[helped.sources]) + own
+            of_patch = OWN * summed[helped.targets]
+            summed[helped.targets] = helped.first(summed[helped.sources]) + of_patch
         return self._fit @ summed

@@ -88,14 +88,14 @@ class PointValues:
             for boxes in self._boxes
         ]
         questions = self._comm.alltoall([(points[rows], bodies[rows]) for rows in requests])
-        answers = self._comm.alltoall([self._known(*question) for question in questions])
+        answers = self._comm.alltoall([self._local_values(*question) for question in questions])
         nearest, result = np.full(len(points), np.inf), np.zeros((len(points), self._width))
         for rows, (values, distance) in zip(requests, answers, strict=True):
             better = distance < nearest[rows]
             result[rows[better]], nearest[rows[better]] = values[better], distance[better]
         return result
 
-    def _known(self, points: Array, bodies: NDArray[np.int64]) -> tuple[Array, Array]:
+    def _local_values(self, points: Array, bodies: NDArray[np.int64]) -> tuple[Array, Array]:
         """Values of this rank at points, and the distance of the points from its mesh."""
         nearest, result = np.full(len(points), np.inf), np.zeros((len(points), self._width))
         order = np.argsort(points[:, 0], kind="stable")
@@ -140,6 +140,6 @@ def _interpolated(
     piece: _Piece, points: Array, member: NDArray[np.int64], dimension: int
 ) -> tuple[Array, Array]:
     """Values at points of the reference's frame, and their distance from its mesh."""
-    found = locate(piece.reference, points, dimension)
-    values = np.einsum("pn,pns->ps", found.shares, piece.values[found.nodes, member[:, None]])
-    return values, found.distance
+    places = locate(piece.reference, points, dimension)
+    values = np.einsum("pn,pns->ps", places.shares, piece.values[places.nodes, member[:, None]])
+    return values, places.distance

@@ -224,12 +224,12 @@ class StressRecovery:
             for rows, shape, part in cells.batches(u.shape[1], q):
                 D = np.array(self.moduli[number][cells.tags[rows[0]]])
                 operator = self.stress_at(number, shape, table, D @ self.V)
-                found = apply(operator, at_cells(field[:, part], cells.nodes[rows]))
-                found = found.reshape(*found.shape[:2], q, s)
+                stresses = apply(operator, at_cells(field[:, part], cells.nodes[rows]))
+                stresses = stresses.reshape(*stresses.shape[:2], q, s)
                 missing = self.thermal_at(number, rows, part, table)
                 if missing is not None:
-                    found = found - missing
-                stress[rows, :, part] = np.moveaxis(found, 0, 2)
+                    stresses = stresses - missing
+                stress[rows, :, part] = np.moveaxis(stresses, 0, 2)
             result.append(stress.reshape(-1, u.shape[1], s))
         return result
 
@@ -245,10 +245,10 @@ class StressRecovery:
     def meeting(self, changes: Array, displacements: Sequence[Array]) -> list[Array]:
         """Recovered stresses with the corrections of `Surface` for the known tractions."""
         patches = self.patches
-        found, s = patches.fits.at_vertices(self.samples(displacements)), len(self.V)
+        at_vertices, s = patches.fits.at_vertices(self.samples(displacements)), len(self.V)
         recovered = [
             c.at_nodes(part.reshape(*part.shape[:2], patches.fits.count, s))
-            for c, part in zip(self.cells, patches.copies.spread(found), strict=True)
+            for c, part in zip(self.cells, patches.copies.spread(at_vertices), strict=True)
         ]
         patches.surface.meet(changes, recovered)
         return recovered

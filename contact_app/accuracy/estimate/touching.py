@@ -60,12 +60,12 @@ def touching_nodes(model: Model, solution: Solution) -> Touching:
     problem = model.problem
     pushing = np.where(problem.inequality, solution.multiplier, 0.0)
     pushed = [(force != 0.0).any(axis=2) for force in _at_nodes(problem, pushing)]
-    found = [
+    touching = [
         _friction(problem, solution, number)
         for number, contact in enumerate(model.scene.touching)
         if contact.friction is not None
     ]
-    return Touching(pushed, tuple(found))
+    return Touching(pushed, tuple(touching))
 
 
 def _friction(problem: DualProblem, solution: Solution, number: int) -> FrictionAtNodes:

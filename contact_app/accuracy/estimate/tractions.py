@@ -97,28 +97,28 @@ class Surface:
                 touch = OnSubdomain.of(touching, cls, column)
                 equations.append(_equations(model, subdomain, self._cells[cls].normals, touch))
         sums = self._met.gather(self._sums @ np.concatenate(equations))
-        known = np.flatnonzero(np.abs(sums[:, : s * s]).max(axis=1) > ROUNDING)
-        P, q = sums[known, : s * s], sums[known, s * s :]
+        prescribed = np.flatnonzero(np.abs(sums[:, : s * s]).max(axis=1) > ROUNDING)
+        P, q = sums[prescribed, : s * s], sums[prescribed, s * s :]
         # nodes on one face or edge of a box have the same P
         key = np.round(P @ np.sqrt(np.arange(2.0, s * s + 2.0)), 9)
         _, first, kind = np.unique(key, return_index=True, return_inverse=True)
         inverse = np.linalg.pinv(P[first].reshape(-1, s, s), rcond=WEAK, hermitian=True)
         inverse = inverse[kind.reshape(-1)]
         change = np.zeros_like(sums)
-        change[known, : s * s] = (inverse @ P.reshape(-1, s, s)).reshape(-1, s * s)
-        change[known, s * s :] = (inverse @ q[..., None])[..., 0]
+        change[prescribed, : s * s] = (inverse @ P.reshape(-1, s, s)).reshape(-1, s * s)
+        change[prescribed, s * s :] = (inverse @ q[..., None])[..., 0]
         return self._met.scatter(change)
 
     def meet(self, changes: Array, recovered: Sequence[Array]) -> None:
         """Correct the stresses (nodes, members, components) of each class in place."""
         copies = self._copies
-        for cls, (values, own) in enumerate(zip(recovered, self._nodes, strict=True)):
+        for cls, (values, nodes) in enumerate(zip(recovered, self._nodes, strict=True)):
             s = values.shape[2]
             begin, end = np.searchsorted(self._exterior, copies.starts[cls : cls + 2])
             row, member = np.divmod(self._exterior[begin:end] - copies.starts[cls], values.shape[1])
-            change, before = changes[begin:end], values[own[row], member]
+            change, before = changes[begin:end], values[nodes[row], member]
             removed = change[:, : s * s].reshape(-1, s, s) @ before[..., None]
-            values[own[row], member] = before - removed[..., 0] + change[:, s * s :]
+            values[nodes[row], member] = before - removed[..., 0] + change[:, s * s :]
 
 
 @dataclass(frozen=True, eq=False)
@@ -139,8 +139,8 @@ class OnSubdomain:
     def of(cls, touching: Touching, number: int, column: int) -> OnSubdomain:
         """Contact of one member of a class."""
         friction = tuple(
-            (found.contact, found.sticks[number][:, column], found.forces[number][:, column])
-            for found in touching.friction
+            (rows.contact, rows.sticks[number][:, column], rows.forces[number][:, column])
+            for rows in touching.friction
         )
         return cls(touching.pushed[number][:, column], friction)
 
@@ -155,26 +155,26 @@ def _equations(model: Model, subdomain: Subdomain, normals: Array, touch: OnSubd
     normals : (facets, nodes, dimension)
         Normals of the reference's facets.
     """
-    known, load = _known_tractions(model, subdomain, normals, touch)
-    parts = [a[subdomain.exterior] for a in (known, normals, load)]
+    prescribed, load = _known_tractions(model, subdomain, normals, touch)
+    parts = [a[subdomain.exterior] for a in (prescribed, normals, load)]
     count, d = parts[1].shape[1:]
     uniform = all(bool((a == a[:, :1]).all()) for a in parts)
     if uniform:  # one equation for all nodes of a facet
         parts = [a[:, :1] for a in parts]
-    known, normal, load = parts
+    prescribed, normal, load = parts
     s = d * (d + 1) // 2
     C = np.zeros((*normal.shape, s))
     for i in range(d):
         C[..., i, i] = normal[..., i]
     for row, (i, j) in enumerate(SHEARS[: s - d], d):
         C[..., i, row], C[..., j, row] = normal[..., j], normal[..., i]
-    C = known @ C
-    t = known @ load[..., None]
+    C = prescribed @ C
+    t = prescribed @ load[..., None]
     transposed = np.swapaxes(C, -1, -2)
     squares = (transposed @ C).reshape(-1, s * s)
     right = (transposed @ t).reshape(-1, s)
-    found = np.concatenate([squares, right], axis=1)
-    return np.repeat(found, count, axis=0) if uniform else found
+    equations = np.concatenate([squares, right], axis=1)
+    return np.repeat(equations, count, axis=0) if uniform else equations
 
 
 def _known_tractions(
@@ -196,23 +196,23 @@ def _known_tractions(
         return boundary_facets(subdomain, scene.bodies[number], boundary)
 
     load = _given_tractions(model, subdomain, normal)
-    known = np.broadcast_to(np.eye(d), (*normal.shape, d)).copy()
+    directions = np.broadcast_to(np.eye(d), (*normal.shape, d)).copy()
     pushed = touch.pushed[subdomain.reference.facets].any(axis=1)
     for touching in scene.touching:
         for boundary in _sides(touching, number):
             rows = rows_on(boundary)
             n = normal[rows[pushed[rows]]]
-            known[rows[pushed[rows]]] = np.eye(d) - n[..., :, None] * n[..., None, :]
-    _meet_friction(scene, subdomain, normal, touch, (known, load))
+            directions[rows[pushed[rows]]] = np.eye(d) - n[..., :, None] * n[..., None, :]
+    _meet_friction(scene, subdomain, normal, touch, (directions, load))
     for body, boundary in tied_sides(scene):
         if body == number:
-            known[rows_on(boundary)] = 0.0
+            directions[rows_on(boundary)] = 0.0
     for condition in scene.displacements:
         if condition.body == number:
             rows = rows_on(condition.boundary)
             free = np.array([value is None for value in condition.values], float)
-            known[rows] = free[:, None] * known[rows]
-    return known, load
+            directions[rows] = free[:, None] * directions[rows]
+    return directions, load
 
 
 def _given_tractions(model: Model, subdomain: Subdomain, normal: Array) -> Array:
@@ -248,14 +248,14 @@ def _meet_friction(
     subdomain: Subdomain,
     normal: Array,
     touch: OnSubdomain,
-    found: tuple[Array, Array],
+    prescribed: tuple[Array, Array],
 ) -> None:
     """Update the maps and values of known tractions in place where friction acts.
 
     The friction on a facet with a sticking node is unknown. Nodes without a friction force, as at
     the edge of the contact, get the direction of their facet.
     """
-    known, load = found
+    directions, load = prescribed
     facets, stuck = subdomain.reference.facets, []
     for number, sticks, forces in touch.friction:
         touching = scene.touching[number]
@@ -270,10 +270,10 @@ def _meet_friction(
                 load[slides] += touching.friction.tresca * along
             else:
                 mu = touching.friction.coulomb or 0.0
-                known[slides] += mu * along[..., :, None] * normal[slides][..., None, :]
+                directions[slides] += mu * along[..., :, None] * normal[slides][..., None, :]
     for rows in stuck:
         n = normal[rows]
-        known[rows] = n[..., :, None] * (n[..., None, :] @ known[rows])
+        directions[rows] = n[..., :, None] * (n[..., None, :] @ directions[rows])
 
 
 def _directions(forces: Array, normal: Array) -> Array:

@@ -130,6 +130,7 @@ class BoxSurface:
                         face.displacement[facets, component] = value
 
     def _load(self) -> None:
+        """Add the tractions and pressures of the scene to the faces; refuse total forces."""
         for load in self.scene.total_loads:
             if load.body == self.number:
                 raise NoAdmissibleStressError(
@@ -148,6 +149,7 @@ class BoxSurface:
                     face.traction[facets, axis] -= sign * pressure.value
 
     def _oppose(self, contact: Contact) -> None:
+        """Note the gap of a contact on its faces; refuse obstacles not parallel to them."""
         inside = self._facets(contact.boundary, contact.source, with_nodes=True)
         for number, (facets, face) in enumerate(zip(inside, self.faces, strict=True)):
             if not facets.any():
@@ -206,8 +208,8 @@ class BoxSurface:
         shares = [np.zeros(face.contact.shape) for face in self.faces]
         nodes = [np.zeros((0, self.dimension))]
         for s in self._subdomains:
-            for found in self.facets_on_faces(s, boundary_facets(s, self.body, boundary)):
-                np.add.at(shares[found.face], found.place, found.share)
+            for facets in self.facets_on_faces(s, boundary_facets(s, self.body, boundary)):
+                np.add.at(shares[facets.face], facets.place, facets.share)
             if with_nodes:
                 points = s.points()[boundary_nodes(s, self.body, boundary)]
                 nodes.append(points[:, : self.dimension])

@@ -113,7 +113,7 @@ class FaceData:
 
 
 @dataclass(frozen=True, eq=False)
-class Found:
+class AdmissibleStress:
     """An admissible stress.
 
     Attributes
@@ -182,7 +182,7 @@ class AdmissibleStresses:
                 if number // 2 in pair:
                     self._note_shear(number, face, component)
         self._refuse_contradictions()
-        self.known = np.isfinite(self._low)
+        self.prescribed = np.isfinite(self._low)
 
     def _note_normal(self, number: int, face: FaceData) -> None:
         """Store σ_nn on a face: known, free because the face is held, or a contact pressure."""
@@ -193,8 +193,8 @@ class AdmissibleStresses:
         self.contact[rows] = pressed
         # σn is sign σ_ii e_i, so that a traction's normal part is the normal stress
         self._load[rows] = sign * face.traction[..., axis]
-        known = ~held & ~pressed
-        self._low[rows[known]] = self._high[rows[known]] = self._load[rows[known]]
+        fixed = ~held & ~pressed
+        self._low[rows[fixed]] = self._high[rows[fixed]] = self._load[rows[fixed]]
         moved = np.where(pressed, face.gap, np.where(held, sign * face.displacement[..., axis], 0))
         self.work[rows] = self.space.facet_areas(axis) * moved
 
@@ -205,20 +205,21 @@ class AdmissibleStresses:
         (other,) = set(pair) - {axis}
         along = other if other < axis else other - 1  # among the axes of the face
         sign, rows = (1.0 if end else -1.0), self.space.rows_on_face(component, number)
-        known, value = ~face.held[..., other], sign * face.traction[..., other]
+        fixed, value = ~face.held[..., other], sign * face.traction[..., other]
         moved = sign * self.space.facet_areas(axis) * face.displacement[..., other]
-        rows, known, value, moved = (
-            np.moveaxis(a, along, 0) for a in (rows, known, value, np.where(known, 0.0, moved))
+        rows, fixed, value, moved = (
+            np.moveaxis(a, along, 0) for a in (rows, fixed, value, np.where(fixed, 0.0, moved))
         )
         for edge in (rows[:-1], rows[1:]):
-            np.minimum.at(self._low, edge[known], value[known])
-            np.maximum.at(self._high, edge[known], value[known])
+            np.minimum.at(self._low, edge[fixed], value[fixed])
+            np.maximum.at(self._high, edge[fixed], value[fixed])
             np.add.at(self.work, edge, 0.5 * moved)
 
     def _refuse_contradictions(self) -> None:
-        known = np.isfinite(self._low)
-        largest = np.abs(self._high[known]).max(initial=0.0)
-        different = np.flatnonzero(known)[(self._high - self._low)[known] > AGREE * largest]
+        """Refuse shears that differ where two faces meet: σ_xy = σ_yx has one value there."""
+        fixed = np.isfinite(self._low)
+        largest = np.abs(self._high[fixed]).max(initial=0.0)
+        different = np.flatnonzero(fixed)[(self._high - self._low)[fixed] > AGREE * largest]
         if not len(different):
             return
         space, row = self.space, different[0]
@@ -240,12 +241,12 @@ class AdmissibleStresses:
 
     def energy(self, s: Array) -> float:
         """J*(σ), with p = t_n - σ_nn on the contact; `work` holds the part of σ_nn."""
-        given = float(self.work[self.contact] @ self._load[self.contact])
-        return given + float(0.5 * s @ (self.matrix @ s) - self.work @ s)
+        prescribed_work = float(self.work[self.contact] @ self._load[self.contact])
+        return prescribed_work + float(0.5 * s @ (self.matrix @ s) - self.work @ s)
 
     def search(
         self, start: Array, touching: Sequence[NDArray[np.bool_]], other_energy: float
-    ) -> Found:
+    ) -> AdmissibleStress:
         """An admissible stress of nearly least energy.
 
         Parameters
@@ -271,8 +272,8 @@ class AdmissibleStresses:
             pressed = pushing
         s, steps = start, 0
         for attempt in range(MOST_SETS):
-            fixed = self.known | (self.contact & ~pressed)
-            s = np.where(fixed, np.where(self.known, self._low, self._load), s)
+            fixed = self.prescribed | (self.contact & ~pressed)
+            s = np.where(fixed, np.where(self.prescribed, self._low, self._load), s)
             subspace = _Subspace(self, ~fixed)
             s = subspace.balanced(s, 2)
             if subspace.residual(s) > UNBALANCED:
@@ -289,7 +290,7 @@ class AdmissibleStresses:
                 s = subspace.balanced(s)
                 pulling = pressed & (s > self._load)
                 if not pulling.any():
-                    return self._found(subspace, s, steps)
+                    return self._stresses(subspace, s, steps)
             pressed = (pressed & ~pulling) | missing
         single = [axis for axis, n in zip("xyz", self.space.cells, strict=False) if n == 1]
         raise NoAdmissibleStressError(
@@ -329,7 +330,7 @@ class AdmissibleStresses:
             direction = square / before * direction - z
         return s, step
 
-    def _found(self, subspace: _Subspace, s: Array, steps: int) -> Found:
+    def _stresses(self, subspace: _Subspace, s: Array, steps: int) -> AdmissibleStress:
         pressure = np.where(self.contact, self._load - s, 0.0)
         faces = [
             pressure[self.space.rows_on_face(number // 2, number)]
@@ -339,7 +340,9 @@ class AdmissibleStresses:
             raise NoAdmissibleStressError("equilibrium was not reached")
         change = subspace.balanced(s, 1) - s
         slip = max(float(change @ (self.matrix @ change)), 0.0) ** 0.5
-        return Found(self.space.stress(s), self.energy(s), faces, subspace.residual(s), slip, steps)
+        return AdmissibleStress(
+            self.space.stress(s), self.energy(s), faces, subspace.residual(s), slip, steps
+        )
 
 
 class _Subspace:

@@ -246,6 +246,6 @@ class GridStresses:
         """Mass matrices along x_k of hats and bubbles, and of these with constants on cells."""
         h, both = self.widths[k], abs(self._difference(k))
         mixed = both.T @ sparse.diags(h / 3.0)
-        own = sparse.bmat([[self._linear_mass(k), mixed], [mixed.T, sparse.diags(8.0 / 15.0 * h)]])
+        mass = sparse.bmat([[self._linear_mass(k), mixed], [mixed.T, sparse.diags(8.0 / 15.0 * h)]])
         constant = sparse.vstack([both.T @ sparse.diags(h / 2.0), sparse.diags(2.0 / 3.0 * h)])
-        return sparse.csr_matrix(own), sparse.csr_matrix(constant)
+        return sparse.csr_matrix(mass), sparse.csr_matrix(constant)

@@ -40,7 +40,7 @@ from contact_app.accuracy.estimate.stress_recovery import (
 )
 from contact_app.accuracy.estimate.tractions import SHEARS
 from contact_app.accuracy.guarantee.box_surface import BoxSurface, FacetsOnFace
-from contact_app.accuracy.guarantee.equilibrated import Found, NoAdmissibleStressError
+from contact_app.accuracy.guarantee.equilibrated import AdmissibleStress, NoAdmissibleStressError
 from contact_app.machine.ranks import on_first
 from contact_app.model.model import Model
 from contact_app.results.report import at_most
@@ -108,12 +108,12 @@ def guarantee(model: Model, solution: Solution) -> Guarantee:
         return Guarantee(None, str(error))
 
 
-def with_guarantee(summary: dict[str, Any], found: Guarantee) -> dict[str, Any]:
+def with_guarantee(summary: dict[str, Any], result: Guarantee) -> dict[str, Any]:
     """`summary.json` with the guaranteed bound."""
     certificate = summary["certificate"]
-    if found.missing:
-        certificate = {**certificate, "warnings": [*certificate["warnings"], str(found)]}
-    accuracy = {**summary["accuracy"], "guaranteed": found.bound}
+    if result.missing:
+        certificate = {**certificate, "warnings": [*certificate["warnings"], str(result)]}
+    accuracy = {**summary["accuracy"], "guaranteed": result.bound}
     return {**summary, "accuracy": accuracy, "certificate": certificate}
 
 
@@ -188,26 +188,26 @@ class _Answer:
         """The bound."""
         touching = [self._touching(number) for number in range(len(self.bodies))]
         energies, means = self._energies(), self._means()
-        found = [
-            self._found(*args)
+        of_bodies = [
+            self._admissible_stress(*args)
             for args in zip(self.bodies, means, touching, energies, strict=True)
         ]  # fmt: skip
-        square, norm = self._distances(found)
-        square += 2.0 * max(self._open_work(found), 0.0)
-        slip = sum(one.slip**2 for one in found) ** 0.5
+        square, norm = self._distances(of_bodies)
+        square += 2.0 * max(self._open_work(of_bodies), 0.0)
+        slip = sum(one.slip**2 for one in of_bodies) ** 0.5
         if norm <= (rounding := STRAINLESS * self._scale()):
             if square + slip**2 <= rounding:
                 return Guarantee(0.0)
             raise NoAdmissibleStressError("nothing is strained that an error could be relative to")
         bound = (square**0.5 + slip) / norm**0.5
-        residual = max(one.residual for one in found)
-        return Guarantee(bound, "", norm**0.5, residual, sum(one.steps for one in found))
+        residual = max(one.residual for one in of_bodies)
+        return Guarantee(bound, "", norm**0.5, residual, sum(one.steps for one in of_bodies))
 
     def _scale(self) -> float:
         """Σ K_ii u_i², a scale in comparison with which rounding errors of strains are small."""
         parts = zip(self.problem.classes, self.displacements, strict=True)
-        own = sum(float(np.sum(cls.stiffness.diagonal()[:, None] * u**2)) for cls, u in parts)
-        return float(self.comm.allreduce(own))
+        energy = sum(float(np.sum(cls.stiffness.diagonal()[:, None] * u**2)) for cls, u in parts)
+        return float(self.comm.allreduce(energy))
 
     def _energies(self) -> list[float]:
         """J(û) of each body."""
@@ -236,10 +236,10 @@ class _Answer:
                 weight = np.broadcast_to(table.weights * volume, stress.shape[1:3])
                 corners = cells.places[cells.geometry[rows]]
                 points = np.einsum("qg,cgi->cqi", table.places, corners)
-                for column, own in enumerate(stress, part.start):
+                for column, of_subdomain in enumerate(stress, part.start):
                     piece = members[number, column]
                     moved = points + piece.subdomain.translation[: self.dimension]
-                    yield _Batch(piece, rows, moved, own, weight)
+                    yield _Batch(piece, rows, moved, of_subdomain, weight)
 
     def _means(self) -> list[Array]:
         """Means of C ε(û) over the cells of each grid, components as its stresses have them.
@@ -264,9 +264,9 @@ class _Answer:
             result.append(means.reshape(*body.cells, count))
         return result
 
-    def _found(
+    def _admissible_stress(
         self, body: BoxSurface, means: Array, touching: list[NDArray[np.bool_]], energy: float
-    ) -> Found:
+    ) -> AdmissibleStress:
         """A stress for a body, on all ranks.
 
         Raises
@@ -275,7 +275,7 @@ class _Answer:
             No stress is in equilibrium with the data.
         """
 
-        def search() -> Found:
+        def search() -> AdmissibleStress:
             start = body.stresses.space.from_means(means)
             return body.stresses.search(start, touching, energy)
 
@@ -319,7 +319,7 @@ class _Answer:
             raise NoAdmissibleStressError(f"the answer crosses an obstacle by {deepest:.3g}")
         return [self.comm.allreduce(part * 1) > 0 for part in result]
 
-    def _distances(self, found: list[Found]) -> tuple[float, float]:
+    def _distances(self, of_bodies: list[AdmissibleStress]) -> tuple[float, float]:
         """∫ (σ - C ε(û)) : C⁻¹ : (σ - C ε(û)) and a(û, û)."""
         sums = np.zeros(2)
         for piece, rows, points, stress, weight in self._stresses(RULE):
@@ -328,16 +328,16 @@ class _Answer:
             lower = np.stack([x[place[:, k]] for k, x in enumerate(body.axes)], axis=1)
             upper = np.stack([x[place[:, k] + 1] for k, x in enumerate(body.axes)], axis=1)
             local = (points - lower[:, None]) / (upper - lower)[:, None]
-            error = found[number].stress.at(place, local, self.pairs) - stress
+            error = of_bodies[number].stress.at(place, local, self.pairs) - stress
             for k, field in enumerate((error, stress)):
                 sums[k] += np.vdot(weight[..., None] * field @ body.compliance, field)
         square, norm = self.comm.allreduce(sums)
         return float(square), float(norm)
 
-    def _open_work(self, found: list[Found]) -> float:
+    def _open_work(self, of_bodies: list[AdmissibleStress]) -> float:
         """∫ p (g - û·n) over the contact."""
         total = 0.0
-        for number, (body, one) in enumerate(zip(self.bodies, found, strict=True)):
+        for number, (body, one) in enumerate(zip(self.bodies, of_bodies, strict=True)):
             for on, slack in self._slacks(number):
                 across = [np.diff(x) for k, x in enumerate(body.axes) if k != on.face // 2]
                 area = on.share * np.prod(

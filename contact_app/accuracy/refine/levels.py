@@ -55,10 +55,10 @@ class Level:
 
     def as_dict(self) -> dict[str, Any]:
         """The level as in `summary.json`; null where a number is unknown."""
-        found = {key: value for key, value in asdict(self).items() if value is not None}
+        entries = {key: value for key, value in asdict(self).items() if value is not None}
         return {
             key: None if isinstance(value, float) and math.isnan(value) else value
-            for key, value in found.items()
+            for key, value in entries.items()
         }
 
     def __str__(self) -> str:
@@ -94,8 +94,8 @@ def comparable(levels: Sequence[Level]) -> list[float]:
 def with_levels(summary: dict[str, Any], refined: Refined) -> dict[str, Any]:
     """`summary.json` with the target accuracy and the cost of each level."""
     target = refined.solved.model.scene.accuracy
-    found = refined.solved.accuracy.as_dict()
-    accuracy = {**summary["accuracy"], **found, "target": target, "met": not refined.missed}
+    of_last = refined.solved.accuracy.as_dict()
+    accuracy = {**summary["accuracy"], **of_last, "target": target, "met": not refined.missed}
     certificate = dict(summary["certificate"])
     if refined.missed:
         text = f"the accuracy {target:g} was not reached: {refined.missed}"

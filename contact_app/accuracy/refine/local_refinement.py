@@ -90,8 +90,8 @@ def cell_errors(solved: SolvedScene) -> list[Array]:
                 first += len(squares)
             else:
                 corners = s.reference.cells[:, : VERTICES[mesh.cell]]
-                own = np.sort(s.nodes[corners] - partition.first_node[b], axis=1)
-                sums[matching_rows(rows, own)] += squares
+                vertices = np.sort(s.nodes[corners] - partition.first_node[b], axis=1)
+                sums[matching_rows(rows, vertices)] += squares
         if rows is None:
             sums[0] = sums.sum()
             sums[1:] = 0.0

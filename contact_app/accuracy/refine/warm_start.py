@@ -110,15 +110,15 @@ class LastLevel:
             return_index=True,
             return_inverse=True,
         )
-        known = self._values.at(
+        interpolated = self._values.at(
             np.concatenate([np.zeros((0, 3)), *points])[one],
             np.concatenate([np.zeros(0, np.int64), *bodies])[one],
         )[back.reshape(-1)]
-        of_subdomains = np.split(known, np.cumsum([len(n) for n in nodes])[:-1])
+        of_subdomains = np.split(interpolated, np.cumsum([len(n) for n in nodes])[:-1])
         made: dict[int, tuple[Array, Array]] = {}
         result = np.zeros(problem.B.columns)
         slices = interface_slices(problem.classes)
-        for s, (cls, column), (rows, inner, held), own, values in zip(
+        for s, (cls, column), (rows, inner, held), facet_nodes, values in zip(
             subdomains, model.place, chosen, nodes, of_subdomains, strict=True
         ):
             if id(s.reference) not in made:
@@ -126,7 +126,7 @@ class LastLevel:
                 made[id(s.reference)] = Cells(model.elements[cls]).normals, moments(x, d)
             normals, weights = (of_facets[rows] for of_facets in made[id(s.reference)])
             facets = s.reference.facets[rows]
-            at_facets = values[np.searchsorted(own, facets)]
+            at_facets = values[np.searchsorted(facet_nodes, facets)]
             traction = _tractions(at_facets, normals) * inner[:, None, None]
             traction += at_facets[..., -2 - d : -2] * held[:, None]
             force = np.zeros((len(s.reference.points), d))

@@ -71,19 +71,19 @@ def halves_about(bodies: Sequence[Body], mirror: Mirror) -> list[Half]:
     away = middles - mirror.at
     boxes = np.array([isinstance(b.mesh, Box) for b in bodies])
     tolerance = np.where(boxes, ROUNDED * max(size, *np.abs(middles)), SAME * size)
-    found: dict[int, Half] = {}
+    halves: dict[int, Half] = {}
     for k in np.flatnonzero(np.abs(away) <= tolerance):
         half, surface = _half(bodies[k], mirror)
-        found[int(k)] = Half(half, surface, int(k))
+        halves[int(k)] = Half(half, surface, int(k))
     for k in np.flatnonzero(away < -tolerance):
-        image = _image(bodies, int(k), mirror, set(found))
+        image = _image(bodies, int(k), mirror, set(halves))
         surfaces = _surfaces(bodies[k], bodies[image], mirror, size)
-        found[int(k)] = Half(bodies[k], surfaces[0], int(k))
-        found[image] = Half(None, surfaces[1], int(k))
+        halves[int(k)] = Half(bodies[k], surfaces[0], int(k))
+        halves[image] = Half(None, surfaces[1], int(k))
     for k in range(len(bodies)):
-        if k not in found:
+        if k not in halves:
             raise _without_image(bodies[k], mirror)
-    return [found[k] for k in range(len(bodies))]
+    return [halves[k] for k in range(len(bodies))]
 
 
 def _without_image(body: Body, mirror: Mirror) -> AsymmetryError:

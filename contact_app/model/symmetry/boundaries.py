@@ -53,24 +53,24 @@ def part_of(body: Body, surface: HalfSurface, boundary: str, samples: int) -> Bo
     if boundary not in body.boundaries:
         facets = np.stack(surface.sides[boundary])
         nodes = np.zeros((2, len(off_plane)), bool)
-        for found, rows in zip(nodes, facets, strict=True):
-            found[surface.facets[rows]] = True
+        for mask, rows in zip(nodes, facets, strict=True):
+            mask[surface.facets[rows]] = True
         nodes |= nodes[::-1] & ~off_plane  # nodes on the plane are their own images
         return BoundaryPart(nodes, facets, off_plane, np.zeros((2, 0), bool))
     expression = body.boundaries[boundary]
-    own = np.ones(len(surface.facets), bool)
+    is_outside = np.ones(len(surface.facets), bool)
     for name in body.cuts:
-        own &= ~np.any(surface.sides[name], axis=0)
+        is_outside &= ~np.any(surface.sides[name], axis=0)
     both = list(zip(points, surface.of, strict=True))
     nodes = np.stack([expression(x) & has for x, has in both])
     nodes[1, ~off_plane] = nodes[0, ~off_plane]
-    facets = nodes[:, surface.facets].all(axis=2) & own
+    facets = nodes[:, surface.facets].all(axis=2) & is_outside
     on_surface = np.zeros(len(off_plane), bool)
-    on_surface[surface.facets[own]] = True
+    on_surface[surface.facets[is_outside]] = True
     between = np.zeros((2, 0), bool)
     if samples:
         shares = _shares(len(body.mesh.lower), body.mesh.cell, samples)
-        vertices = surface.facets[own][:, : shares.shape[1]]
+        vertices = surface.facets[is_outside][:, : shares.shape[1]]
         places = [np.einsum("sv,fvi->fsi", shares, x[vertices]).reshape(-1, 3) for x in points]
         both = list(zip(places, surface.of, strict=True))
         between = np.stack([expression(x) & has for x, has in both])

@@ -79,11 +79,11 @@ def halved(scene: Scene) -> Halving:
             f"symmetry: the scene is symmetric about {name} = {at:g}: the part below is solved, "
             "and the part above is written as its mirror image"
         )
-        left = {body.name for body in scene.bodies}
+        remaining = {body.name for body in scene.bodies}
         notes += [
             f"symmetry: {body} is the mirror image of another body and is not solved"
             for body in before
-            if body not in left
+            if body not in remaining
         ]
     if scene.mirrors:
         notes += [
@@ -121,15 +121,15 @@ def _cut(scene: Scene, axis: int) -> Scene:
     _refuse_whole(scene)
     mirror = middle_plane(scene.bodies, axis)
     halves = halves_about(scene.bodies, mirror)
-    left = [half.body for half in halves if half.body is not None]
+    remaining = [half.body for half in halves if half.body is not None]
     number = np.cumsum([half.body is not None for half in halves]) - 1
     parts: dict[tuple[int, str], BoundaryPart] = {}
 
     def part(body: int, boundary: str) -> BoundaryPart:
         if (body, boundary) not in parts:
             samples = SAMPLES[scene.dimension] if scene.accuracy is not None else 0
-            found = part_of(scene.bodies[body], halves[body].surface, boundary, samples)
-            parts[body, boundary] = found
+            part_of_body = part_of(scene.bodies[body], halves[body].surface, boundary, samples)
+            parts[body, boundary] = part_of_body
         return parts[body, boundary]
 
     for loaded in [scene.under(case) for case in scene.loadings] or [scene]:
@@ -173,9 +173,9 @@ def _cut(scene: Scene, axis: int) -> Scene:
     ]
     return replace(
         scene,
-        bodies=tuple(left),
+        bodies=tuple(remaining),
         **{**parts_of, "displacements": (*parts_of["displacements"], *planes)},
-        decomposition=_divided(scene.decomposition, left),
+        decomposition=_divided(scene.decomposition, remaining),
         output=replace(scene.output, sections=sections),
         mirrors=(
             *scene.mirrors,
@@ -196,10 +196,10 @@ def _refuse_unpaired(scene: Scene, mirror: Mirror, described: Descriptions) -> N
         for body, boundary in _boundaries(item):
             if not described.part(body, boundary).nodes.any():
                 raise AsymmetryError(f"{item.source} is on a boundary without nodes")
-    known = [described(item) for item in items]
-    for item, own in zip(items, known, strict=True):
+    records = [described(item) for item in items]
+    for item, record in zip(items, records, strict=True):
         image = described(item, mirror)
-        if sum(are_alike(image, k) for k in known) != sum(are_alike(own, k) for k in known):
+        if sum(are_alike(image, k) for k in records) != sum(are_alike(record, k) for k in records):
             raise AsymmetryError(f"{item.source} has no mirror image")
 
 
@@ -241,13 +241,15 @@ def _partners(scene: Scene, mirror: Mirror, described: Descriptions) -> tuple[tu
     """Contacts and displacement conditions whose mirror images are other ones."""
     of_file = [c for c in scene.displacements if not c.source.startswith(AT_CUT)]
     items: list[Item] = [*scene.touching, *of_file]
-    known = {item.source: described(item) for item in items}
-    found = []
+    records = {item.source: described(item) for item in items}
+    partners = []
     for item in items:
         image = described(item, mirror)
-        if not are_alike(image, known[item.source]):
-            found.append((item.source, next(s for s, d in known.items() if are_alike(image, d))))
-    return tuple(found)
+        if not are_alike(image, records[item.source]):
+            partners.append(
+                (item.source, next(s for s, d in records.items() if are_alike(image, d)))
+            )
+    return tuple(partners)
 
 
 def _acts_on_solved_part(

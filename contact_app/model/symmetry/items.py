@@ -56,6 +56,7 @@ class Descriptions:
         return (*words, self.factors(item)), numbers
 
     def _described(self, item: Item, mirror: Mirror | None) -> Description:
+        """Words and scaled numbers that are equal for an item and its mirror image."""
         kind = type(item).__name__
         if isinstance(item, BodyForce):
             return (kind, self._body(item.body, mirror)), _scaled(_reflected(item.vector, mirror))

@@ -99,7 +99,7 @@ def profiles(
     """
     (sides,) = stored.boundary()
     sides = sides_in_contact(stored, sides, acting)
-    found = []
+    profiles_of_parts = []
     for piece in connected_sides(sides, len(stored.points)):
         nodes, ends = np.unique(piece, return_inverse=True)
         if not (acting[nodes] > 0.0).any():
@@ -117,8 +117,8 @@ def profiles(
         graph = coo_array((length, (ends[:, 0], ends[:, 1])), shape=(len(nodes), len(nodes)))
         position = dijkstra(graph.tocsr(), directed=False, indices=int(tip))
         order = np.argsort(position)
-        found.append((nodes[order], position[order]))
-    return found
+        profiles_of_parts.append((nodes[order], position[order]))
+    return profiles_of_parts
 
 
 def sides_in_contact(
@@ -144,6 +144,7 @@ def _lines(figure: Any, stored: Stored, pressure: NDArray[np.float64], label: st
 
 
 def _patches(figure: Any, stored: Stored, pressure: NDArray[np.float64], label: str) -> None:
+    """Draw the pressure on each patch of facets, laid flat, with one colour bar."""
     pieces = patches(stored, pressure)
     high = float(pressure.max())
     flat = []

@@ -41,7 +41,7 @@ def finer(stored: Stored) -> Stored:
     halves = ((a, ab, b), (b, ab, a), (b, bc, c), (c, bc, b), (c, ca, a), (a, ca, c))
     amid = weights.add(np.concatenate([np.stack(half, axis=1) for half in halves]), HALF)
     inner = ((b, c, ab, ca, bc), (c, a, bc, ab, ca), (a, b, ca, bc, ab))
-    amid_inner = weights.add(np.concatenate([np.stack(own, axis=1) for own in inner]), INNER)
+    amid_inner = weights.add(np.concatenate([np.stack(facet, axis=1) for facet in inner]), INNER)
     a_ab, b_ab, b_bc, c_bc, c_ca, a_ca = amid.reshape(6, -1)
     ab_ca, bc_ab, ca_bc = amid_inner.reshape(3, -1)
     quarters = (
@@ -63,12 +63,12 @@ def finer(stored: Stored) -> Stored:
 
 
 def _with_new(W: csr_array, values: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Values at the known nodes and then at the new ones."""
-    found = W @ values
-    known = values[np.isfinite(values)] if values.ndim == 1 else values[:0]
-    if len(known):
-        found = np.clip(found, known.min(), known.max())
-    return np.concatenate([values, found])
+    """Values at the given nodes and then at the new ones."""
+    at_new = W @ values
+    finite = values[np.isfinite(values)] if values.ndim == 1 else values[:0]
+    if len(finite):
+        at_new = np.clip(at_new, finite.min(), finite.max())
+    return np.concatenate([values, at_new])
 
 
 def _faces(stored: Stored) -> tuple[Integers, Integers]:
@@ -81,10 +81,10 @@ def _faces(stored: Stored) -> tuple[Integers, Integers]:
 
 
 class _Weights:
-    """New nodes as sums of known ones."""
+    """New nodes as sums of given ones."""
 
-    def __init__(self, known: int) -> None:
-        self._known, self._count = known, 0
+    def __init__(self, given_nodes: int) -> None:
+        self._given_nodes, self._count = given_nodes, 0
         self._rows: list[Integers] = []
         self._columns: list[Integers] = []
         self._values: list[NDArray[np.float64]] = []
@@ -97,9 +97,9 @@ class _Weights:
         self._rows.append(np.repeat(np.arange(first, self._count), nodes.shape[1]))
         self._columns.append(unique.ravel())
         self._values.append(np.tile(weights, len(unique)))
-        return self._known + first + of_row.reshape(-1)
+        return self._given_nodes + first + of_row.reshape(-1)
 
     def matrix(self) -> csr_array:
-        """Values at new nodes from those at known ones, (new, known)."""
+        """Values at new nodes from those at given ones, (new, given)."""
         entries = np.concatenate(self._rows), np.concatenate(self._columns)
-        return csr_array((np.concatenate(self._values), entries), (self._count, self._known))
+        return csr_array((np.concatenate(self._values), entries), (self._count, self._given_nodes))

@@ -106,10 +106,11 @@ def laid_flat(
 
 
 def _strips(figure: Any, stored: Stored, status: NDArray[np.float64]) -> None:
-    found = profiles(stored, np.nan_to_num(status))
+    """Draw status and traction along each boundary in the plane, one strip for each."""
+    strips = profiles(stored, np.nan_to_num(status))
     traction = stored.point_data.get("friction_traction")
-    places = np.ravel(figure.subplots(len(found), 1))
-    for axes, (nodes, position) in zip(places, found, strict=True):
+    places = np.ravel(figure.subplots(len(strips), 1))
+    for axes, (nodes, position) in zip(places, strips, strict=True):
         ends = np.r_[position[0], 0.5 * (position[1:] + position[:-1]), position[-1]]
         colour = [_colour(status[node]) for node in nodes]
         axes.bar(
@@ -137,6 +138,7 @@ def _strips(figure: Any, stored: Stored, status: NDArray[np.float64]) -> None:
 
 
 def _zones(figure: Any, stored: Stored, status: NDArray[np.float64]) -> None:
+    """Draw status and traction on each patch of facets in space, laid flat."""
     from matplotlib.collections import PolyCollection
 
     acting = np.nan_to_num(status)
@@ -146,9 +148,9 @@ def _zones(figure: Any, stored: Stored, status: NDArray[np.float64]) -> None:
         touching = (acting[piece] > 0.0).any(axis=1)
         across, shown, names = flattened(stored.points, piece, touching)
         seen = piece[shown]
-        known = np.isfinite(status[seen])
-        colour = [_colour(value) for value in status[seen][known]]
-        parts = parts_of_nodes(across, seen)[known]
+        has_status = np.isfinite(status[seen])
+        colour = [_colour(value) for value in status[seen][has_status]]
+        parts = parts_of_nodes(across, seen)[has_status]
         axes.add_collection(PolyCollection(parts, facecolors=colour, edgecolors="face", lw=0.3))
         zoom(axes, across[piece[touching & shown]], names)
         if traction is not None:

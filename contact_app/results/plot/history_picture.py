@@ -54,20 +54,20 @@ def read_table(table: Path) -> dict[str, Column]:
         with table.open(encoding="utf-8", newline="") as file:
             rows = list(csv.DictReader(file))
         names = rows[0].keys()
-        found = {name: [float(row[name] or 0.0) for row in rows] for name in names}
-        assert found["time"][-1] > 0.0, "no time has passed"
+        columns = {name: [float(row[name] or 0.0) for row in rows] for name in names}
+        assert columns["time"][-1] > 0.0, "no time has passed"
     except (OSError, ValueError, LookupError, TypeError, AssertionError) as error:
         raise HistoryError(f"{table} is no table of increments: {error!r}") from error
-    return found
+    return columns
 
 
 def _panels(columns: dict[str, Column]) -> dict[str, dict[str, Column]]:
     """Content of each panel: names and columns."""
     axes = ("_x", "_y", "_z")
-    known = {"max_displacement", "energy", "dissipated_work"}
-    own = [name for name in columns if name.endswith(axes) and name not in known]
-    forces = [name for name in own if name.startswith("contacts[") and "_force_" in name]
-    probes = [name for name in own if name not in forces and not name.startswith("factor_")]
+    of_all_bodies = {"max_displacement", "energy", "dissipated_work"}
+    of_panel = [name for name in columns if name.endswith(axes) and name not in of_all_bodies]
+    forces = [name for name in of_panel if name.startswith("contacts[") and "_force_" in name]
+    probes = [name for name in of_panel if name not in forces and not name.startswith("factor_")]
     statuses = [n for n in columns if n.endswith(("_stick", "_slip")) and n.startswith("contacts[")]
     factors = [name for name in columns if name.startswith("factor_")]
 

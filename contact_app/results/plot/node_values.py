@@ -50,10 +50,10 @@ def node_values(stored: Stored, name: str) -> NDArray[np.float64]:
 
 def limits(values: NDArray[np.float64]) -> tuple[float, float]:
     """Range of the colours; for a constant field from 0, so that round-off is not shown."""
-    known = values[np.isfinite(values)]
-    if not known.size:
+    finite = values[np.isfinite(values)]
+    if not finite.size:
         return 0.0, 1.0
-    low, high = float(known.min()), float(known.max())
+    low, high = float(finite.min()), float(finite.max())
     if high - low > UNIFORM * max(abs(low), abs(high)):
         return low, high
     return min(low, 0.0), max(high, 0.0) or 1.0

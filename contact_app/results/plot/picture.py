@@ -88,17 +88,17 @@ def plot(
     """
     directory = Path(directory)
     stored = read(directory)
-    known = {*stored.point_data, *stored.cell_data}
-    unknown = [name for name in fields if name not in known]
+    names = {*stored.point_data, *stored.cell_data}
+    unknown = [name for name in fields if name not in names]
     if len(unknown) == len(fields):
         raise PictureError(
-            f"the result holds none of {', '.join(unknown)}; it holds {', '.join(sorted(known))}"
+            f"the result holds none of {', '.join(unknown)}; it holds {', '.join(sorted(names))}"
         )
     remarks = [
-        f"left out: {name}: the result does not hold it, only {', '.join(sorted(known))}"
+        f"left out: {name}: the result does not hold it, only {', '.join(sorted(names))}"
         for name in unknown
     ]
-    shown = tuple(name for name in fields if name in known)
+    shown = tuple(name for name in fields if name in names)
     target = Path(output) if output is not None else directory
     target.mkdir(parents=True, exist_ok=True)
     factor = exaggeration if exaggeration is not None else round_exaggeration(stored)
@@ -164,7 +164,7 @@ def round_exaggeration(stored: Stored) -> float:
 def _summary(directory: Path) -> dict[str, Any]:
     """The content of `summary.json`; empty if it is missing or incomplete."""
     try:
-        found = json.loads((directory / "summary.json").read_text(encoding="utf-8"))
+        summary = json.loads((directory / "summary.json").read_text(encoding="utf-8"))
     except (OSError, ValueError):
         return {}
-    return found if isinstance(found, dict) else {}
+    return summary if isinstance(summary, dict) else {}

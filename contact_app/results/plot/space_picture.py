@@ -349,12 +349,12 @@ def _triangles(
     for sides in faces:
         normals = _normals(points, sides)
         light = AMBIENT + DIFFUSE * np.maximum(normals @ view.light, 0.0)
-        own = _at_corners(panel, points, sides, start)
+        at_corners = _at_corners(panel, points, sides, start)
         if panel.through:  # visible from both sides, with the colours of the scale
-            light = np.where(np.isfinite(own).all(axis=1), 1.0, light)
+            light = np.where(np.isfinite(at_corners).all(axis=1), 1.0, light)
         for pick, edges in _HALVES[sides.shape[1]]:
             corners.append(places[sides[:, pick]])
-            values.append(own[:, pick])
+            values.append(at_corners[:, pick])
             bright.append(light)
             wired.append(np.broadcast_to(edges, (len(sides), 3)))
         start += len(sides)
@@ -377,8 +377,8 @@ def _at_corners(
     """Values at the corners of faces, of which `start` is the first, (faces, corners)."""
     if len(panel.values) == len(points):
         return panel.values[sides]
-    own = panel.values[start : start + len(sides), None]
-    return np.broadcast_to(own, sides.shape)
+    of_cells = panel.values[start : start + len(sides), None]
+    return np.broadcast_to(of_cells, sides.shape)
 
 
 def _line_pixels(ends: NDArray[np.float64], buffer: DepthBuffer) -> NDArray[np.int64]:
@@ -391,10 +391,10 @@ def _line_pixels(ends: NDArray[np.float64], buffer: DepthBuffer) -> NDArray[np.i
     step = np.arange(len(line)) - np.repeat(np.cumsum(counts) - counts, counts)
     along = (step / np.maximum(counts[line] - 1, 1))[:, None]
     at = (1.0 - along) * ends[line, 0] + along * ends[line, 1]
-    found = []
+    pixels = []
     for shift in ((0, 0), (1, 0), (0, 1), (1, 1)):
         column, row = (np.floor(at[:, :2]).astype(np.int64) + shift).T
         inside = (column >= 0) & (column < buffer.width) & (row >= 0) & (row < buffer.height)
         pixel = row[inside] * buffer.width + column[inside]
-        found.append(pixel[at[inside, 2] > buffer.depth[pixel] - 0.5 * buffer.level])
-    return np.concatenate(found)
+        pixels.append(pixel[at[inside, 2] > buffer.depth[pixel] - 0.5 * buffer.level])
+    return np.concatenate(pixels)

@@ -98,14 +98,14 @@ class Stored:
         return np.concatenate(corners), np.concatenate(rows)
 
     def _sides(self) -> Iterator[tuple[NDArray[np.int64], NDArray[np.int64]]]:
-        found: dict[int, list[NDArray[np.int64]]] = {}
+        sides: dict[int, list[NDArray[np.int64]]] = {}
         rows: dict[int, list[NDArray[np.int64]]] = {}
         for name, cells in self.cells.items():
             base = _base(name)
             for pieces in _pieces(base, quadratic=name != base):
-                found.setdefault(len(pieces), []).append(cells[:, list(pieces)])
+                sides.setdefault(len(pieces), []).append(cells[:, list(pieces)])
                 rows.setdefault(len(pieces), []).append(self.numbers[name])
-        for corners, parts in found.items():
+        for corners, parts in sides.items():
             yield np.concatenate(parts), np.concatenate(rows[corners])
 
 
@@ -208,10 +208,10 @@ def _pieces(cell: str, quadratic: bool) -> Iterator[tuple[int, ...]]:
 
 def edge_middles(cell: str, side: tuple[int, ...]) -> list[int]:
     """Middle nodes of the edges of a side, in the order of its vertices."""
-    known = {frozenset(edge): i for i, edge in enumerate(EDGES[cell], start=_CORNERS[cell])}
+    middles = {frozenset(edge): i for i, edge in enumerate(EDGES[cell], start=_CORNERS[cell])}
     around = zip(side, side[1:] + side[:1], strict=True)
     pairs = [frozenset(pair) for pair in around]
-    return [known[pair] for pair in (pairs[:1] if len(side) == 2 else pairs)]
+    return [middles[pair] for pair in (pairs[:1] if len(side) == 2 else pairs)]
 
 
 def single(

@@ -27,6 +27,7 @@ class Model(BaseModel):
     @model_validator(mode="before")
     @classmethod
     def _known_keys(cls, data: Any) -> Any:
+        """Refuse unknown keys, with the nearest known one."""
         if isinstance(data, dict):
             allowed = cls.known_keys()
             for key in data:
@@ -48,9 +49,9 @@ class Model(BaseModel):
         return [f.alias or name for name, f in cls.model_fields.items()]
 
 
-def suggestion(text: str, known: Iterable[str], prefix: str = "") -> str:
+def suggestion(text: str, names: Iterable[str], prefix: str = "") -> str:
     """The end of a message that suggests the name nearest to a text; empty if none is near."""
-    near = difflib.get_close_matches(text, list(known), 1)
+    near = difflib.get_close_matches(text, list(names), 1)
     return f"; did you mean {prefix}{near[0]}?" if near else ""
 
 

@@ -201,7 +201,7 @@ def test_the_search_finds_the_least_energy() -> None:
     values = np.concatenate([*map(np.ravel, found.stress.faces), found.stress.edges[0, 1].ravel()])
     pressed = np.zeros(len(values), bool)
     pressed[stresses.space.rows_on_face(0, 1)] = found.pressures[1] > 0.0
-    free = (~stresses.known & ~stresses.contact) | pressed
+    free = (~stresses.prescribed & ~stresses.contact) | pressed
     fixed = np.where(free, 0.0, values)
     size, rows = free.sum(), len(B)
     saddle = np.block([[A[np.ix_(free, free)], B[:, free].T], [B[:, free], np.zeros((rows, rows))]])

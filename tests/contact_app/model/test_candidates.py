@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from mpi4py import MPI
 
-from contact_app.model.outline import outline
+from contact_app.model.outline import outline_of_scene
 from contact_app.run.solve import solve_scene
 from tests import reference, scenes
 from tests.comparison import in_order_of
@@ -17,7 +17,7 @@ from tests.comparison import in_order_of
 
 def rows_of(scene: Any) -> tuple[int, int]:
     """Numbers of contact rows, and of candidate rows that are left out."""
-    known = outline(scene, MPI.COMM_SELF, needed="distinct")
+    known = outline_of_scene(scene, MPI.COMM_SELF, needed="distinct")
     return len(known.contact.nodes), len(known.left_out.nodes)
 
 

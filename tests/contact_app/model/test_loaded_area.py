@@ -6,7 +6,7 @@ import pytest
 from mpi4py import MPI
 
 from contact_app.model.loaded_area import loaded_facets, straddled_area
-from contact_app.model.outline import outline, partition_scene
+from contact_app.model.outline import outline_of_scene, partition_scene
 from contact_app.run.check import describe
 from contact_app.run.solve import solve_scene
 from tests import scenes
@@ -49,7 +49,7 @@ def test_facets_that_straddle_the_edge_cause_a_warning(cell: str) -> None:
 
 def test_check_reports_the_area() -> None:
     scene = scenes.build(half_loaded("hexahedron", "x < 0.5001"))
-    lines = describe(scene, outline(scene, MPI.COMM_SELF))
+    lines = describe(scene, outline_of_scene(scene, MPI.COMM_SELF))
     assert any("per area (8 facets, area 0.5)" in line for line in lines)
 
 

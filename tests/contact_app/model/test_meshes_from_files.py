@@ -12,7 +12,7 @@ import yaml
 from mpi4py import MPI
 
 from contact_app.errors import ConfigurationError
-from contact_app.model.outline import outline
+from contact_app.model.outline import outline_of_scene
 from contact_app.run.check import describe
 from contact_app.run.solve import solve_scene
 from contact_app.scene.build import build_scene
@@ -222,7 +222,7 @@ def test_check_and_the_run_report_repairs(tmp_path: Path) -> None:
     file = meshfiles.write(given, tmp_path / "block.msh")
     scene = scenes.build(patch("triangle", file))
     expected = "8 cells were inside out (negative volume): turned"
-    lines = describe(scene, outline(scene, MPI.COMM_SELF))
+    lines = describe(scene, outline_of_scene(scene, MPI.COMM_SELF))
     assert f"  {expected}" in lines
     assert any("block.msh of 8 cells (triangle), Young's modulus 900" in line for line in lines)
     assert f"block: {expected}" in solve_scene(scene).model.notes

@@ -9,7 +9,7 @@ import pytest
 from mpi4py import MPI
 
 from contact_app.errors import NoEquilibriumError
-from contact_app.model.outline import outline
+from contact_app.model.outline import outline_of_scene
 from contact_app.run.check import describe, report
 from contact_app.run.cost import estimate
 from contact_app.run.model_report import modelled_lines
@@ -21,7 +21,7 @@ from tests import scenes
 
 def lines_of(made: dict[str, Any], subdomains: int | list[int] | None = None) -> str:
     scene = scenes.build(made, subdomains)
-    return "\n".join(describe(scene, outline(scene, MPI.COMM_SELF, needed="distinct")))
+    return "\n".join(describe(scene, outline_of_scene(scene, MPI.COMM_SELF, needed="distinct")))
 
 
 def test_unloaded_bodies_are_reported() -> None:
@@ -41,7 +41,7 @@ def test_unloaded_bodies_are_reported() -> None:
 
 def test_the_log_of_a_run_has_the_lines_of_check(tmp_path: Path) -> None:
     scene = scenes.build(scenes.duplicate_obstacles("quadrilateral", 4), [2, 2])
-    known = outline(scene, MPI.COMM_SELF, needed="distinct")
+    known = outline_of_scene(scene, MPI.COMM_SELF, needed="distinct")
     assert run(scene, tmp_path, MPI.COMM_SELF) == 0
     logged = (tmp_path / "run.log").read_text()
     lines = modelled_lines(scene, known)
@@ -145,7 +145,7 @@ def test_the_report_is_printed(subdomains: Any, capsys: pytest.CaptureFixture[st
 
 def test_gluing_rows_equal_those_of_the_run() -> None:
     scene = scenes.build(scenes.floating_in_corner("hexahedron", 4), [2, 2, 2])
-    text = "\n".join(describe(scene, outline(scene, MPI.COMM_SELF)))
+    text = "\n".join(describe(scene, outline_of_scene(scene, MPI.COMM_SELF)))
     run = solve_scene(scene, MPI.COMM_SELF)
     assert f"{run.model.problem.count(RowKind.GLUING):,} rows glue them" in text
 
@@ -170,6 +170,6 @@ def test_estimates_are_within_a_factor_of_two(
     made = scenes.wall("hexahedron", cells)
     made["solver"] = {"tolerance": 1e-6}
     scene = scenes.build(made, subdomains, memory=float("inf"))
-    cost = estimate(scene, outline(scene, MPI.COMM_SELF))
+    cost = estimate(scene, outline_of_scene(scene, MPI.COMM_SELF))
     assert 0.5 * gigabytes <= cost.memory / 1e9 <= 2.0 * gigabytes
     assert 0.5 * seconds <= cost.seconds <= 2.0 * seconds

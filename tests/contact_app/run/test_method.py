@@ -18,9 +18,9 @@ from contact_app.model.method import (
     PATIENCE_OF_MULTIGRID,
     PATIENCE_UNKNOWNS,
     PATIENCE_WITH_FRICTION,
-    chosen,
     may_peel,
     why_total_feti,
+    with_chosen_method,
 )
 from contact_app.run.fallback import NoAnswerError
 from contact_app.run.solve import solve_scene
@@ -67,7 +67,7 @@ def test_a_limit_on_iterations_is_respected() -> None:
 def test_boxes_and_small_bodies_stay_with_total_feti() -> None:
     for name in ("wall", "two_bodies", "sphere"):
         scene = scenes.build(scenes.ALL[name]("hexahedron", 4))
-        assert chosen(scene).solver.method == "auto"
+        assert with_chosen_method(scene).solver.method == "auto"
         assert not may_peel(scene)
     assert LEAST_ALONE > 3 * 5**3
 
@@ -123,17 +123,17 @@ def pillow_block(degree: int, thickness: float | None = None) -> Scene:
 def test_small_bodies_of_a_mesh_file_stay_with_total_feti() -> None:
     scene = build_scene(load(CONFIGS / "pillow_block.yaml", ["bodies.0.degree=1"]))
     assert scene.dimension * scene.bodies[0].nodes < LEAST_ALONE
-    assert chosen(scene).solver.method == "auto"
+    assert with_chosen_method(scene).solver.method == "auto"
 
 
 @pytest.mark.parametrize("degree", [1, 2])
 def test_one_body_of_a_mesh_file_takes_multigrid_in_both_degrees(degree: int) -> None:
     scene = pillow_block(degree)
-    assert chosen(scene).solver.method == "primal"
-    pair = chosen(replace(scene, bodies=scene.bodies * 2))
+    assert with_chosen_method(scene).solver.method == "primal"
+    pair = with_chosen_method(replace(scene, bodies=scene.bodies * 2))
     assert pair.solver.method == ("primal" if degree == 1 else "auto")
     tied = replace(scene, bodies=scene.bodies * 2, ties=(Tie(0, "a", 1, "b", "contacts[0]"),))
-    assert chosen(tied).solver.method == "primal"
+    assert with_chosen_method(tied).solver.method == "primal"
 
 
 def test_with_friction_one_thick_body_takes_multigrid() -> None:
@@ -146,11 +146,11 @@ def test_with_friction_one_thick_body_takes_multigrid() -> None:
         larger = replace(body, mesh=Larger(body.mesh, thickness))
         return replace(scene, bodies=(larger,), cases=())
 
-    assert chosen(made()).solver.method == "primal"
-    assert chosen(made(thickness=2.0)).solver.method == "auto"
-    assert chosen(replace(made(), bodies=made().bodies * 2)).solver.method == "auto"
+    assert with_chosen_method(made()).solver.method == "primal"
+    assert with_chosen_method(made(thickness=2.0)).solver.method == "auto"
+    assert with_chosen_method(replace(made(), bodies=made().bodies * 2)).solver.method == "auto"
     history = build_scene(load(CONFIGS / "press_and_push.yaml")).steps
-    assert chosen(replace(made(), steps=history)).solver.method == "auto"
+    assert with_chosen_method(replace(made(), steps=history)).solver.method == "auto"
 
 
 @pytest.mark.parametrize(
@@ -167,7 +167,9 @@ def test_check_gives_the_reason_for_total_feti(name: str, why: str) -> None:
 
 def ways(scene: Scene) -> list[tuple[str, int | None]]:
     """Method and patience of each way with a scene of its own."""
-    return [(w.scene.solver.method, w.patience) for w in ways_to(chosen(scene)) if w.scene]
+    return [
+        (w.scene.solver.method, w.patience) for w in ways_to(with_chosen_method(scene)) if w.scene
+    ]
 
 
 def test_total_feti_follows_multigrid_after_more_iterations_than_any_part_takes() -> None:
@@ -254,10 +256,10 @@ def test_one_thin_body_with_friction_in_the_plane_takes_multigrid() -> None:
     """Its factor is inexpensive: Total FETI took 344 operator applications and more."""
     made = load(CONFIGS / "rough_rod.yaml")
     scene = build_scene(made)
-    assert chosen(scene).solver.method == "primal"
+    assert with_chosen_method(scene).solver.method == "primal"
     thick = replace(scene.bodies[0], mesh=Larger(scene.bodies[0].mesh, 100.0))
-    assert chosen(replace(scene, bodies=(thick,))).solver.method == "auto"
-    assert chosen(replace(scene, bodies=scene.bodies * 2)).solver.method == "auto"
+    assert with_chosen_method(replace(scene, bodies=(thick,))).solver.method == "auto"
+    assert with_chosen_method(replace(scene, bodies=scene.bodies * 2)).solver.method == "auto"
     counts = solve_scene(scene, MPI.COMM_WORLD).summary["solver"]
     assert counts["converged"]
     assert counts["hessian_multiplications"] <= 60
@@ -269,4 +271,7 @@ def test_a_curved_strip_with_friction_is_thin_by_its_area() -> None:
     body = scene.bodies[0]
     strap = Larger(body.mesh, 100.0)  # its box is as high as it is long
     strap.size = body.mesh.size
-    assert chosen(replace(scene, bodies=(replace(body, mesh=strap),))).solver.method == "primal"
+    assert (
+        with_chosen_method(replace(scene, bodies=(replace(body, mesh=strap),))).solver.method
+        == "primal"
+    )
