@@ -98,12 +98,23 @@ def _check_space(space: Any) -> None:
             "space of displacements"
         )
     cell = mesh.topology.cell_name()
-    if mesh.topology.dim != d or cell not in CELLS:
-        raise ValueError(f"the mesh has cells {cell} in {d}D; contact needs {', '.join(CELLS)}")
+    if cell not in CELLS:
+        raise ValueError(f"the mesh has cells {cell}; contact needs {', '.join(CELLS)}")
+    if mesh.topology.dim != d:
+        raise ValueError(
+            f"the mesh has cells {cell} in {d}D; contact in the plane needs points of two "
+            "coordinates (of Gmsh: model_to_mesh with gdim=2)"
+        )
     if components != d:
         raise ValueError(f"the space has {components} components in {d}D; displacements have {d}")
     if degree not in DEGREES:
         raise ValueError(f"the space is of degree {degree}; contact needs degree 1 or 2")
+
+
+def check_loads(loads: Sequence[Any]) -> None:
+    """Refuse loads that are not numbers."""
+    if not all(np.isfinite(f).all() for f in loads):
+        raise ValueError("L has entries that are not finite; look at its coefficients")
 
 
 def check_holding(comm: MPI.Intracomm, bcs: Sequence[Any]) -> None:
@@ -181,7 +192,8 @@ def check_contacts(contacts: Sequence[Contact], mesh: Any) -> None:
             if both:
                 raise ValueError(f"{at}: facets with the tag {min(both)} are on both sides")
         _check_friction(contact.friction, f"{at}.friction")
-        if not np.isfinite(contact.interference):
+        interference: Any = contact.interference
+        if not isinstance(interference, Real) or not np.isfinite(float(interference)):
             raise ValueError(f"{at}.interference must be a number")
         if contact.obstacle is not None:
             if contact.round:

@@ -20,7 +20,7 @@ from contact_app.forms.bodies import (
     holding,
     kernel_of,
 )
-from contact_app.forms.checks import check_matrices, together
+from contact_app.forms.checks import check_loads, check_matrices, together
 from contact_app.forms.congruent import Congruent, congruent
 from contact_app.forms.contacts import Contact
 from contact_app.forms.fingerprints import all_equal, fingerprint_of_form, fingerprint_of_rows
@@ -142,6 +142,7 @@ def build_model(
             stiffness[member] = cls.stiffness
     with together(parts.comm):
         check_matrices([cls.stiffness for cls in classes])
+        check_loads(loads)
     exchange = NodeExchange(parts.comm, subdomains.numbers, parts.nodes)
     sides = tuple(sides_of(parts, contact, i) for i, contact in enumerate(contacts))
     held, contact, merged = rows_of(parts, exchange, bcs, contacts, sides)
@@ -215,6 +216,8 @@ def with_new_loads(
         return None
     with measure("assembly"):
         loads = model.subdomains.loads(forms[1])
+    with together(parts.comm):
+        check_loads(loads)
     stiffness = [problem.classes[cls].stiffness for cls, _ in model.place]
     groups = problem.bodies.groups
     sides = model.sides, model.jumps

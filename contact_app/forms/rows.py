@@ -124,6 +124,9 @@ def _held(parts: Parts, bcs: Sequence[Any]) -> tuple[NDArray, Array, NDArray, Ar
     value = np.zeros(d * (dofmap.index_map.size_local + dofmap.index_map.num_ghosts))
     dolfinx_compat.set_values(bcs, value)
     mask, value = held_components(parts, bcs), value.reshape(-1, d)[parts.blocks]
+    with together(parts.comm):
+        if not np.isfinite(value[mask]).all():
+            raise ValueError("bcs: a value of a Dirichlet condition is not finite")
     some = np.flatnonzero(mask.any(axis=1))
     return (
         parts.numbers[some], parts.points[some], mask[some],

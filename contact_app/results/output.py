@@ -126,7 +126,7 @@ def write_grid(
                     writer.point_data(name, start, values)
             of_image = {name: image.field(name, v) for name, v in cell_fields.items()}
             first = number * partition.cells + first_cell
-            for start, (groups, fields) in slabs(comm, first, _cells(model, image), of_image):
+            for start, (groups, fields) in slabs(comm, first, cells_of(model, image), of_image):
                 assert writer is not None
                 for name, values in fields.items():
                     writer.cell_data(name, start, values)
@@ -198,7 +198,7 @@ def _numbers(model: Model) -> dict[str, NDArray[np.float64]]:
     return {"body": np.concatenate(none + bodies), "material": np.concatenate(none + tags)}
 
 
-def _cells(model: Model, image: Image) -> list[NDArray[np.int64]]:
+def cells_of(model: Model, image: Image) -> list[NDArray[np.int64]]:
     """Nodes of the image of this rank's cells, by body (collective)."""
     exchange, partition = model.node_exchange, model.partition
     copies = exchange.from_owners(image.numbers[exchange.nodes - exchange.first])

@@ -20,7 +20,7 @@ from contact_app.machine.ranks import on_first
 from contact_app.model.outline import Outline
 from contact_app.results.fields import NODAL_FIELDS
 from contact_app.results.mirror import full_mesh
-from contact_app.results.output import write_fields
+from contact_app.results.output import cells_of, write_fields
 from contact_app.results.report import write_summary
 from contact_app.results.series import Series
 from contact_app.run.cases import Overview, solved_cases
@@ -60,6 +60,9 @@ class Answer:
         without friction.
     contact_status : (nodes,)
         0 where a node is open, 1 where it sticks, 2 where it slides. None without friction.
+    cells : one (cells, nodes of a cell) array per body
+        Rows of `points` (under ``mpirun`` numbers of the nodes of all ranks), in VTK's order;
+        joined they are in the order of `stress`. Mirror images follow with arrays of their own.
     stress : (cells, 6)
         Components xx, yy, zz, xy, yz, xz: the mean over each cell.
     von_mises : (cells,)
@@ -78,6 +81,7 @@ class Answer:
     friction_traction: Array | None
     slip: Array | None
     contact_status: Array | None
+    cells: list[NDArray[np.int64]]
     stress: Array
     von_mises: Array
     nodal_stress: Array | None
@@ -207,6 +211,8 @@ def solve(
         raise ConfigurationError(
             f"a scene is the path of a YAML file or a mapping of its keys, not {scene!r:.80}"
         )
+    if isinstance(overrides, str):
+        raise ConfigurationError(f"overrides must be a list of texts, not one: [{overrides!r}]")
     read = from_mapping(scene, overrides) if isinstance(scene, Mapping) else load(scene, overrides)
     built = build_scene(read, comm=comm)
     if built.symmetry:
@@ -269,6 +275,7 @@ def _answer(solved: SolvedScene, summary: dict[str, Any]) -> Answer:
         friction_traction=nodes.friction_traction if rough else None,  # halves have no friction
         slip=nodes.slip if rough else None,
         contact_status=nodes.contact_status if rough else None,
+        cells=[of_body for image in images for of_body in cells_of(solved.model, image)],
         stress=np.concatenate([image.field("stress", cells.stress) for image in images]),
         von_mises=np.tile(cells.von_mises, len(images)),
         **{name: at_nodes(nodal[name], name) if name in nodal else None for name in NODAL_FIELDS},

@@ -181,7 +181,8 @@ def from_mapping(data: Mapping[str, Any], overrides: Sequence[str] = ()) -> Conf
 def _as_read(value: Any) -> Any:
     """The value in the types of YAML; tuples, arrays, numbers of numpy and paths are converted."""
     if isinstance(value, Mapping):
-        return {key: _as_read(item) for key, item in value.items()}
+        # YAML 1.1, and so PyYAML, reads the key `on` as True
+        return {"on" if key is True else key: _as_read(item) for key, item in value.items()}
     if isinstance(value, list | tuple):
         return [_as_read(item) for item in value]
     if hasattr(value, "tolist"):  # numpy's arrays and numbers, without importing numpy

@@ -100,6 +100,33 @@ def test_forms_that_are_found_out_when_assembled(body: Square) -> None:
             ContactProblem(a, body.L).solve()
 
 
+def test_numbers_that_are_not_finite_are_named(body: Square) -> None:
+    """Also where a solve has gone well before."""
+    mesh, left = body.space.mesh, problems.held(body.space, problems.left)
+    load = fem.Constant(mesh, np.array([0.0, -1.0]))
+    problem = ContactProblem(body.a, ufl.inner(load, body.v) * ufl.dx, [left])
+    problem.solve()
+    load.value[1] = np.nan
+    with pytest.raises(ValueError, match="L has entries that are not finite"):
+        problem.solve()
+    with pytest.raises(ValueError, match="L has entries that are not finite"):
+        ContactProblem(body.a, body.load(np.inf, 0.0), [left]).solve()
+    moved = problems.held(body.space, problems.left, 0, np.nan)
+    with pytest.raises(ValueError, match="value of a Dirichlet condition is not finite"):
+        ContactProblem(body.a, body.L, [moved]).solve()
+
+
+def test_a_plane_mesh_in_space_is_refused() -> None:
+    """Gmsh's meshes have three coordinates unless asked for two."""
+    cube = problems.box("tetrahedron", (1, 1, 1), (1.0, 1.0, 1.0), MPI.COMM_WORLD)
+    facets = dolfinx.mesh.locate_entities_boundary(cube, 2, problems.left)
+    mesh = dolfinx.mesh.create_submesh(cube, 2, facets)[0]
+    space = problems.vector_space(mesh, 1)
+    u, v = ufl.TrialFunction(space), ufl.TestFunction(space)
+    with pytest.raises(ValueError, match="cells triangle in 3D; .* gdim=2"):
+        ContactProblem(ufl.inner(problems.strain(u), problems.strain(v)) * ufl.dx, v[0] * ufl.dx)
+
+
 def test_conditions_that_are_refused(body: Square) -> None:
     other = problems.held(problems.vector_space(body.space.mesh, 2), problems.left)
     with pytest.raises(ValueError, match=r"bcs\[0\] is of another space"):
@@ -134,6 +161,7 @@ def contacts_of(tags: Any, mesh: Any) -> dict[str, tuple[Any, type, str]]:
         "no normal": (Contact(tags, 1, Plane((0, 0), (0, 0))), ValueError, "normal is zero"),
         "radius": (Contact(tags, 1, Sphere((0, 0), -1.0)), ValueError, "radius must be positive"),
         "gap": (Contact(tags, 1, FLOOR, interference=np.nan), ValueError, "interference"),
+        "word as gap": (Contact(tags, 1, FLOOR, interference="a"), ValueError, "interference"),
         "round": (Contact(tags, 1, FLOOR, round=True), ValueError, "facets against facets"),
         "friction": (Contact(tags, 1, FLOOR, friction=0.3), TypeError, "must be one law"),
         "law": (Contact(tags, 1, FLOOR, friction={"mohr": 1.0}), ValueError, "must be one law"),

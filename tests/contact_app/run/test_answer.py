@@ -11,11 +11,13 @@ from pathlib import Path
 import meshio
 import numpy as np
 import pytest
+import yaml
 
 import contact_app
 from contact_app.errors import ConfigurationError, NoEquilibriumError
 from contact_app.run.run import run
 from tests import scenes
+from tests.ranks import execute
 
 ROOT = Path(__file__).parents[3]
 CUBE = ROOT / "configs" / "cube.yaml"
@@ -37,6 +39,58 @@ def test_a_file_and_its_description(tmp_path: Path) -> None:
     assert json.loads((tmp_path / "out" / "summary.json").read_text())["certificate"]["passed"]
     with meshio.xdmf.TimeSeriesReader(tmp_path / "out" / "solution.xdmf") as reader:
         assert len(reader.read_points_cells()[0]) == 343
+
+
+def test_a_file_read_by_pyyaml_is_a_mapping() -> None:
+    """The key `on` arrives as True."""
+    made = yaml.safe_load(CUBE.read_text())
+    assert True in made["conditions"][0]
+    made["bodies"][0]["material"]["young"] = 2e5  # the text 2.0e5 in YAML 1.1
+    made["bodies"][0]["mesh"]["box"]["cells"] = [3, 3, 3]
+    assert contact_app.solve(made).converged
+
+
+STUDY = """
+from mpi4py import MPI
+import contact_app
+from tests import scenes
+
+made = scenes.wall("tetrahedron", 3)
+made["conditions"][1]["traction"] = [0, 0, -50 * (1 + MPI.COMM_WORLD.rank)]
+for method in ("auto", "primal"):
+    made["solver"]["method"] = method
+    answer = contact_app.solve(made, comm=MPI.COMM_SELF)
+    print(answer.converged, len(answer.points), answer.summary["contacts"][0]["force"][0])
+"""
+
+
+def test_a_study_is_spread_over_the_ranks() -> None:
+    """Each rank solves a scene of its own; forces are those of single runs."""
+    lines = [line.split() for line in execute(STUDY, ranks=2).splitlines()]
+    assert [line[:2] for line in lines] == [["True", "64"]] * 4
+    forces = [float(line[2]) for line in lines]
+    assert forces[0] == pytest.approx(forces[1], rel=1e-5)
+    assert forces[2:] == pytest.approx([2.0 * force for force in forces[:2]], rel=1e-5)
+
+
+def test_overrides_are_a_list() -> None:
+    with pytest.raises(ConfigurationError, match="overrides must be a list"):
+        contact_app.solve(CUBE, "solver.tolerance=1e-8")
+
+
+@pytest.mark.parametrize("symmetry", ["allow", "none"])
+def test_cells_are_rows_of_points(symmetry: str) -> None:
+    """A plane strain block between walls, whose halves are images of each other where allowed."""
+    made = scenes.wall("quadrilateral", 4)
+    left = {"on": "block.x-", "obstacle": {"plane": {"point": [0, 0], "normal": [1, 0]}}}
+    contacts = [*made["contacts"], left]
+    answer = contact_app.solve(made | {"symmetry": symmetry, "contacts": contacts})
+    assert len(answer.cells) == (2 if symmetry == "allow" else 1)
+    cells = np.concatenate(answer.cells)
+    assert len(cells) == len(answer.stress)
+    x, y, _ = np.moveaxis(answer.points[cells], -1, 0)
+    area = 0.5 * (x * np.roll(y, -1, axis=1) - y * np.roll(x, -1, axis=1)).sum(axis=1)
+    assert np.abs(area) == pytest.approx(1.0 / 16.0)
 
 
 def test_a_mapping_has_the_answer_of_a_run(tmp_path: Path) -> None:
