@@ -40,7 +40,7 @@ from contact_app.forms.warnings import FormAnswer, form_warnings
 from contact_app.machine.environment import slow_blas_warning
 from contact_app.machine.timings import Timings
 from contact_app.results.friction import friction_at_rows
-from contact_app.run.fallback import FAILURES, failure_text
+from contact_app.run.fallback import FAILURES, failure_text, solve_directly
 from solver.contact.certificate import Certificate
 from solver.contact.options import Method, SolverOptions
 from solver.contact.solution import Solution
@@ -48,6 +48,7 @@ from solver.driver import reason_text, solve
 from solver.qp.result import Monitor, Reason
 from solver.tfeti.options import TotalFetiOptions
 
+BY_NEWTON = "solved for the displacements by Newton's method, which takes longer"
 """Warning on the last method that was tried."""
 
 
@@ -94,8 +95,8 @@ class ContactProblem:
     method
         ``auto``: Total FETI with congruent sub-boxes where the mesh is a regular grid; else active
         sets on the undecomposed bodies with multigrid, and Total FETI with one subdomain a rank
-        where that ends without a certificate. Or an algorithm by name, as `solver.method` of a
-        scene: ``primal``, ``active-set``, ``smalbe``; the other methods follow where it fails.
+        where that ends without a certificate; last, without friction, Newton's method. Or an
+        algorithm by name, as `solver.method` of a scene: ``primal``, ``active-set``, ``smalbe``.
     max_iterations
         Of the solver.
     u
@@ -202,7 +203,7 @@ class ContactProblem:
     def _by_total_feti(
         self, timings: Timings, monitor: Monitor | None
     ) -> tuple[FormModel, Solution, str]:
-        """The answer of Total FETI, or, where it fails, of multigrid if not tried (collective).
+        """The answer of the dual methods, or, where these fail, of Newton's (collective).
 
         Returns
         -------
@@ -222,14 +223,13 @@ class ContactProblem:
             why = reason_text(solution)
         except CouldNotRunError as error:
             failure, why = error, str(error)
-        if self.options.method not in ("auto", "primal"):
-            try:
-                other, answer = self._by("primal", timings, monitor)
-                if solution is None or answer.converged:
-                    why = f"Total FETI left no certified answer ({why}): solved by multigrid"
-                    return other, answer, why
-            except CouldNotRunError as error:
-                failure = failure or error
+        if self._model is not None and not any(contact.law for contact in self.contacts):
+            model = self._model[-1]
+            dofs, tolerance = model.parts.nodes * model.parts.dimension, self.options.tolerance
+            with timings.measure("solve"):
+                direct = solve_directly(model.problem, dofs, float(tolerance), solution, monitor)
+            if direct is not None and (solution is None or direct.converged):
+                return model, direct, f"Total FETI left no certified answer ({why}): {BY_NEWTON}"
         if solution is None:
             assert failure is not None
             raise failure
