@@ -39,7 +39,7 @@ class IncrementModels:
     Attributes
     ----------
     scene
-        The scene with the method that `auto` chooses.
+        The scene with the method that `auto` chooses, in the subdomains of the first answer.
     """
 
     def __init__(self, scene: Scene, comm: MPI.Intracomm) -> None:
@@ -127,7 +127,7 @@ class IncrementModels:
         method = solved.solver.method
         options = replace(scene.solver, method="active-set" if method == "auto" else method)
         scene = replace(scene, decomposition=solved.decomposition, solver=options)
-        self._models = CaseModels(scene, self._comm)
+        self.scene, self._models = scene, CaseModels(scene, self._comm)
         return scene
 
     def add(self, solved: SolvedScene) -> None:
