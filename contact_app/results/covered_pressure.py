@@ -14,7 +14,7 @@ are 0.8 to 2 times as long, the largest extrapolation was up to 20 times the lar
 scene with exchanged sides, the largest mean is 0.6 to 1.4 times it.
 
 On facets of degree 2 the φ_k are the linear functions of vertices. As the ψ_j are not dual there,
-means flatten the pressure, and only vertices of facets that are covered in part have them.
+means flatten the pressure, and only vertices with a narrow covered strip have them.
 """
 
 from __future__ import annotations
@@ -32,9 +32,9 @@ from solver.tfeti.constraints.exchange import NodeExchange
 
 Array = NDArray[np.float64]
 
-COVERED = 0.9
-"""Share of the area about a vertex of degree 2 from which on it counts as covered: its facets are
-covered but for a twentieth, and the extrapolation is small."""
+STRIP = 0.12
+"""Covered share of the area about a vertex of degree 2 up to which it has the mean. A corner of a
+body at a vertex, whose facets are covered completely or not at all, covers more."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -82,7 +82,7 @@ class OnSide:
         partial = sums[:, 0] > 0.0
         if self.degree == 2:
             sums = np.stack([self._at_vertices(column) for column in sums.T], axis=1)
-            partial &= sums[:, 0] < COVERED * self._at_vertices(areas)
+            partial &= sums[:, 0] < STRIP * self._at_vertices(areas)
         result = quotients.copy()
         result[partial] = sums[partial, 1:] / sums[partial, :1]
         return np.where(quotients != 0.0, result, 0.0)
