@@ -237,3 +237,27 @@ def test_impossible_scenes_are_refused(change: str, said: str) -> None:
     with pytest.raises((ConfigurationError, NoEquilibriumError)) as found:
         solve(made)
     assert said in str(found.value)
+
+
+def test_nodes_tied_to_a_rigid_body_rub_as_those_tied_to_a_stiff_block() -> None:
+    """Coulomb friction below a rigid end that moves, beside a block of 10⁵ times the stiffness."""
+    rigid, stiff = bar({"total_force": [2.0, -0.3, 0.1]}), bar()
+    mesh = {"box": {"lower": [LENGTH, 0, 0], "upper": [LENGTH + 0.5, 1, 1], "cells": [1, 2, 2]}}
+    stiff["bodies"][1] = {"name": "end", "mesh": mesh, "degree": 2,
+                          "material": {"young": 1e5 * YOUNG, "poisson": 0.0}}  # fmt: skip
+    stiff["contacts"][0] = {"on": "end.x-", "against": "bar.x+", "tied": True}
+    load = {"on": "end.x+", "total_force": [2.0, -0.3, 0.1], "at": [LENGTH, 0.5, 0.5]}
+    stiff["conditions"].append(load)
+    floor = {"plane": {"point": [0, -0.01, 0], "normal": [0, 1.0, 0]}}
+    forces = []
+    for made in (rigid, stiff):
+        made["bodies"][0]["boundaries"] = {"low": {"where": f"y < 1e-9 and x > {LENGTH - 0.01}"}}
+        rubs = {"on": "bar.low", "obstacle": floor, "friction": {"coulomb": 0.3}}
+        made["contacts"].append(rubs)
+        made["solver"]["tolerance"] = 1e-8
+        summary = solve(made).summary
+        assert summary["certificate"]["passed"]
+        forces.append(np.array(summary["contacts"][1]["force"]))
+    x, y, z = forces[0]
+    np.testing.assert_allclose(np.hypot(x, z), 0.3 * y, rtol=5e-3)  # nodes slide apart
+    np.testing.assert_allclose(*forces, atol=1e-3 * y)
