@@ -69,6 +69,14 @@ def cellwise_scalars(mesh: Any) -> Any:
         return (fem.functionspace if _MODERN else fem.FunctionSpace)(mesh, ("DG", 0))
 
 
+def cellwise_vectors(mesh: Any, components: int) -> Any:
+    """Space with `components` values per cell."""
+    with _remembering():
+        if _MODERN:
+            return fem.functionspace(mesh, ("DG", 0, (components,)))
+        return fem.VectorFunctionSpace(mesh, ("DG", 0), dim=components)
+
+
 def coordinate_element(cell: str, dimension: int, degree: int = 1) -> Any:
     """Coordinate element of a degree, as `create_mesh` expects it."""
     if _MODERN:

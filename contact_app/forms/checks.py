@@ -111,12 +111,6 @@ def _check_space(space: Any) -> None:
         raise ValueError(f"the space is of degree {degree}; contact needs degree 1 or 2")
 
 
-def check_loads(loads: Sequence[Any]) -> None:
-    """Refuse loads that are not numbers."""
-    if not all(np.isfinite(f).all() for f in loads):
-        raise ValueError("L has entries that are not finite; look at its coefficients")
-
-
 def check_holding(comm: MPI.Intracomm, bcs: Sequence[Any]) -> None:
     """Check that each Dirichlet condition holds something on some rank (collective).
 
@@ -262,8 +256,13 @@ def check_facets(comm: MPI.Intracomm, counts: tuple[int, int], at: str, tags: st
         )
 
 
-def check_matrices(stiffness: Sequence[sparse.csr_matrix]) -> None:
-    """Refuse a form that is not symmetric, or gives some displacement a negative energy."""
+def check_matrices(stiffness: Sequence[sparse.csr_matrix], loads: Sequence[Any]) -> None:
+    """Refuse a form that is not symmetric, or gives some displacement a negative energy.
+
+    Loads that are not numbers are refused, too.
+    """
+    if not all(np.isfinite(f).all() for f in loads):
+        raise ValueError("L has entries that are not finite; look at its coefficients")
     for K in stiffness:
         size = np.abs(K.data).max(initial=0.0)
         if not np.isfinite(size):

@@ -20,16 +20,18 @@ from contact_app.forms.bodies import (
     holding,
     kernel_of,
 )
-from contact_app.forms.checks import check_loads, check_matrices, together
+from contact_app.forms.checks import check_matrices, together
 from contact_app.forms.congruent import Congruent, congruent
 from contact_app.forms.contacts import Contact
 from contact_app.forms.fingerprints import all_equal, fingerprint_of_form, fingerprint_of_rows
 from contact_app.forms.friction import friction_rows, jumps_of
 from contact_app.forms.grid import ALIKE, Grid
+from contact_app.forms.locking import Moduli
 from contact_app.forms.parts import Parts, parts_of
 from contact_app.forms.rows import rows_of
 from contact_app.forms.sides import Sides, sides_of
 from contact_app.forms.subdomains import Subdomains, subdomains_of
+from contact_app.forms.uniform import in_cylindrical_coordinates
 from meshes.ties import MeanJumps
 from solver.tfeti.build import CongruentSubdomains, ConstraintRows, build_system
 from solver.tfeti.constraints.conditions import ContactRows, HeldRows, SharedRows
@@ -69,6 +71,8 @@ class FormModel:
         Sentences for the certificate.
     place : (subdomains, 2)
         Class and column of each subdomain of this rank in the problem.
+    moduli
+        Of the cells of a space of degree 1.
     form, of_form, of_rows
         a, and fingerprints of its values, with the tags of contacts, and of the rows.
     """
@@ -83,6 +87,7 @@ class FormModel:
     merged: ContactRows
     notes: tuple[str, ...]
     place: NDArray[np.int64]
+    moduli: Moduli | None
     form: Any
     of_form: bytes
     of_rows: bytes
@@ -141,8 +146,7 @@ def build_model(
         for member in cls.members:
             stiffness[member] = cls.stiffness
     with together(parts.comm):
-        check_matrices([cls.stiffness for cls in classes])
-        check_loads(loads)
+        check_matrices([cls.stiffness for cls in classes], loads)
     exchange = NodeExchange(parts.comm, subdomains.numbers, parts.nodes)
     sides = tuple(sides_of(parts, contact, i) for i, contact in enumerate(contacts))
     held, contact, merged = rows_of(parts, exchange, bcs, contacts, sides)
@@ -176,7 +180,8 @@ def build_model(
     )
     return FormModel(
         subdomains, bodies, exchange, tuple(contacts), sides, jumps, problem, merged,
-        _notes(bodies, state), _places(classes, subdomains.count), forms[0],
+        _notes(bodies, state, (forms[0], contacts)), _places(classes, subdomains.count),
+        Moduli.of(parts, forms[0]), forms[0],
         fingerprint_of_form(forms[0], space.mesh, contacts), of_rows,
     )  # fmt: skip
 
@@ -217,7 +222,7 @@ def with_new_loads(
     with measure("assembly"):
         loads = model.subdomains.loads(forms[1])
     with together(parts.comm):
-        check_loads(loads)
+        check_matrices([], loads)
     stiffness = [problem.classes[cls].stiffness for cls, _ in model.place]
     groups = problem.bodies.groups
     sides = model.sides, model.jumps
@@ -318,10 +323,28 @@ def _supports(subdomains: Subdomains, bodies: Bodies, state: Holding, first: int
     return supports
 
 
-def _notes(bodies: Bodies, state: Holding) -> tuple[str, ...]:
-    loose = [b for b, motions in enumerate(state.free_motions) if motions.shape[1]]
-    return tuple(
+def _notes(
+    bodies: Bodies, state: Holding, touching: tuple[Any, Sequence[Contact]]
+) -> tuple[str, ...]:
+    """Sentences for the certificate.
+
+    Parameters
+    ----------
+    touching
+        The bilinear form, and the contacts.
+    """
+    form, contacts = touching
+    sentences = [
         f"{bodies.name(b)} can move freely and no load does work in that motion: it is held in its "
         "place"
-        for b in loose
-    )
+        for b, motions in enumerate(state.free_motions)
+        if motions.shape[1]
+    ]
+    if contacts and in_cylindrical_coordinates(form):
+        sentences.append(
+            "a has both coordinates and displacements that are not differentiated, as in "
+            "cylindrical coordinates: if its integrals have the factor r, so have forces (per "
+            "radian), pressures are those of the body times r, and slip limits (Tresca) must be "
+            "given times r"
+        )
+    return tuple(sentences)

@@ -283,7 +283,7 @@ class ContactProblem:
                 contact_at_nodes(model, solution, owners, rough, i)
                 for i in range(len(model.contacts))
             ]
-            answer = FormAnswer(model, solution, owners, displacement, at_nodes, self.bcs)
+            answer = FormAnswer(model, solution, owners, on_space, displacement, at_nodes, self.bcs)
             messages = [*messages, *model.notes, *form_warnings(answer)]
             certificate = replace(solution.certificate, warnings=tuple(messages))
             solution = replace(solution, certificate=certificate)

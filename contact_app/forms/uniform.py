@@ -48,6 +48,27 @@ def _is_uniform(integral: Any) -> bool:
     )
 
 
+def in_cylindrical_coordinates(form: Any) -> bool:
+    """Whether an integral in the plane has coordinates and arguments that are not differentiated.
+
+    So has the circumferential strain u / r. A bed whose stiffness varies in a plane has both, too.
+    """
+    return len(form.arguments()[0]) == 2 and any(
+        integral.integral_type() == "cell"
+        and extract_type(integral.integrand(), ufl.classes.SpatialCoordinate)
+        and _has_plain_argument(integral.integrand())
+        for integral in form.integrals()
+    )
+
+
+def _has_plain_argument(expression: Any) -> bool:
+    if isinstance(expression, ufl.classes.Derivative):
+        return False
+    if isinstance(expression, ufl.classes.Argument):
+        return True
+    return any(_has_plain_argument(part) for part in expression.ufl_operands)
+
+
 def cell_stiffness(parts: Parts, grid: Grid, form: Any) -> Array:
     """K_e of one cell, (n, n), with nodes in the order of the lattice (collective).
 

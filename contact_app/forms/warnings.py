@@ -1,7 +1,7 @@
 """Warnings where the answer of forms violates assumptions of the model, as those of scenes.
 
-What needs the material's moduli or an estimate of the error is left to scenes: locking near ν =
-0.5, the error of the mesh, the yield stress.
+The yield stress and an estimate of the error of the mesh of other cells than triangles and
+tetrahedra of degree 1 are left to scenes.
 """
 
 from __future__ import annotations
@@ -28,9 +28,9 @@ from contact_app.accuracy.sharp_edges import REACH, Skin, peak, sentence, sharp_
 from contact_app.forms.bodies import contact_motions
 from contact_app.forms.boundary import exterior_facets, gathered_surface
 from contact_app.forms.contacts import Contact
-from contact_app.forms.locking import varying_strains
+from contact_app.forms.locking import Fit, affine_fit, locking
 from contact_app.forms.model import FormModel
-from contact_app.forms.results import ContactAtNodes, Owners
+from contact_app.forms.results import ContactAtNodes, OnSpace, Owners
 from contact_app.forms.rows import held_components, in_the_mean
 from contact_app.model.facets import moments
 from contact_app.results.free_motions import sliding_bodies
@@ -45,12 +45,15 @@ from contact_app.run.warning_texts import (
     flat_facets,
     large_deformations,
     locking_in_bending,
+    locking_in_volume,
     moved_beyond_size,
     rubbing_where_open,
     several_answers,
     sliding_far,
+    stiff_simplices,
     straight_edges,
 )
+from contact_app.scene.material import NEARLY_INCOMPRESSIBLE
 from contact_app.scene.obstacles import Plane
 from meshes import dolfinx_compat
 from meshes.contact_surface import Surface, is_curved
@@ -69,6 +72,8 @@ class FormAnswer:
     ----------
     owners
         Of the copies in parts.
+    on_space
+        Of the nodes of the space.
     displacement : (owned, dimension)
     contacts
         Each contact at nodes.
@@ -79,6 +84,7 @@ class FormAnswer:
     model: FormModel
     solution: Solution
     owners: Owners
+    on_space: OnSpace
     displacement: Array
     contacts: Sequence[ContactAtNodes]
     bcs: Sequence[object]
@@ -86,7 +92,8 @@ class FormAnswer:
 
 def form_warnings(answer: FormAnswer) -> list[str]:
     """Warnings for the certificate, one sentence each (collective)."""
-    warnings = [*_large_deformations(answer), *_of_bodies(answer)]
+    fit = affine_fit(answer.model.parts, answer.owners.copies(answer.displacement))
+    warnings = [*_large_deformations(answer, fit[0]), *_of_bodies(answer), *_locking(answer, fit)]
     for number, contact in enumerate(answer.model.contacts):
         texts = [*_of_contact(answer, number, contact), _sharp_edge(answer, number, contact)]
         warnings += [f"contacts[{number}]: {text}" for text in texts if text]
@@ -96,18 +103,12 @@ def form_warnings(answer: FormAnswer) -> list[str]:
     return without_repetitions(list(filter(None, warnings)), names)
 
 
-def _large_deformations(answer: FormAnswer) -> list[str]:
+def _large_deformations(answer: FormAnswer, gradient: Array) -> list[str]:
     """Strains and rotations of cells, from the displacements of their vertices."""
-    parts = answer.model.parts
-    vertices = len(dolfinx_compat.lagrange_nodes(parts.space.mesh.topology.cell_name(), 1)[0])
-    corners = parts.cells[:, :vertices]
-    d, u = parts.dimension, answer.owners.copies(answer.displacement)[corners]
-    x = parts.points[corners][..., :d]
-    x = x - x.mean(axis=1, keepdims=True)
-    gradient = np.linalg.solve(np.swapaxes(x, 1, 2) @ x, np.swapaxes(x, 1, 2) @ u)
     transposed = np.swapaxes(gradient, 1, 2)
     both = 0.5 * np.abs(np.stack([gradient + transposed, gradient - transposed]))
-    return large_deformations(*(largest_magnitude(parts.comm, part) for part in both))
+    comm = answer.model.parts.comm
+    return large_deformations(*(largest_magnitude(comm, part) for part in both))
 
 
 def _of_bodies(answer: FormAnswer) -> Iterator[str]:
@@ -117,9 +118,6 @@ def _of_bodies(answer: FormAnswer) -> Iterator[str]:
     fixes = "a Dirichlet condition, a spring or friction"
     for motion in sliding_bodies(problem, solution, bodies.size_of):
         yield motion.sentence(bodies.name(motion.body), f"{fixes} prevents the motion")
-    for b, share in enumerate(_varying_strains(answer)):
-        if text := locking_in_bending(share, "squared strain", "", "a space of degree 2"):
-            yield f"{bodies.name(b)}: {text}"
     for b, moved in enumerate(solution.measures.deformations[: bodies.count]):
         size = 2.0 * float(np.linalg.norm(bodies.halves[b]))
         yield moved_beyond_size(bodies.name(b), float(moved), size)
@@ -131,15 +129,25 @@ def _of_bodies(answer: FormAnswer) -> Iterator[str]:
     yield from play_warnings(undetermined_of(problem, solution, seen, movable), fixes)
 
 
-def _varying_strains(answer: FormAnswer) -> Array:
-    """Share of the squared strain of each body that varies within cells, (bodies,) (collective)."""
+def _locking(answer: FormAnswer, fit: Fit) -> Iterator[str]:
+    """Cells of degree 1 that are too stiff (collective)."""
     model, measures = answer.model, answer.solution.measures
     parts, bodies = model.parts, model.bodies
+    if model.moduli is None:
+        return
     body = answer.owners.copies(bodies.of_node.astype(float))[parts.cells[:, 0]].astype(np.int64)
-    u = answer.owners.copies(answer.displacement)
-    shares = varying_strains(parts, u, body, bodies.count)
-    strained = measures.strains > STRAINLESS * measures.roundings
-    return np.where(strained[: bodies.count], shares, 0.0)
+    u = answer.on_space.values(answer.displacement), fit
+    signs = locking(parts, model.moduli, u, (body, bodies.count))
+    strained = (measures.strains > STRAINLESS * measures.roundings)[: bodies.count]
+    remedy = "a space of degree 2"
+    for b in np.flatnonzero(strained):
+        near = "energy", " or near ν = 0.5"
+        texts = [locking_in_bending(float(signs.varying[b]), *near, remedy)]
+        if signs.poisson[b] >= NEARLY_INCOMPRESSIBLE:
+            texts.append(locking_in_volume(float(signs.poisson[b]), remedy))
+        yield from (f"{bodies.name(int(b))}: {text}" for text in texts if text)
+    if strained.any():
+        yield stiff_simplices(signs.error, "", remedy)
 
 
 def _of_contact(answer: FormAnswer, number: int, contact: Contact) -> Iterator[str]:

@@ -49,10 +49,12 @@ from contact_app.run.warning_texts import (
     flat_facets,
     large_deformations,
     locking_in_bending,
+    locking_in_volume,
     moved_beyond_size,
     rubbing_where_open,
     several_answers,
     sliding_far,
+    stiff_simplices,
     straight_edges,
 )
 from contact_app.scene.bodies import MOTION_NAMES
@@ -66,9 +68,6 @@ from solver.tfeti.dual import DualProblem
 from solver.tfeti.subdomain.kernels import MOTIONS
 
 SIMPLICES = ("triangle", "tetrahedron")
-
-LARGE_ERROR = 0.4
-"""Estimated relative error of first-order simplices above which there is a warning."""
 
 ROUNDED_STRAINS = 1e-3
 """Energy norm of rounding errors over that of the strains, above which there is a warning."""
@@ -192,10 +191,7 @@ def _locking_in_volume(answer: SolvedScene) -> Iterator[str]:
             remedy = "degree: 2"
             if body.mesh.cell in ("quadrilateral", "hexahedron"):
                 remedy = "mean_dilatation: true or degree: 2"
-            yield (
-                f"{body.name}: first-order cells lock as Poisson's ratio nears 0.5 "
-                f"(it is {poisson:g}): displacements come out too small; use {remedy}"
-            )
+            yield f"{body.name}: {locking_in_volume(poisson, remedy)}"
 
 
 def _locking_in_bending(answer: SolvedScene) -> Iterator[str]:
@@ -214,12 +210,8 @@ def _coarse_meshes(answer: SolvedScene) -> Iterator[str]:
     error = solution.accuracy.discretisation if solution.accuracy else np.nan
     yield from few_cells(scene, error)
     simplices = [b.name for b in scene.bodies if b.degree == 1 and b.mesh.cell in SIMPLICES]
-    if error > LARGE_ERROR and simplices:
-        yield (
-            f"the error of the mesh is estimated at {100.0 * error:.0f} % in energy norm: "
-            f"first-order triangles and tetrahedra ({', '.join(simplices)}) are stiff in bending; "
-            "use degree: 2 or a finer mesh"
-        )
+    if simplices:
+        yield stiff_simplices(error, ", ".join(simplices), "degree: 2")
 
 
 def _stresses_beside_expansion(answer: SolvedScene) -> Iterator[str]:

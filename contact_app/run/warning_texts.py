@@ -11,6 +11,9 @@ from contact_app.accuracy.faceted_curves import compared
 SMALL_STRAIN, SMALL_ROTATION = 0.05, 0.1
 """Strain, and rotation in radians, above which a warning follows: they are not small."""
 
+LARGE_ERROR = 0.4
+"""Estimated relative error of first-order simplices above which there is a warning."""
+
 VARYING = 0.3
 """Largest admissible share of the energy in strains that vary within first-order cells.
 
@@ -54,6 +57,33 @@ def large_deformations(strain: float, rotation: float) -> list[str]:
             "normals are those of the undeformed shape"
         )
     return sentences
+
+
+def locking_in_volume(poisson: float, remedy: str) -> str:
+    """First-order cells of a nearly incompressible body."""
+    return (
+        f"first-order cells lock as Poisson's ratio nears 0.5 (it is {poisson:.4g}): displacements "
+        f"come out too small; use {remedy}"
+    )
+
+
+def stiff_simplices(error: float, names: str, remedy: str) -> str:
+    """First-order triangles or tetrahedra with a large error.
+
+    Parameters
+    ----------
+    error
+        Estimate, relative, in energy norm; it may be NaN.
+    names
+        Of the bodies; empty for all.
+    """
+    if not error > LARGE_ERROR:
+        return ""
+    return (
+        f"the error of the mesh is estimated at {100.0 * error:.0f} % in energy norm: first-order "
+        f"triangles and tetrahedra{f' ({names})' if names else ''} are stiff in bending; use "
+        f"{remedy} or a finer mesh"
+    )
 
 
 def locking_in_bending(share: float, quantity: str, near: str, remedy: str) -> str:

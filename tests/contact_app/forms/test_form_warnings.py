@@ -2,6 +2,10 @@
 
 from __future__ import annotations
 
+import re
+from collections.abc import Callable
+from typing import Any
+
 import numpy as np
 import pytest
 import ufl
@@ -120,6 +124,124 @@ def test_bricks_that_lock_in_bending_cause_a_warning(
     problem.solve()
     found = [text for text in problem.certificate.warnings if "lock in bending" in text]
     assert [text.startswith("the body: ") for text in found] == [True] * told
+
+
+def stresses(mesh: Any, kind: str) -> Callable[[Any], Any]:
+    """A material by name, as the function from displacement to stress; E = 1000."""
+    height = ufl.SpatialCoordinate(mesh)[mesh.geometry.dim - 1]
+    if kind == "lining":  # of rubber below steel
+        soft = ufl.conditional(ufl.lt(height, 0.2), 1.0, 0.0)
+        return lambda u: (
+            soft * problems.isotropic(u, 3.0, 0.4995) + (1 - soft) * problems.isotropic(u, 1e3, 0.3)
+        )
+    if kind == "layers":
+        factor = ufl.conditional(ufl.lt(height, 0.2), 1.0, 20.0)
+        return lambda u: factor * problems.isotropic(u, 1000.0, 0.3)
+    if kind == "orthotropic":
+        return problems.orthotropic
+    poisson = {"rubber": 0.4999, "soft": 0.47}.get(kind, 0.3)
+    return lambda u: problems.isotropic(u, 1000.0, poisson)
+
+
+def locking_of(cell: str, kind: str, degree: int = 1, cells: tuple[int, ...] = ()) -> list[str]:
+    """Warnings of locking of a block, held at its left end, that is pressed on a floor."""
+    d = 2 if cell in ("triangle", "quadrilateral") else 3
+    cells = cells or (10, 5, 5)[:d]
+    upper = (2.0, 1.0, 1.0) if cells[-1] > 2 else (10.0, 0.4, 0.4)
+    mesh = problems.box(cell, cells, upper[:d], MPI.COMM_WORLD)
+    V = problems.vector_space(mesh, degree)
+    up = d - 1
+    tags = problems.facet_tags(mesh, {3: lambda x: np.isclose(x[up], 0.0)})
+    u, v = ufl.TrialFunction(V), ufl.TestFunction(V)
+    if kind == "reduced":
+        mean = ufl.dx(metadata={"quadrature_degree": 1})
+        a = 2 * 333.0 * ufl.inner(problems.strain(u), problems.strain(v)) * ufl.dx
+        a += 1.7e6 * ufl.div(u) * ufl.div(v) * mean
+    else:
+        a = ufl.inner(stresses(mesh, kind)(u), problems.strain(v)) * ufl.dx
+    if kind == "mass":
+        a += 1e4 * ufl.inner(u, v) * ufl.dx
+    push, normal, point = np.zeros(d), np.zeros(d), np.zeros(d)
+    push[up], normal[up], point[up] = -1e-3, 1.0, -1e-6 if cells[-1] > 2 else -0.5
+    floor = Contact(tags, 3, Plane(tuple(point), tuple(normal)))
+    bcs = [problems.held(V, problems.left)]
+    problem = ContactProblem(a, ufl.inner(fem.Constant(mesh, push), v) * ufl.dx, bcs, [floor])
+    problem.solve()
+    assert problem.certificate.passed
+    said = {"lock as Poisson": "volume", "lock in bending": "bending", "stiff in bending": "error"}
+    return [
+        name for text in problem.certificate.warnings for part, name in said.items() if part in text
+    ]
+
+
+@pytest.mark.parametrize("cell", list(problems.CELLS))
+def test_cells_of_degree_1_lock_near_half(cell: str) -> None:
+    assert "volume" in locking_of(cell, "rubber")
+    assert "volume" in locking_of(cell, "lining")
+    for kind in ("soft", "layers", "orthotropic", "mass"):
+        assert locking_of(cell, kind) == [], kind
+
+
+def test_reduced_integration_and_degree_2_do_not_lock() -> None:
+    assert locking_of("quadrilateral", "reduced") == []
+    assert "volume" in locking_of("triangle", "reduced")  # one point changes nothing there
+    assert locking_of("triangle", "rubber", degree=2) == []
+
+
+@pytest.mark.parametrize(("cell", "cells"), [("triangle", (25, 1)), ("tetrahedron", (25, 1, 1))])
+def test_simplices_in_bending_cause_a_warning(cell: str, cells: tuple[int, ...]) -> None:
+    assert locking_of(cell, "steel", cells=cells) == ["error"]
+    assert locking_of(cell, "steel", degree=2, cells=cells) == []
+
+
+def test_the_estimate_of_simplices_is_near_the_error() -> None:
+    """A beam of triangles, beside the energy on a mesh of degree 2."""
+    mesh = problems.box("triangle", (10, 2), (2.0, 0.4), MPI.COMM_WORLD)
+    energies, estimate = [], ""
+    for degree in (1, 2):
+        V = problems.vector_space(mesh, degree)
+        u, v = ufl.TrialFunction(V), ufl.TestFunction(V)
+        a = ufl.inner(problems.isotropic(u, 1000.0, 0.3), problems.strain(v)) * ufl.dx
+        L = ufl.inner(fem.Constant(mesh, np.array([0.0, -0.01])), v) * ufl.dx
+        tags = problems.facet_tags(mesh, {3: problems.bottom})
+        floor = Contact(tags, 3, Plane((0.0, -1.0), (0.0, 1.0)))
+        problem = ContactProblem(a, L, [problems.held(V, problems.left)], [floor])
+        problem.solve()
+        energies.append(problem.summary["solution"]["energy"])
+        estimate += " ".join(w for w in problem.certificate.warnings if "estimated" in w)
+    error = np.sqrt(1.0 - energies[0] / energies[1])
+    (found,) = re.findall(r"estimated at (\d+) %", estimate)
+    assert float(found) == pytest.approx(100.0 * error, rel=0.25)
+
+
+def test_pressures_in_cylindrical_coordinates_cause_a_warning() -> None:
+    """A disc pressed flat on a floor: the guide's ratio of integrals gives its uniform pressure."""
+    mesh = problems.box("triangle", (6, 4), (1.0, 0.5), MPI.COMM_WORLD)
+    V = problems.vector_space(mesh, 1)
+    tags = problems.facet_tags(mesh, {1: problems.bottom, 2: lambda x: np.isclose(x[1], 0.5)})
+    u, v = ufl.TrialFunction(V), ufl.TestFunction(V)
+    r = ufl.SpatialCoordinate(mesh)[0]
+    ds = ufl.Measure("ds", domain=mesh, subdomain_data=tags)
+
+    def strain(w: Any) -> Any:
+        return ufl.as_vector([w[0].dx(0), w[1].dx(1), w[0] / r, (w[0].dx(1) + w[1].dx(0)) / 2**0.5])
+
+    trace = 50.0 * (ufl.div(u) + u[0] / r) * (ufl.div(v) + v[0] / r)
+    a = (trace + 70.0 * ufl.inner(strain(u), strain(v))) * r * ufl.dx(degree=4)
+    axis = problems.held(V, problems.left, 0)
+    floor = Contact(tags, 1, Plane((0.0, 0.0), (0.0, 1.0)))
+    problem = ContactProblem(a, -3.0 * v[1] * r * ds(2), [axis], [floor], tolerance=1e-9)
+    problem.solve()
+    assert any("times r" in text for text in problem.certificate.warnings)
+    pressure = problem.contact_pressure
+    q = ufl.TestFunction(pressure.function_space)
+    plain, weighted = (fem.assemble_vector(fem.form(f * q * ds(1))).array for f in (1, r))
+    on = plain > 0.0
+    assert pressure.x.array[on] * plain[on] / weighted[on] == pytest.approx(3.0, rel=1e-6)
+    plane = ufl.inner(problems.isotropic(u, 1.0, 0.3), problems.strain(v)) * (1 + r) * ufl.dx
+    problem = ContactProblem(plane, -3.0 * v[1] * ds(2), [axis], [floor])
+    problem.solve()
+    assert not any("times r" in text for text in problem.certificate.warnings)
 
 
 def test_a_warning_names_a_play() -> None:

@@ -1,0 +1,80 @@
+"""Energy that a form gives to displacements, cell by cell.
+
+The moduli of a form follow from its energies in a cell under displacements b + G x: with
+G = I the resistance to a change of volume, with tr G = 0 that to a change of shape.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import ufl
+from dolfinx import fem
+from numpy.typing import NDArray
+
+from meshes import dolfinx_compat
+
+Array = NDArray[np.float64]
+
+
+class CellEnergies:
+    """a(w, w) over each cell that this rank owns, without the integrals over facets.
+
+    The displacement w is a Function u of the space, or b + G x with b and G constant in each cell.
+    One compiled form serves both.
+
+    Attributes
+    ----------
+    reduced
+        Whether some integral over cells is by one point.
+    """
+
+    def __init__(self, form: Any, space: Any) -> None:
+        mesh, d = space.mesh, space.mesh.topology.dim
+        self._cells = mesh.topology.index_map(d).size_local
+        self._u, self._factor = fem.Function(space), fem.Constant(mesh, 0.0)
+        self._affine = fem.Function(dolfinx_compat.cellwise_vectors(mesh, d + d * d))
+        x, part = ufl.SpatialCoordinate(mesh), self._affine
+        w = ufl.as_vector([
+            self._factor * self._u[i] + part[i] + sum(part[d + d * i + j] * x[j] for j in range(d))
+            for i in range(d)
+        ])  # fmt: skip
+        of_cells = dolfinx_compat.cellwise_scalars(mesh)
+        q = ufl.TestFunction(of_cells)
+        replaced = dict.fromkeys(form.arguments(), w)
+        integrals = [part for part in form.integrals() if part.integral_type() == "cell"]
+        self.reduced = any(part.metadata().get("quadrature_degree", 2) < 2 for part in integrals)
+        self._form = dolfinx_compat.compile_form(
+            ufl.Form([
+                integral.reconstruct(integrand=q * ufl.replace(integral.integrand(), replaced))
+                for integral in integrals
+            ])
+        )  # fmt: skip
+        self._places = dolfinx_compat.dof_nodes(of_cells)[: self._cells, 0]
+        self._affine_places = dolfinx_compat.dof_nodes(self._affine.function_space)[:, 0]
+
+    def of(self, u: Array) -> Array:
+        """Energies (cells,) of a displacement, (nodes of the space with ghosts, d)."""
+        self._u.x.array[:] = u.ravel()
+        self._affine.x.array[:] = 0.0
+        return self._assembled(1.0)
+
+    def of_affine(self, gradient: Array, middle: Array, value: Array) -> Array:
+        """Energies (cells,) of value + gradient (x - middle).
+
+        Parameters
+        ----------
+        gradient : (cells, d, d)
+            ∂w_i / ∂x_j.
+        middle, value : (cells, d)
+        """
+        offset = value - (gradient @ middle[:, :, None])[:, :, 0]
+        entries = np.concatenate([offset, gradient.reshape(len(gradient), -1)], axis=1)
+        at = self._affine_places[: self._cells]
+        self._affine.x.array.reshape(-1, entries.shape[1])[at] = entries
+        return self._assembled(0.0)
+
+    def _assembled(self, factor: float) -> Array:
+        self._factor.value = factor
+        return np.asarray(fem.assemble_vector(self._form).array[self._places])
