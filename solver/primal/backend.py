@@ -177,12 +177,8 @@ class Multigrid:
         """Conjugate gradients on a set, from where the last set ended (collective)."""
         return PrimalSet(self, statuses)
 
-    def correction(
-        self, system: MergedSystem, projector: Projector, springs: Springs
-    ) -> Cycle | CycleOnSets | Factor:
-        """A factor of the set, or the V-cycle that follows it; `Cycle` if K is the only level."""
-        if self.direct:
-            return Factor(system, projector, self.factors, springs.stiffness)
+    def cycle(self, projector: Projector) -> Cycle | CycleOnSets:
+        """The V-cycle that follows a set; `Cycle` if K is the only level (collective)."""
         if self._cycle is None:
             levels = self.hierarchy_of_levels
             alone = not levels.prolongations
@@ -277,15 +273,11 @@ class PrimalSet:
 
     def _make_preconditioner(self) -> _Preconditioner:
         backend, projector, springs = self._backend, self._projector, self._springs
-        cycle = backend.correction(self._system, projector, springs)
-        if springs.empty or isinstance(cycle, Factor):  # the factor includes springs
-            return _Preconditioner(cycle, projector, self._rigid)
-        active = np.zeros(len(self._system.rows), bool)
-        active[projector.rows] = active[springs.rows] = True
-        compliance = np.zeros(len(active))
-        compliance[springs.rows] = springs.compliance
-        soft = Projector(self._system, active, compliance)
-        return _Preconditioner(cycle, soft, self._rigid, gives=True)
+        if backend.direct:
+            factor = Factor(self._system, projector, backend.factors, springs.stiffness)
+            return _Preconditioner(factor, projector, self._rigid)
+        soft = springs.softened(projector)
+        return _Preconditioner(backend.cycle(soft), soft, self._rigid)
 
     @property
     def residual(self) -> float:
@@ -448,16 +440,14 @@ class _Preconditioner:
         cycle: Cycle | CycleOnSets | Factor,
         projector: Projector,
         rigid: RigidSpace,
-        gives: bool = False,
     ) -> None:
         self._cycle, self._projector, self._rigid = cycle, projector, rigid
-        self._gives = gives
         self.square = 0.0
 
     def apply(self, r: Vector, free_mask: Mask, out: Vector) -> None:
         """Put the correction into out."""
         z = np.empty_like(r)
-        if self._gives:
+        if self._projector.compliance is not None:
             self._cycle.apply(self._projector.apply_transpose(r), z)
             z = self._projector.apply(z) + self._projector.giving(r)
         else:

@@ -11,7 +11,9 @@ row, as stiff as K is against this row alone, costs nearly the same:
     A₁ = Pᵀ K P + Qᵀ diag(s) Q,  Q = C_A P,
 
 and coarser levels are Galerkin's. From one set to the next the springs of few rows change, so that
-a cycle follows the active set at little cost.
+a cycle follows the active set at little cost. For rows with a
+compliance C (`solver.primal.springs`) Π has S + C in place of S, and the spring is that of K and C
+in series, 1 / (1/s + C).
 """
 
 from __future__ import annotations
@@ -27,10 +29,10 @@ from scipy import sparse
 from solver.primal.blocks import in_blocks
 from solver.primal.factor import row_stiffness
 from solver.primal.hierarchy import Hierarchy, MultigridOptions, lent_options
-from solver.primal.merged import MergedSystem, chosen_rows, multiply, multiply_transposed
+from solver.primal.merged import MergedSystem, multiply, multiply_transposed
 from solver.primal.projector import Projector
 from solver.primal.smoother import Smoother
-from solver.tfeti.constraints.matrix import local_rows, scale_rows
+from solver.tfeti.constraints.matrix import local_rows, petsc_rows, scale_rows
 from solver.vectors import on_arrays
 
 Array = NDArray[np.float64]
@@ -39,6 +41,10 @@ CHANGED = 0.05
 """Changed springs, relative to the rows of the set, up to which a cycle keeps those it has.
 
 With 0.02 or 0.15 ten runs take at most four applications more or less."""
+
+NOTICED = 0.3
+"""Change of a spring, relative to the larger one, or sine of the angle by which its row turns, from
+which on it counts as changed."""
 
 
 class Cycle:
@@ -101,15 +107,12 @@ class CycleWithSprings:
     cycle
     operators
         Stiffness of its levels with springs.
-    Q
-        C on its finest level.
     springs, open : (rows,)
         Stiffness of each spring, and its stiffness while the row is open.
     """
 
     cycle: Cycle
     operators: Sequence[PETSc.Mat]
-    Q: PETSc.Mat
     springs: Array
     open: Array
 
@@ -133,39 +136,37 @@ class CycleOnSets:
         self._smoother = Smoother(self._K, system.flexibility, hierarchy.options.smoothing)
         self._prolongations = hierarchy.prolongations[1:]
         self._options = hierarchy.options
+        self._unturned = self._system = system
         self._stiffness = row_stiffness(system)
         self._coarse: Cycle | None = None
         if made is None:
             self._operators = [operator.copy() for operator in hierarchy.operators[1:]]
-            self._Q = system.C.matMult(self._P)
             self._open = self._springs = np.zeros(len(self._stiffness))
         else:
             self._coarse, self._operators = made.cycle, list(made.operators)
-            self._Q, self._open, self._springs = made.Q, made.open, made.springs
+            self._open, self._springs = made.open, made.springs
         self._placed = self._springs > 0.0
 
     def _cycle(self) -> Cycle:
         return Cycle(self._operators, self._prolongations, self._options)
 
     def follow(self, projector: Projector) -> None:
-        """Take another active set over (collective)."""
+        """Take over another active set, the frames and compliances of its rows (collective)."""
         self._projector = projector.narrow()
-        springs = self._open.copy()
-        springs[self._projector.rows] = self._stiffness[self._projector.rows]
-        change = springs - self._springs
-        comm = self._K.comm.tompi4py()
-        some = np.flatnonzero(change)
-        counts = len(some), len(self._projector.rows), (~self._placed[some]).sum()
-        changed, rows, fresh = comm.allreduce(np.array(counts))
+        system, comm = projector.system, self._K.comm.tompi4py()
+        springs = self._springs_of(self._projector)
+        differs = (springs != self._springs) | (system.angles != self._system.angles)
+        added = np.flatnonzero(differs & (springs > 0.0))
+        fresh = ~self._placed[added] | (system.angles[added] != 0.0)
+        counts = int(self._clearly(springs, system).sum()), len(self._projector.rows), fresh.sum()
+        changed, rows, unplaced = comm.allreduce(np.array(counts))
         if self._coarse is not None and changed <= CHANGED * rows:
             return
         pattern = PETSc.Mat.Structure
-        structure = pattern.DIFFERENT_NONZERO_PATTERN if fresh else pattern.SUBSET_NONZERO_PATTERN
-        left = chosen_rows(self._Q, some)
-        right = left.copy()
-        root = np.sqrt(np.abs(change[some]))
-        scale_rows(left, root)
-        scale_rows(right, np.sign(change[some]) * root)
+        structure = (
+            pattern.DIFFERENT_NONZERO_PATTERN if unplaced else pattern.SUBSET_NONZERO_PATTERN
+        )
+        left, right = self._change(system, springs, differs)
         for k, operator in enumerate(self._operators):
             if k:
                 finer, P = (left, right), self._prolongations[k - 1]
@@ -177,11 +178,45 @@ class CycleOnSets:
             product.destroy()
         left.destroy()
         right.destroy()
-        self._springs = springs
-        self._placed[some] = True
+        self._system, self._springs = system, springs
+        self._placed[added] = True
         if self._coarse is not None:
             self._coarse.destroy()
         self._coarse = self._cycle()  # PETSc's own would keep parts of its set-up
+
+    def _springs_of(self, projector: Projector) -> Array:
+        """Stiffness of the spring of each row, (rows,) (collective)."""
+        turned = projector.system is not self._unturned
+        stiff = row_stiffness(projector.system) if turned else self._stiffness
+        springs, rows = self._open.copy(), projector.rows
+        springs[rows] = stiff[rows]
+        if projector.compliance is not None:
+            springs[rows] /= 1.0 + stiff[rows] * projector.compliance
+        return springs
+
+    def _clearly(self, springs: Array, system: MergedSystem) -> NDArray[np.bool_]:
+        """Rows whose spring or frame changes by more than `NOTICED`, (rows,)."""
+        before, most = self._springs, np.maximum(springs, self._springs)
+        turned = np.abs(np.sin(system.angles - self._system.angles)) > NOTICED
+        return (np.abs(springs - before) > NOTICED * most) | (turned & (most > 0.0))
+
+    def _change(
+        self, system: MergedSystem, springs: Array, differs: NDArray[np.bool_]
+    ) -> tuple[PETSc.Mat, PETSc.Mat]:
+        """L, R on the first coarse level, with the change Lᵀ R of the springs (collective)."""
+        rows, roots = [], []
+        for one, stiff, sign in ((system, springs, 1.0), (self._system, self._springs, -1.0)):
+            some = np.flatnonzero(differs & (stiff > 0.0))
+            rows.append(local_rows(one.C)[some])
+            roots.append(sign * np.sqrt(stiff[some]))
+        root = np.concatenate(roots)
+        chosen = petsc_rows(system.comm, sparse.csr_matrix(sparse.vstack(rows)), system.size)
+        left = chosen.matMult(self._P)
+        right = left.copy()
+        scale_rows(left, np.abs(root))
+        scale_rows(right, root)
+        chosen.destroy()
+        return left, right
 
     def apply(self, residual: Array, out: Array) -> None:
         """Put the correction of a residual Πᵀ r into out."""

@@ -59,6 +59,8 @@ class MergedSystem:
     rigid : (unknowns, motions)
         The rigid motions of all bodies, each about its middle.
     body : (unknowns,)
+    angles : (rows,)
+        Angle by which the frame of a tangential row is turned in its plane; zero for other rows.
     """
 
     problem: DecomposedProblem
@@ -74,6 +76,7 @@ class MergedSystem:
     body: NDArray[np.int64]
     transfer: PETSc.Mat
     scatter: PETSc.Scatter
+    angles: Array
 
     @property
     def comm(self) -> MPI.Intracomm:
@@ -155,7 +158,8 @@ class MergedSystem:
         local = sparse.csr_matrix(sparse.diags(cosine) @ local + sparse.diags(sine) @ local[other])
         local.sort_indices()
         C = petsc_rows(self.comm, local, self.size)
-        return replace(self, C=C, c=cosine * self.c + sine * self.c[other])
+        c = cosine * self.c + sine * self.c[other]
+        return replace(self, C=C, c=c, angles=np.arctan2(sine, cosine))
 
     def stretch(self, values: Array) -> Array:
         """Values of contact and tied rows (rows,) among those of all rows, (dual,)."""
@@ -251,7 +255,7 @@ def merge(problem: DecomposedProblem) -> MergedSystem:
     C = _renamed(comm, problem.B.local[rows], columns, size)
     return MergedSystem(
         problem, nodes, K, C, problem.c[rows], rows, load, held, stiffless, rigid, body, transfer,
-        scatter,
+        scatter, np.zeros(len(rows)),
     )  # fmt: skip
 
 

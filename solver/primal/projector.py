@@ -46,6 +46,8 @@ class Projector:
     rows : (active,)
         Places of these rows of this rank.
     C : (active, unknowns)
+    compliance : (active,)
+        Compliance of these rows; None for none.
     """
 
     def __init__(
@@ -59,7 +61,7 @@ class Projector:
         self.empty = comm.allreduce(len(self.rows)) == 0
         self.C = chosen_rows(system.C, self.rows)
         self._inverse = system.flexibility
-        self._compliance = np.zeros(0) if compliance is None else compliance[self.rows]
+        self.compliance = None if compliance is None else compliance[self.rows]
         if self.empty:
             return
         moved = self.C if system.deforming is system.C else chosen_rows(system.deforming, self.rows)
@@ -69,8 +71,8 @@ class Projector:
         self.S = moved.matMult(self.Ct)
         diagonal = self.S.getDiagonal()
         diagonal.scale(1.0 + REDUNDANT)
-        if compliance is not None:
-            diagonal.getArray()[:] += self._compliance
+        if self.compliance is not None:
+            diagonal.getArray()[:] += self.compliance
         stiffless = diagonal.getArray() == 0.0
         diagonal.getArray()[stiffless] = 1.0
         self.S.setDiagonal(diagonal)
@@ -118,7 +120,9 @@ class Projector:
 
     def giving(self, residual: Array) -> Array:
         """D⁻¹ Bᵀ (S + C)⁻¹ C (S + C)⁻¹ B D⁻¹ r, the motion of rows with a compliance."""
-        return self.lifting(self._compliance * self.multipliers(residual))
+        if self.compliance is None:
+            return np.zeros(self.system.size)
+        return self.lifting(self.compliance * self.multipliers(residual))
 
     def narrow(self) -> Projector:
         """The projector without the rows that hold a motion in the mean of many nodes.
@@ -130,4 +134,8 @@ class Projector:
             return self
         active = np.zeros(len(self.system.rows), bool)
         active[self.rows[~wide]] = True
-        return Projector(self.system, active)
+        if self.compliance is None:
+            return Projector(self.system, active)
+        compliance = np.zeros(len(active))
+        compliance[self.rows] = self.compliance
+        return Projector(self.system, active, compliance)

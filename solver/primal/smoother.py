@@ -43,8 +43,13 @@ class Smoother:
         self._middle, self._half = 0.5 * float(upper + lower), 0.5 * float(upper - lower)
 
     def begin(self, residual: Array, projector: Projector) -> Array:
-        """x from zero, for a residual Πᵀ r: the first step needs no projection (collective)."""
+        """x from zero, for a residual Πᵀ r (collective).
+
+        The first step needs no projection, unless some rows have a compliance: Π Π is not Π then.
+        """
         x = self._flexibility * residual / self._middle
+        if projector.compliance is not None:
+            x = projector.apply(x)
         self._go_on(residual, x, x.copy(), projector)
         return x
 

@@ -346,7 +346,7 @@ class CycleLevel(SharedLevel):
                 operators.append(with_springs(A, Q, weights, near))
             cycle = Cycle(operators, levels.prolongations, levels.options)
             open_rows = np.minimum(weights, self.options.faint * self.rows.stiffness)
-            self.made = CycleWithSprings(cycle, operators, self.Q, weights, open_rows)
+            self.made = CycleWithSprings(cycle, operators, weights, open_rows)
         return self.made.cycle
 
 

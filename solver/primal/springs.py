@@ -1,7 +1,8 @@
 """Rows of an active set with a compliance: sliding points in space, across their slip.
 
 In such a row B u - c = C λ with a compliance C (`solver.backend.Statuses`). It is a spring of
-stiffness 1/C: K becomes K + Bᵀ C⁻¹ B. The V-cycle does not contain it. With all active rows in B,
+stiffness 1/C: K becomes K + Bᵀ C⁻¹ B. The fine level of the V-cycle does not
+contain it. With all active rows in B,
 C = 0 in those that hold exactly, D the diagonal of K and S = B D⁻¹ Bᵀ,
 
     Π = I - D⁻¹ Bᵀ (S + C)⁻¹ B,      z = Π M⁻¹ Πᵀ r + D⁻¹ Bᵀ (S + C)⁻¹ C (S + C)⁻¹ B D⁻¹ r
@@ -17,6 +18,7 @@ from numpy.typing import NDArray
 from solver.backend import Statuses
 from solver.primal.factor import row_stiffness
 from solver.primal.merged import MergedSystem, chosen_rows, multiply, multiply_transposed
+from solver.primal.projector import Projector
 
 Array = NDArray[np.float64]
 
@@ -60,6 +62,16 @@ class Springs:
         result = np.zeros(len(self._system.rows))
         result[self.rows] = 1.0 / self.compliance
         return result
+
+    def softened(self, projector: Projector) -> Projector:
+        """The projector with these rows and their compliance; itself where no rank has any."""
+        if self.empty:
+            return projector
+        active = np.zeros(len(self._system.rows), bool)
+        active[projector.rows] = active[self.rows] = True
+        compliance = np.zeros(len(active))
+        compliance[self.rows] = self.compliance
+        return Projector(self._system, active, compliance)
 
     def forces(self, x: Array) -> Array:
         """Bᵀ C⁻¹ B x, (unknowns,)."""

@@ -17,6 +17,7 @@ from scipy.sparse.linalg import eigsh
 from contact_app.model.model import build_model
 from contact_app.scene.build import build_scene
 from contact_app.scene.configuration import load
+from solver.backend import Turn
 from solver.contact.options import SolverOptions
 from solver.contact.stopping import StoppingRule
 from solver.driver import solve as solve_problem
@@ -270,6 +271,33 @@ def test_the_largest_eigenvalue_is_estimated_to_a_tenth() -> None:
     root = sparse.diags(np.sqrt(system.flexibility))
     exact = eigsh(root @ local_rows(system.K) @ root, 1, return_eigenvectors=False)[0]
     assert 0.9 * exact < largest_eigenvalue(in_blocks(system.K), system.flexibility) < 1.001 * exact
+
+
+def test_the_cycle_follows_compliances_and_turned_frames() -> None:
+    """Its springs for sliding points of one set are gone on the next set."""
+    given = ["solver.method=primal", "contacts.0.friction={tresca: 1}"]
+    scene = build_scene(load(CONFIGS / "pin_in_lug.yaml", given))
+    system = merge(build_model(scene, MPI.COMM_SELF, needed="distinct").problem)
+    points, draw = system.problem.friction, np.random.default_rng(0)
+    assert points is not None
+    first, active = points.rows[points.first], system.problem.inequality.copy()
+    active[first + 1] = True
+    compliance = np.zeros(len(active))
+    compliance[first + 1] = 10.0 ** draw.uniform(-8.0, -4.0, len(first))
+    hierarchy = build_hierarchy(system)
+    followed, fresh = CycleOnSets(system, hierarchy), CycleOnSets(system, hierarchy)
+    followed.follow(Projector(system, system.normal))
+    for _ in range(2):
+        angle = draw.uniform(-3.0, 3.0, len(first))
+        turned = system.turned(Turn(first, first + 1, np.cos(angle), np.sin(angle)))
+        soft = Projector(turned, active[system.rows], compliance[system.rows])
+        followed.follow(soft)
+    fresh.follow(soft)
+    residual = draw.standard_normal(system.size)
+    again, expected = np.empty_like(residual), np.empty_like(residual)
+    followed.apply(residual, again)
+    fresh.apply(residual, expected)
+    assert np.abs(again - expected).max() < 1e-6 * np.abs(expected).max()
 
 
 def test_blocks_multiply_as_single_entries() -> None:
