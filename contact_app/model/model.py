@@ -153,11 +153,13 @@ def model_of_case(model: Model, outline: Outline, scene: Scene) -> Model:
         The outline of the scene, with the contact rows of the model.
     """
     problem, d = model.problem, scene.dimension
-    forces = [np.zeros_like(values) for values in problem.forces]
-    for own_loads in (outline.loads, outline.thermal):
-        for (cls, column), load in zip(model.place, own_loads, strict=True):
+    forces, thermal = ([np.zeros_like(values) for values in problem.forces] for _ in range(2))
+    for sums, parts in ((forces, outline.loads), (thermal, outline.thermal)):
+        for (cls, column), load in zip(model.place, parts, strict=True):
             if load is not None:
-                forces[cls][:, column] += load
+                sums[cls][:, column] += load
+    for force, heat in zip(forces, thermal, strict=True):
+        force += heat
     lifting = [values.copy(order="F") for values in problem.lifting]
     lifted = _lifting(
         outline.partition, outline.surface, outline.exchange, outline.held, outline.eliminated
@@ -176,7 +178,9 @@ def model_of_case(model: Model, outline: Outline, scene: Scene) -> Model:
     friction = outline.tangential
     if friction is not None:
         c[problem.tangential] = friction.rows.gaps * problem.spread[problem.tangential]
-    case = problem.with_loads(forces, lifting, c)
+    case = problem.with_loads(
+        forces, lifting, c, [heat if heat.any() else None for heat in thermal]
+    )
     return replace(
         model, scene=scene, problem=case, needed=outline.needed, left_out=outline.left_out,
         merged=outline.merged, linear=outline.linear,
@@ -309,12 +313,12 @@ def _assembled(
     partition, surface, element = outline.partition, outline.surface, outline.elements[key[0]]
     stiffness = element.stiffness(key[1], scene.plane)
     forces = np.zeros((stiffness.shape[0], len(members)), order="F")
-    lift = np.zeros_like(forces)
+    thermal, lift = np.zeros_like(forces), np.zeros_like(forces)
     for nth, local in enumerate(members):
         values = lifting[local]
-        for load in (outline.loads[local], outline.thermal[local]):
+        for sums, load in ((forces, outline.loads[local]), (thermal, outline.thermal[local])):
             if load is not None:
-                forces[:, nth] += load
+                sums[:, nth] += load
         if values is not None:
             lift[values[0], nth] = values[1]
     lifted = lifting[members[0]]
@@ -325,11 +329,12 @@ def _assembled(
         points=element.reference.points,
         nodes=nodes,
         copies=starts[:, None] + np.arange(len(nodes)),
-        forces=forces,
+        forces=forces + thermal,
         lifting=lift,
         eliminated=None if lifted is None else lifted[0],
         bodies=np.array([partition.subdomains[local].body for local in members], np.int64),
         places=_places(partition, members, is_undecomposed(scene)),
+        thermal=thermal if thermal.any() else None,
     )
 
 

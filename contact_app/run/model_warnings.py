@@ -75,10 +75,6 @@ ROUNDED_STRAINS = 1e-3
 STRADDLED = 0.01
 """Area of facets partly on a loaded boundary, over its area, above which there is a warning."""
 
-SMALL_FORCE = 1e-3
-"""Residual of equilibrium of a warm body, over the contact forces on it, from which on there is a
-warning: a bimetal strip on a stop had 0.8 % at a tolerance of 1e-6."""
-
 SMALL_PART = 0.05
 """Relative error of the solver in heated bodies above which there is a warning."""
 
@@ -231,20 +227,6 @@ def _stresses_beside_expansion(answer: SolvedScene) -> Iterator[str]:
             f"solver's part of their error may reach {percent(accuracy.algebraic)}: lower "
             "solver.tolerance"
         )
-
-
-def _contact_beside_heat(answer: SolvedScene) -> Iterator[str]:
-    """Contact forces that are small compared with the loads of heat, which balance themselves."""
-    scene, measures = answer.model.scene, answer.solution.measures
-    residual = answer.solution.certificate.equilibrium * measures.loads
-    for number in sorted({heat.body for heat in scene.temperatures}):
-        pressed = measures.pressed[number]
-        if residual[number] > SMALL_FORCE * pressed > 0.0:
-            yield (
-                f"{scene.bodies[number].name}: its contact forces are small beside the loads of "
-                f"its temperature, and the solver's part of their error may reach "
-                f"{percent(float(residual[number] / pressed))}: lower solver.tolerance"
-            )
 
 
 def _straddled_facets(answer: SolvedScene) -> Iterator[str]:
@@ -436,8 +418,7 @@ CHECKS: tuple[Callable[[SolvedScene], Iterable[str]], ...] = (
     _large_deformations, _yielding, _straight_edges, _straight_facets, _beside_obstacles,
     _between_nodes, _coarse_pressures, _sharp_edges, _sliding_bodies, _locking_in_volume,
     _locking_in_bending, _moved_beyond_sizes, _moved_far, _coarse_meshes,
-    _stresses_beside_expansion, _contact_beside_heat, _straddled_facets, _without_facets,
-    _certificates, _cautions, _slides, _loaded_holds, _rubs_where_open, _closes_at_once,
-    _several_answers, _plays,
+    _stresses_beside_expansion, _straddled_facets, _without_facets, _certificates, _cautions,
+    _slides, _loaded_holds, _rubs_where_open, _closes_at_once, _several_answers, _plays,
 )  # fmt: skip
 """The tests of an answer, in the order of their warnings."""

@@ -26,10 +26,10 @@ what this changes.
 References of the relative numbers. Each body is measured by its own sizes: lengths by its largest
 displacement without rigid motions that nothing resists, or nothing that presses
 (`solver.tfeti.free_motions`), forces by its load (the largest of the sums of the magnitudes of
-loads, of reactions and of contact forces), the gap by its strain energy ½ a(u,u). So a weak body
-beside a strong one, or a stiff body on a soft one, is certified by its own sizes
-(`solver.contact.bodies`). Bodies that can touch form a group; the gap of a group bounds the error
-of each of its bodies. The worst body decides.
+loads, of reactions and of contact forces; with heat `solver.contact.sizes.force_references`), the
+gap by its strain energy ½ a(u,u). So a weak body beside a strong one, or a stiff body on a soft
+one, is certified by its own sizes (`solver.contact.bodies`). Bodies that can touch form a group;
+the gap of a group bounds the error of each of its bodies. The worst body decides.
 
 Rounding errors. The gap assumes exact arithmetic. So two terms are added to its square root: the
 effect on the strains of rounding u to its last digit, and the energy norm of the residual of
@@ -47,9 +47,11 @@ from numpy.typing import NDArray
 
 from solver.contact.bodies import Bodies, body_lengths, largest, sizes
 from solver.contact.sizes import (
+    ROUNDED_LIMIT,
     MeasuredAnswer,
     MeasuredProblem,
     energy_scales,
+    force_references,
 )
 
 NUMBERS = (
@@ -65,9 +67,6 @@ NUMBERS = (
 
 EQUILIBRIUM_FLOOR = 1e-9
 """Residual of equilibrium, over the load, that rounding errors may always leave."""
-
-ROUNDED_LIMIT = 1e-6
-"""Largest residual of equilibrium, over the load, that is attributed to rounding errors."""
 
 STRAINING = 100.0
 """Gap of a group that moves rigidly, over its rounding errors, from which on the group would be
@@ -258,7 +257,8 @@ def certificate_of(
     )
     # forces on a body that moves rigidly are rounding errors: relative to forces that would move it
     moving = rounded / np.finfo(np.float64).eps
-    load = sizes(bodies, np.where(measures.scales > 0.0, measures.loads, moving))
+    references = force_references(problem, forces, rounded, tolerance)
+    load = sizes(bodies, np.where(measures.scales > 0.0, references, moving))
     distance = np.abs(slack) / bodies.of_rows(lengths)
     pulls = np.where(contact, np.maximum(-force, 0.0), 0.0) / bodies.of_rows(load)
     by_body = {

@@ -27,6 +27,13 @@ way alone.
 FORCED = 1e3
 """Forces on a group over their rounding errors, above which they count as forces."""
 
+RESOLVED = 0.1
+"""Rounding errors of the forces on a heated body, over the largest residual that the certificate
+allows, if its contact forces are far smaller than its thermal loads."""
+
+ROUNDED_LIMIT = 1e-6
+"""Largest residual of equilibrium, over the load, that is attributed to rounding errors."""
+
 IDLE = 1e-3
 """Load of a body over the load of its group.
 
@@ -86,6 +93,14 @@ class MeasuredProblem(Protocol):
     @property
     def friction(self) -> FrictionPoints | None:
         """Contact points with friction."""
+
+    @property
+    def mechanical_loads(self) -> Array:
+        """Σ |f| without thermal loads, (bodies,)."""
+
+    @property
+    def heated(self) -> NDArray[np.bool_]:
+        """Bodies of groups with thermal loads, (bodies,)."""
 
     @property
     def free_lengths(self) -> Array:
@@ -187,3 +202,32 @@ def energy_scales(
     share = np.divide(IDLE * carried, load, out=np.full(len(load), np.inf), where=load > 0.0)
     strained = np.where(strains > floor, strains, np.inf)
     return np.asarray(np.minimum(strained * np.maximum(1.0, share) ** 2, of_group))
+
+
+def force_references(
+    problem: MeasuredProblem, forces: Array, rounded: Array, tolerance: float
+) -> Array:
+    """The references of forces, (bodies,): the largest of loads, reactions and contact forces.
+
+    In groups with heat, only contact forces and mechanical loads count. Thermal loads balance
+    themselves and cause reactions and tied forces that do so, too, all often far larger than the
+    contact forces. A body on which neither acts is measured by the largest of its group. The
+    reference is never so small that rounding errors exceed the tolerance.
+
+    Parameters
+    ----------
+    forces : (3, bodies)
+        Loads, reactions and contact forces.
+    rounded : (bodies,)
+        Rounding errors of the forces.
+    tolerance
+        Upper limit of the certificate's numbers.
+    """
+    bodies, every = problem.bodies, forces.max(axis=0)
+    if not problem.heated.any():
+        return np.asarray(every)
+    acting = np.maximum(problem.mechanical_loads, forces[2])
+    acting = np.where(acting > 0.0, acting, bodies.by_group(acting)[bodies.groups])
+    least = rounded / min(RESOLVED * tolerance, ROUNDED_LIMIT)
+    used = problem.heated & (acting > 0.0)
+    return np.where(used, np.minimum(np.maximum(acting, least), every), every)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from contextlib import AbstractContextManager, nullcontext
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from hashlib import sha1
 
 import numpy as np
@@ -58,6 +58,8 @@ class CongruentSubdomains:
         Basis of the kernel of K; the rigid motions of the points unless given.
     places
         Global nodes of the members, for methods that solve for the displacements.
+    thermal : (n, members) or None
+        The part of the forces that comes from heat.
     """
 
     stiffness: sparse.csr_matrix
@@ -70,6 +72,7 @@ class CongruentSubdomains:
     bodies: NDArray[np.int64]
     kernel: NDArray[np.float64] | None = None
     places: NodePlaces | None = None
+    thermal: NDArray[np.float64] | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -142,6 +145,7 @@ def build_system(
     loads = loads_on(
         classes, [s.forces for s in subdomains], [s.lifting for s in subdomains], ordered.c
     )
+    loads = replace(loads, thermal=tuple(s.thermal for s in subdomains))
     coarse = None
     if comm.allreduce(len(loads.e)):
         with measure():

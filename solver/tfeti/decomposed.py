@@ -6,6 +6,7 @@ vectors by subdomain of this rank, class after class, member after member.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -252,6 +253,32 @@ class DecomposedProblem:
         """The least references of lengths of bodies at rest, (bodies,) (collective at first)."""
         motions = given_motions(self.bodies, self.lifting, self.comm)
         return np.maximum(self.pushes[0], GIVEN * motions)
+
+    @cached_property
+    def mechanical_loads(self) -> NDArray[np.float64]:
+        """Σ |f| of each body without its thermal loads, (bodies,) (collective at first)."""
+        acting = [f if heat is None else f - heat for f, heat in self._forces_with_heat]
+        return self._magnitudes(acting)
+
+    @cached_property
+    def heated(self) -> NDArray[np.bool_]:
+        """Bodies of groups with thermal loads, (bodies,) (collective at first)."""
+        heat = [np.zeros((1, f.shape[1])) if heat is None else heat
+                for f, heat in self._forces_with_heat]  # fmt: skip
+        return self.bodies.by_group(self._magnitudes(heat))[self.bodies.groups] > 0.0
+
+    @property
+    def _forces_with_heat(
+        self,
+    ) -> list[tuple[NDArray[np.float64], NDArray[np.float64] | None]]:
+        """Forces and their thermal part, or None, of each class."""
+        thermal = self.system.loads.thermal or [None] * len(self.forces)
+        return list(zip(self.forces, thermal, strict=True))
+
+    def _magnitudes(self, forces: Sequence[NDArray[np.float64]]) -> NDArray[np.float64]:
+        """Σ |f| of each body, (bodies,), of forces (n, members) of each class (collective)."""
+        sums = self.bodies.sum_members([np.abs(f).sum(axis=0) for f in forces])
+        return np.asarray(self.comm.allreduce(sums))
 
     @cached_property
     def free_lengths(self) -> NDArray[np.float64]:

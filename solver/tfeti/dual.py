@@ -68,6 +68,7 @@ class DualProblem(DecomposedProblem):
         forces: Sequence[NDArray[np.float64]],
         lifting: Sequence[NDArray[np.float64]] | None = None,
         c: NDArray[np.float64] | None = None,
+        thermal: Sequence[NDArray[np.float64] | None] = (),
     ) -> DualProblem:
         """The problem of another load case; constraints and factors are shared.
 
@@ -75,7 +76,7 @@ class DualProblem(DecomposedProblem):
         """
         reused = Reused(operator=self.F) if self.factored else Reused()
         reused = replace(reused, directions=self.reused.directions)
-        return DualProblem(self.system.with_loads(forces, lifting, c), reused)
+        return DualProblem(self.system.with_loads(forces, lifting, c, thermal), reused)
 
     def without_factors(self) -> DualProblem:
         """The problem without factors, for the evaluation of its answer alone."""

@@ -91,12 +91,15 @@ class Loads:
         Right-hand side of the constraints: displacements of held rows, gaps of contact rows.
     e : (kernels,)
         Work of the forces on the kernels, Rᵀ f.
+    thermal : one (n, members) array per class, or None for a class without heat
+        The part of the forces that comes from heat; empty without heat.
     """
 
     forces: tuple[NDArray[np.float64], ...]
     lifting: tuple[NDArray[np.float64], ...]
     c: NDArray[np.float64]
     e: NDArray[np.float64]
+    thermal: tuple[NDArray[np.float64] | None, ...] = ()
 
 
 @dataclass(frozen=True, eq=False)
@@ -146,6 +149,7 @@ class ContactSystem:
         forces: Sequence[NDArray[np.float64]],
         lifting: Sequence[NDArray[np.float64]] | None = None,
         c: NDArray[np.float64] | None = None,
+        thermal: Sequence[NDArray[np.float64] | None] = (),
     ) -> ContactSystem:
         """The system with other loads; parameters as in `Loads`.
 
@@ -159,7 +163,7 @@ class ContactSystem:
             of_contact = self.constraints.kinds == RowKind.CONTACT
             contact = replace(contact, gaps=c[of_contact] / contact.spread)
         loads = loads_on(self.classes, forces, lifting, c)
-        return replace(self, loads=loads, contact=contact)
+        return replace(self, loads=replace(loads, thermal=tuple(thermal)), contact=contact)
 
 
 def loads_on(
