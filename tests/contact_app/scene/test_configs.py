@@ -118,3 +118,10 @@ def test_the_patch_has_the_pressure_of_its_comment(
 ) -> None:
     solution = summary_of("block_2d")["solution"]
     assert solution["max_contact_pressure"] == pytest.approx(100.0, rel=1e-5)
+
+
+def test_both_shoes_carry_half_of_the_jack(
+    summary_of: Callable[[str], dict[str, Any]],
+) -> None:
+    forces = [contact["force"][2] for contact in summary_of("tied_beam")["contacts"]]
+    assert forces[1:] == pytest.approx([-600.0, 1500.0, 1500.0], rel=1e-5)
