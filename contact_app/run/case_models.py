@@ -37,6 +37,7 @@ from contact_app.scene.scene import Scene
 from solver.contact.solution import Solution
 from solver.tfeti.constraints.matrix import ConstraintMatrix
 from solver.tfeti.directions import Directions
+from solver.tfeti.dual import SharedPlace
 
 Array = NDArray[np.float64]
 
@@ -132,6 +133,7 @@ class CaseModels:
         self._patches: Patches | None = None
         self._earlier: list[_Earlier] = []
         self._directions: Directions | None = None
+        self._place = SharedPlace()
 
     def model(self, scene: Scene, timings: Timings, needed: Needed, report: Report | None) -> Model:
         """The model of the scene of a loading; parameters as in `build_model`.
@@ -141,7 +143,9 @@ class CaseModels:
         """
         model = self._model_of(scene, timings, needed, report)
         problem = model.problem
-        if scene.has_friction or not problem.factored or problem.coarse is None:
+        if not problem.factored:
+            return replace(model, problem=problem.sharing(self._place))
+        if scene.has_friction or problem.coarse is None:
             return model
         shared = problem.recycling(self._directions)
         self._directions = shared.reused.directions

@@ -14,20 +14,19 @@ from dataclasses import dataclass
 import numpy as np
 from mpi4py import MPI
 from numpy.typing import NDArray
-from petsc4py import PETSc
 
 from solver.backend import Statuses
 from solver.contact.bodies import body_lengths, largest
 from solver.primal.blocks import in_blocks
 from solver.primal.cycle import Cycle, CycleOnSets
-from solver.primal.factor import Factor, FactorOptions, predicted_seconds, thinness
+from solver.primal.factor import Factor, FactorOptions
 from solver.primal.first_set import FirstSet, find_first_set
 from solver.primal.held_energy import HeldEnergy
-from solver.primal.hierarchy import Hierarchy, build_hierarchy, no_hierarchy
 from solver.primal.lanczos import Lanczos
-from solver.primal.merged import MergedSystem, bodies_alone, merge, multiply, multiply_transposed
+from solver.primal.matrices import Matrices, free_matrices
+from solver.primal.merged import MergedSystem, bodies_alone, multiply, multiply_transposed
 from solver.primal.projector import REDUNDANT, Projector
-from solver.primal.rigid_space import FloatingMotions, RigidSpace
+from solver.primal.rigid_space import RigidSpace
 from solver.primal.springs import Springs
 from solver.qp.box_qp import BoxQP
 from solver.qp.iterate import Iterate, Watch
@@ -35,6 +34,7 @@ from solver.qp.mprgp import MPRGP
 from solver.qp.result import Counts, Monitor, Reason
 from solver.tfeti.constraints.hierarchy import ConstraintHierarchy
 from solver.tfeti.decomposed import DecomposedProblem
+from solver.tfeti.dual import SharedPlace
 from solver.vectors import Mask, Vector
 
 Array = NDArray[np.float64]
@@ -53,12 +53,6 @@ UNKNOWN = 0.1
 
 STALLED = 500
 """Steps on one set after which the solve counts as stalled, by rounding errors or a poor cycle."""
-
-
-def free_matrices(comm: MPI.Intracomm) -> None:
-    """Free unused PETSc objects now; petsc4py would free them later (collective)."""
-    for owner in (PETSc.COMM_SELF, comm):
-        PETSc.garbage_cleanup(owner)
 
 
 @dataclass(frozen=True, eq=False)
@@ -118,21 +112,25 @@ class Multigrid:
         Initial displacement of the next set.
     """
 
-    def __init__(self, problem: DecomposedProblem, factors: FactorOptions | None = None) -> None:
+    def __init__(
+        self,
+        problem: DecomposedProblem,
+        factors: FactorOptions | None = None,
+        place: SharedPlace | None = None,
+    ) -> None:
+        """Matrices of a problem under other loads are taken from the place, or left there."""
         self.problem = problem
-        self.system: MergedSystem = merge(problem)
         self.factors = factors or FactorOptions()
-        self._seconds = predicted_seconds(self.system)
-        self.thin = thinness(self.system) >= self.factors.thin
-        limit = self.factors.thin_seconds if self.thin else self.factors.small
-        self.direct = self._seconds <= limit
-        # thin bodies take their first set from levels, though a factor solves on the sets
-        on_levels = not self.direct or (self.thin and not self._peels)
-        make = build_hierarchy if on_levels else no_hierarchy
-        self.release()
-        self.hierarchy_of_levels: Hierarchy = make(self.system)
-        self.release()
-        self.floating = FloatingMotions(self.system)
+        matrices = place.content if place is not None else None
+        if isinstance(matrices, Matrices) and matrices.fit(problem):
+            matrices = matrices.under(problem)
+        else:
+            matrices = Matrices.of(problem, self.factors)
+        if place is not None:
+            place.content = matrices
+        self.matrices: Matrices = matrices
+        self.system: MergedSystem = matrices.system
+        self.direct = matrices.direct
         self.begin_at(self.system.at_rest)
         self._cycle: Cycle | CycleOnSets | None = None
         self._held = HeldEnergy(self.system)
@@ -165,11 +163,11 @@ class Multigrid:
 
     def first_set(self) -> FirstSet:
         """Contact on coarse levels; all rows if a constraint hierarchy applies (collective)."""
-        if self._peels:
+        if self.matrices.peels:
             return FirstSet(np.ones(len(self.system.rows), bool), self.u)
-        first_set = find_first_set(self.system, self.hierarchy_of_levels)
+        first_set = find_first_set(self.system, self.matrices.hierarchy)
         if self._cycle is None and first_set.made is not None and not self.direct:
-            self._cycle = CycleOnSets(self.system, self.hierarchy_of_levels, first_set.made)
+            self._cycle = CycleOnSets(self.system, self.matrices.hierarchy, first_set.made)
         self.release()
         return first_set
 
@@ -180,7 +178,7 @@ class Multigrid:
     def cycle(self, projector: Projector) -> Cycle | CycleOnSets:
         """The V-cycle that follows a set; `Cycle` if K is the only level (collective)."""
         if self._cycle is None:
-            levels = self.hierarchy_of_levels
+            levels = self.matrices.hierarchy
             alone = not levels.prolongations
             self._cycle = (
                 Cycle(levels.operators, (), levels.options)
@@ -193,22 +191,14 @@ class Multigrid:
 
     def give_up_multigrid(self) -> bool:
         """Replace the V-cycle by factors from now on, if affordable; return whether."""
-        if self.direct or self._seconds > self.factors.slow_seconds:
+        if self.direct or self.matrices.seconds > self.factors.slow_seconds:
             return False
         self.direct, self._cycle = True, None
         return True
 
     def hierarchy(self, coarsened: bool) -> ConstraintHierarchy:
         """The constraint hierarchy of thin bodies, whose contact may peel off (collective)."""
-        return ConstraintHierarchy(self.problem, coarsened and self._peels)
-
-    @property
-    def _peels(self) -> bool:
-        """Whether bodies are thin and their contact may peel off row by row.
-
-        Without a factor the many sets of a constraint hierarchy would cost too many iterations.
-        """
-        return self.thin and self.direct and self.problem.held_without_contact
+        return ConstraintHierarchy(self.problem, coarsened and self.matrices.peels)
 
     def release(self) -> None:
         """Free the matrices of the last set: petsc4py leaves them for later."""
@@ -248,7 +238,7 @@ class PrimalSet:
         jumps = (multiply(system.C, backend.u) - system.c)[projector.rows]
         lifting = -projector.lifting(jumps)
         operator = _ProjectedStiffness(system, projector, springs)
-        self._rigid = rigid = RigidSpace(system, projector, backend.floating, springs)
+        self._rigid = rigid = RigidSpace(system, projector, backend.matrices.floating, springs)
         self._start = backend.u + lifting
         if not rigid.empty:
             left = backend.left() + (self._load - system.load) - springs.forces_at(backend.u)

@@ -14,8 +14,9 @@ from solver.contact.checkpoint import Saver, without_outer_iterations
 from solver.contact.solution import Solution
 from solver.contact.stopping import CertificateTest, StoppingRule
 from solver.primal.augmented import AugmentedLagrangian
-from solver.primal.backend import Multigrid, PrimalState, free_matrices
+from solver.primal.backend import Multigrid, PrimalState
 from solver.primal.factor import FactorOptions
+from solver.primal.matrices import free_matrices
 from solver.primal.recovery import recover
 from solver.qp.outer_state import Restart
 from solver.qp.result import Counts, Reason
@@ -93,7 +94,7 @@ def _solve(
     factors: FactorOptions | None,
 ) -> Solution:
     """Run `solve_by_multigrid` without handling of errors."""
-    backend, before = Multigrid(task.problem, factors=factors), Counts()
+    backend, before = Multigrid(task.problem, factors, task.problem.reused.place), Counts()
     problem = task.problem
     sums = [np.abs(f).sum(axis=0) for f in problem.forces]
     loads = problem.comm.allreduce(problem.bodies.sum_members(sums))

@@ -61,6 +61,8 @@ class MergedSystem:
     body : (unknowns,)
     angles : (rows,)
         Angle by which the frame of a tangential row is turned in its plane; zero for other rows.
+    support : (held, unknowns)
+        The rows of K of held unknowns, before these are eliminated.
     """
 
     problem: DecomposedProblem
@@ -77,6 +79,7 @@ class MergedSystem:
     transfer: PETSc.Mat
     scatter: PETSc.Scatter
     angles: Array
+    support: PETSc.Mat
 
     @property
     def comm(self) -> MPI.Intracomm:
@@ -143,6 +146,12 @@ class MergedSystem:
     def normal(self) -> NDArray[np.bool_]:
         """Contact rows, (rows,)."""
         return self.problem.inequality[self.rows]
+
+    def under(self, problem: DecomposedProblem) -> MergedSystem:
+        """The system under the loads, held values and gaps of an equal problem (collective)."""
+        loaded = replace(self, problem=problem, c=problem.c[self.rows])
+        _, values = _held(problem, self.nodes, self.scatter, self.transfer, self.size)
+        return replace(loaded, load=_load(loaded, values))
 
     def turned(self, turn: Turn) -> MergedSystem:
         """The problem in turned tangential frames."""
@@ -241,22 +250,36 @@ def merge(problem: DecomposedProblem) -> MergedSystem:
     transfer = _transfer(comm, columns, size)
     K = _stiffness(problem, nodes)
     held, values = _held(problem, nodes, scatter, transfer, size)
-    forces = [_summed(problem.forces[k], at, nodes, d) for k, at in enumerate(nodes.copies)]
-    load = _to_owners(comm, scatter, np.sum([np.zeros(len(numbers)), *forces], axis=0), size)
     body = np.repeat(nodes.body[nodes.owned], d)
     rigid = _rigid(problem, nodes)
     stiffless = problem.bodies.rigid[body] & ~held
-    load = np.where(stiffless, load, _impose(comm, K, held | stiffless, values, load))
+    support = chosen_rows(K, np.flatnonzero(held))
+    _eliminate(comm, K, held | stiffless)
     _set_diagonal(K, stiffless, 0.0)
     K.setOption(PETSc.Mat.Option.SPD, True)
     kinds = problem.kinds
     bound = RowKind.GLUING, RowKind.DIRICHLET
     rows = np.flatnonzero(~np.isin(kinds, bound))
     C = _renamed(comm, problem.B.local[rows], columns, size)
-    return MergedSystem(
-        problem, nodes, K, C, problem.c[rows], rows, load, held, stiffless, rigid, body, transfer,
-        scatter, np.zeros(len(rows)),
+    system = MergedSystem(
+        problem, nodes, K, C, problem.c[rows], rows, np.zeros(size), held, stiffless, rigid, body,
+        transfer, scatter, np.zeros(len(rows)), support,
     )  # fmt: skip
+    return replace(system, load=_load(system, values))
+
+
+def _load(system: MergedSystem, values: Array) -> Array:
+    """f - K u_held, and K u_held on held unknowns, for their displacements (collective)."""
+    problem, nodes, held = system.problem, system.nodes, system.held
+    parts = [
+        _summed(forces, at, nodes, problem.dimension)
+        for forces, at in zip(problem.forces, nodes.copies, strict=True)
+    ]
+    total = np.zeros(len(nodes.numbers) * problem.dimension)
+    load = _to_owners(system.comm, system.scatter, np.sum([total, *parts], axis=0), system.size)
+    lifted = multiply_transposed(system.support, values[held])
+    free = load - np.where(system.stiffless, 0.0, lifted)
+    return np.where(held, system.diagonal * values, free)
 
 
 def _scatter(comm: MPI.Intracomm, numbers: NDArray[np.int64], size: int) -> PETSc.Scatter:
@@ -457,18 +480,12 @@ def with_diagonal(K: PETSc.Mat, where: NDArray[np.bool_], value: float) -> PETSc
     return result
 
 
-def _impose(
-    comm: MPI.Intracomm, K: PETSc.Mat, held: NDArray[np.bool_], values: Array, load: Array
-) -> Array:
-    """Eliminate held unknowns from K, and return the right-hand side (collective)."""
+def _eliminate(comm: MPI.Intracomm, K: PETSc.Mat, held: NDArray[np.bool_]) -> None:
+    """Leave the largest diagonal entry alone in the rows and columns of unknowns (collective)."""
     stiff = float(np.abs(K.getDiagonal().getArray()).max(initial=0.0))
-    stiff = comm.allreduce(stiff, op=MPI.MAX)
     first = K.getOwnershipRange()[0]
     rows = (first + np.flatnonzero(held)).astype(PETSc.IntType)
-    result = load.copy()
-    with lent(comm, values, result) as (x, b):
-        K.zeroRowsColumns(rows, diag=stiff, x=x, b=b)
-    return result
+    K.zeroRowsColumns(rows, diag=comm.allreduce(stiff, op=MPI.MAX))
 
 
 def bodies_alone(system: MergedSystem, values: Array) -> Array:

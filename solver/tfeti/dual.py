@@ -25,6 +25,19 @@ from solver.tfeti.projected import ProjectedOperator
 from solver.vectors import largest_magnitude
 
 
+@dataclass(eq=False)
+class SharedPlace:
+    """A place for the matrices of a backend that problems under other loads share.
+
+    Attributes
+    ----------
+    content
+        Matrices of the last solve; None before the first.
+    """
+
+    content: object = None
+
+
 @dataclass(frozen=True, eq=False)
 class Reused:
     """Results of another problem of the same system; None where they have to be computed.
@@ -41,6 +54,8 @@ class Reused:
         λ̃ if it is not the smallest one, and K⁺ (f - Bᵀ λ̃).
     directions
         Search directions that problems under other loads share; each solve adds to them.
+    place
+        For the matrices of backends without a dual operator.
     """
 
     operator: DualOperator | None = None
@@ -49,6 +64,7 @@ class Reused:
     offset: NDArray[np.float64] | None = None
     displacements: NDArray[np.float64] | None = None
     directions: Directions | None = None
+    place: SharedPlace | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -95,6 +111,10 @@ class DualProblem(DecomposedProblem):
             directions = Directions(self.B, self.conditional)
         reused = replace(self.reused, operator=self.F, directions=directions)
         return DualProblem(self.system, reused)
+
+    def sharing(self, place: SharedPlace) -> DualProblem:
+        """The problem that shares a backend's matrices with those at the same place."""
+        return DualProblem(self.system, replace(self.reused, place=place))
 
     def with_slip_from(self, displacements: list[NDArray[np.float64]]) -> DualProblem:
         """The problem with slip measured from given displacements, not from the unstrained state.

@@ -194,6 +194,25 @@ def test_cases_share_factors_and_rows() -> None:
     assert [solved.solution.warm for solved in cases] == [False, False, True, True]
 
 
+@pytest.mark.parametrize("made", [slot(), two_blocks(), lifted()], ids=["slot", "two", "lifted"])
+def test_cases_by_multigrid_share_its_matrices(made: Config) -> None:
+    made = {**made, "solver": {**made.get("solver", {}), "method": "primal"}}
+    matrices = []
+    for solved in solved_cases(scenes.build(made), MPI.COMM_WORLD, lambda name: None):
+        assert solved.solution.method == "primal"
+        place = solved.model.problem.reused.place
+        assert place is not None
+        matrices.append(place.content.system.K)
+        alone = solve_scene(scenes.build(single(made, solved.model.scene.case)))
+        energies = [s.summary["solution"]["energy"] for s in (solved, alone)]
+        assert energies[0] == pytest.approx(energies[1], rel=1e-8)
+        size = np.abs(alone.nodes.displacement).max()
+        np.testing.assert_allclose(
+            solved.nodes.displacement, alone.nodes.displacement, atol=1e-6 * size
+        )
+    assert all(K is matrices[0] for K in matrices)
+
+
 def test_a_multiple_of_a_case_begins_with_its_answer() -> None:
     made = scenes.wall("hexahedron", 6)
     made = named(made, {1: "press"}, {"one": {"press": 1}, "two": {"press": 2}})

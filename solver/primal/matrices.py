@@ -1,0 +1,74 @@
+"""The matrices of multigrid, which problems under other loads share."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+from mpi4py import MPI
+from petsc4py import PETSc
+
+from solver.primal.factor import FactorOptions, predicted_seconds, thinness
+from solver.primal.hierarchy import Hierarchy, build_hierarchy, no_hierarchy
+from solver.primal.merged import MergedSystem, merge
+from solver.primal.rigid_space import FloatingMotions
+from solver.tfeti.decomposed import DecomposedProblem
+
+
+def free_matrices(comm: MPI.Intracomm) -> None:
+    """Free unused PETSc objects now; petsc4py would free them later (collective)."""
+    for owner in (PETSc.COMM_SELF, comm):
+        PETSc.garbage_cleanup(owner)
+
+
+@dataclass(frozen=True, eq=False)
+class Matrices:
+    """The undecomposed problem and what multigrid makes of it before the first set.
+
+    Attributes
+    ----------
+    seconds
+        Predicted for one factor of K.
+    thin
+        Whether a body is thin.
+    direct
+        Whether factors solve on the sets.
+    peels
+        Whether bodies are thin and their contact may peel off row by row. Without a factor the
+        many sets of a constraint hierarchy would cost too many iterations.
+    hierarchy
+        All levels, or K alone where a factor solves.
+    floating
+        The rigid motions that held unknowns do not stop.
+    """
+
+    system: MergedSystem
+    seconds: float
+    thin: bool
+    direct: bool
+    peels: bool
+    hierarchy: Hierarchy
+    floating: FloatingMotions
+
+    @classmethod
+    def of(cls, problem: DecomposedProblem, factors: FactorOptions) -> Matrices:
+        """The matrices of an unfactored problem (collective)."""
+        system = merge(problem)
+        seconds = predicted_seconds(system)
+        thin = thinness(system) >= factors.thin
+        direct = seconds <= (factors.thin_seconds if thin else factors.small)
+        peels = thin and direct and problem.held_without_contact
+        # thin bodies take their first set from levels, though a factor solves on the sets
+        make = build_hierarchy if not direct or (thin and not peels) else no_hierarchy
+        free_matrices(problem.comm)
+        hierarchy = make(system)
+        free_matrices(problem.comm)
+        return cls(system, seconds, thin, direct, peels, hierarchy, FloatingMotions(system))
+
+    def fit(self, problem: DecomposedProblem) -> bool:
+        """Whether a problem has the same stiffness and constraints."""
+        same = self.system.problem
+        return same.B is problem.B and same.classes is problem.classes
+
+    def under(self, problem: DecomposedProblem) -> Matrices:
+        """The matrices under the loads of a problem that they fit (collective)."""
+        return replace(self, system=self.system.under(problem))
