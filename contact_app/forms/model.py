@@ -38,7 +38,7 @@ from solver.tfeti.constraints.conditions import ContactRows, HeldRows, SharedRow
 from solver.tfeti.constraints.exchange import NodeExchange
 from solver.tfeti.constraints.rows import write_rows
 from solver.tfeti.constraints.supports import SupportRows
-from solver.tfeti.dual import DualProblem
+from solver.tfeti.dual import DualProblem, SharedPlace
 from solver.tfeti.options import TotalFetiOptions
 from solver.tfeti.subdomain.kernels import MOTIONS, fixing_nodes
 from solver.tfeti.system import NodePlaces
@@ -173,11 +173,10 @@ def build_model(
             _subdomain(subdomains, bodies, eliminated, loads, lifted, cls, not options.factored)
             for cls in classes
         ]
-    problem = DualProblem(
-        build_system(
-            pieces, constraints, groups, lambda: measure("factorization"), options, state.loose
-        )
+    system = build_system(
+        pieces, constraints, groups, lambda: measure("factorization"), options, state.loose
     )
+    problem = DualProblem(system).sharing(SharedPlace())
     return FormModel(
         subdomains, bodies, exchange, tuple(contacts), sides, jumps, problem, merged,
         _notes(bodies, state, (forms[0], contacts)), _places(classes, subdomains.count),

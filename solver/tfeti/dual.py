@@ -91,7 +91,7 @@ class DualProblem(DecomposedProblem):
         Parameters are those of `ContactSystem.with_loads`.
         """
         reused = Reused(operator=self.F) if self.factored else Reused()
-        reused = replace(reused, directions=self.reused.directions)
+        reused = replace(reused, directions=self.reused.directions, place=self.reused.place)
         return DualProblem(self.system.with_loads(forces, lifting, c, thermal), reused)
 
     def without_factors(self) -> DualProblem:
