@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+from mpi4py import MPI
 from numpy.typing import NDArray
 
 from contact_app.model.boundaries import facets_of
@@ -58,6 +59,23 @@ def always_rough(scene: Scene, contact: ContactRows) -> NDArray[np.bool_]:
     """Mask of contact rows whose friction acts also while they are open, (rows,)."""
     has_limit = [c.friction is not None and c.friction.tresca is not None for c in scene.touching]
     return np.array([*has_limit, False])[contact.sources]
+
+
+def without_area(scene: Scene, friction: FrictionRows | None, comm: MPI.Intracomm) -> list[str]:
+    """Sentences on contact points where Tresca friction has no area to act on (collective)."""
+    sentences = []
+    for number, touching in enumerate(scene.touching):
+        if touching.friction is None or not touching.friction.tresca or friction is None:
+            continue
+        rows = friction.rows
+        lost = rows.nodes[(rows.sources == number) & (friction.limits == 0.0)]
+        count = comm.allreduce(len(np.unique(lost)))
+        if count:
+            sentences.append(
+                f"{touching.source}: {count} nodes lie on no whole facet of {touching.boundary}: "
+                "they have no area, so Tresca friction does not act on them"
+            )
+    return sentences
 
 
 def _rough(

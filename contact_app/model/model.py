@@ -29,6 +29,7 @@ from contact_app.model.equilibrium import (
     loose_bodies,
     upward,
 )
+from contact_app.model.friction import without_area
 from contact_app.model.method import feti_options, is_undecomposed
 from contact_app.model.outline import Outline, Report, outline_of_scene
 from contact_app.model.probes import Probe
@@ -38,6 +39,7 @@ from contact_app.model.supports import support_rows
 from contact_app.model.surface_copies import SurfaceCopies
 from contact_app.model.total_loads import LinearTraction
 from contact_app.scene.material import Material
+from contact_app.scene.rigid import idle_loads
 from contact_app.scene.scene import Scene
 from meshes import Partition
 from solver.tfeti.build import CongruentSubdomains, ConstraintRows, build_system
@@ -275,13 +277,23 @@ def _notes(scene: Scene, outline: Outline, problem: DualProblem) -> tuple[str, .
 
 
 def _cautions(scene: Scene, outline: Outline) -> tuple[str, ...]:
-    """Sentences on bodies that no load drives, and on tied surfaces that are apart."""
+    """Sentences on bodies that no load drives, loads and friction without effect, and ties apart.
+
+    Collective.
+    """
     cautions = [
         f"{name} can move freely along {directions_in_words(upward(balance.free_motions))} and no "
         "load does work in that motion: the run holds it in its place"
         for name, balance in zip(scene.body_names, outline.balances, strict=True)
         if balance.free_motions.shape[1]
     ]
+    held = idle_loads(scene.rigid_loads, scene.rigid_motions, scene.dimension)
+    cautions += [
+        f"{load.source}: {scene.rigid_bodies[load.body].name} is held against this load: its "
+        "reaction takes the load, which acts on no other body"
+        for load in held
+    ]
+    cautions += without_area(scene, outline.tangential, outline.partition.comm)
     return (*cautions, *outline.tied.notes)
 
 

@@ -143,6 +143,19 @@ def held_components(
     return held, values
 
 
+def idle_loads(
+    loads: Sequence[RigidLoad], motions: Sequence[RigidMotion], dimension: int
+) -> list[RigidLoad]:
+    """The loads that act along held components alone, so that reactions take them."""
+    idle = []
+    for load in loads:
+        values = np.array([*load.force[:dimension], *load.moment[-TURNS[dimension] :]])
+        held = held_components(motions, load.body, dimension)[0]
+        if values.any() and not values[~held].any():
+            idle.append(load)
+    return idle
+
+
 def _vector(values: NDArray[np.float64]) -> Vector:
     x, y, z = (float(v) for v in values)
     return x, y, z

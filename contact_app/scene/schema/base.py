@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import difflib
 from collections.abc import Callable, Iterable
-from typing import Annotated, Any
+from typing import Annotated, Any, ClassVar
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 from pydantic_core import PydanticCustomError
@@ -24,6 +24,9 @@ class Model(BaseModel):
 
     model_config = ConfigDict(strict=True, frozen=True, allow_inf_nan=False, extra="forbid")
 
+    why_absent: ClassVar[dict[str, str]] = {}
+    """Keys of similar sections that this one does not have, and why."""
+
     @model_validator(mode="before")
     @classmethod
     def _known_keys(cls, data: Any) -> Any:
@@ -34,6 +37,8 @@ class Model(BaseModel):
                 if key not in allowed:
                     near = difflib.get_close_matches(str(key), allowed, 1, 0.5)
                     hint = f"did you mean {near[0]}? " if near else ""
+                    if key in cls.why_absent:
+                        hint = f"{cls.why_absent[key]}; "
                     if str(key)[:1].isdigit():
                         hint = "a comma begins a new key: 1000.5 is a number, [1, 2] a list; "
                     raise PydanticCustomError(

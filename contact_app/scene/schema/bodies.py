@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, ClassVar, Literal
 
 from pydantic import Discriminator, Field, Tag, field_validator
 
@@ -158,6 +158,10 @@ class Obstacle(Model):
 
 class RigidBody(Model):
     """A rigid body: no mesh, no material."""
+
+    why_absent: ClassVar[dict[str, str]] = dict.fromkeys(
+        ("mesh", "degree", "material", "boundaries"), "a rigid body has no mesh and no material"
+    )
 
     name: str = Field(description="Name by which conditions and contacts refer to it.")
     rigid: Annotated[list[Obstacle], Field(min_length=1)] = Field(

@@ -362,3 +362,21 @@ def test_the_status_shows_friction_on_open_nodes(law: dict[str, float], acts: bo
     assert len(said) == acts
     if acts:
         assert f"acts on {(pulled & ~pressed).sum()} nodes" in said[0]
+
+
+@pytest.mark.parametrize("tied", [False, True])
+def test_tresca_friction_without_area_causes_a_warning(tied: bool) -> None:
+    """Tresca's limit is a force per area: on an edge it is zero, also below a rigid body."""
+    made = scenes.wall("hexahedron", 3)
+    body = made["bodies"][0]
+    body["boundaries"] = {"edge": {"where": "x > 1 - 1e-9 and z < 1e-9"}}
+    floor = {"plane": {"point": [0, 0, 0], "normal": [0, 0, 1]}}
+    made["conditions"] = [{"on": "block.z+", "displacement": [0.01, 0.0, -0.01]}]
+    made["contacts"] = [{"on": "block.edge", "obstacle": floor, "friction": {"tresca": 1.0}}]
+    if tied:
+        made["bodies"].append({"name": "foot", "rigid": floor})
+        made["contacts"].append({"on": "block.z-", "against": "foot", "tied": True})
+    certificate = solve(made).summary["certificate"]
+    assert certificate["passed"]
+    expected = "contacts[0]: 4 nodes lie on no whole facet of edge"
+    assert any(expected in warning for warning in certificate["warnings"])

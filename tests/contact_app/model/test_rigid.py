@@ -449,7 +449,9 @@ def _wrong(change: dict[str, Any]) -> scenes.Config:
     ("change", "said"),
     [
         ({"bodies.1.material": {"young": 1.0, "poisson": 0.3}},
-         "bodies[1].material is an unknown key; allowed: name, rigid"),
+         "bodies[1].material is an unknown key; a rigid body has no mesh and no material"),
+        ({"bodies.1.mesh": {"file": "ball.msh"}},
+         "bodies[1].mesh is an unknown key; a rigid body has no mesh and no material"),
         ({"bodies.1.rigid": {"cube": 1}}, "bodies[1].rigid.cube is an unknown key"),
         ({"bodies.1.rigid": {}}, "bodies[1].rigid has no shape"),
         ({"bodies.1.rigid": []}, "bodies[1].rigid is []; it must not be empty"),
@@ -527,3 +529,11 @@ def test_a_plate_on_held_nodes_alone_sinks_onto_them(method: str) -> None:
         summary = solve(made).summary
     assert summary["certificate"]["passed"]
     assert summary["rigid_bodies"]["ball"]["displacement"][2] == pytest.approx(-0.01)
+
+
+@pytest.mark.parametrize(("free", "warned"), [(0.0, True), (None, False)])
+def test_a_load_on_held_components_causes_a_warning(free: float | None, warned: bool) -> None:
+    made = ball_on_block("quadrilateral", 6)
+    made["conditions"][1]["displacement"][-1] = free
+    warnings = solve(made).summary["certificate"]["warnings"]
+    assert any("ball is held against this load" in w for w in warnings) == warned
