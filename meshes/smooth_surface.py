@@ -84,6 +84,8 @@ def _normals_at_vertices(corners: NDArray[np.int64], points: Array, normals: Arr
             for part in np.split(missing, np.arange(AT_ONCE, len(missing), AT_ONCE))
         ]
         missing = np.concatenate(few)
+        if len(missing) == 0:
+            break
     return result.reshape(facets, v, 3)
 
 

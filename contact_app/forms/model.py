@@ -38,7 +38,8 @@ from solver.tfeti.constraints.conditions import ContactRows, HeldRows, SharedRow
 from solver.tfeti.constraints.exchange import NodeExchange
 from solver.tfeti.constraints.rows import write_rows
 from solver.tfeti.constraints.supports import SupportRows
-from solver.tfeti.dual import DualProblem, SharedPlace
+from solver.tfeti.decomposed import SharedPlace
+from solver.tfeti.dual import DualProblem
 from solver.tfeti.options import TotalFetiOptions
 from solver.tfeti.subdomain.kernels import MOTIONS, fixing_nodes
 from solver.tfeti.system import NodePlaces

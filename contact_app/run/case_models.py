@@ -36,8 +36,8 @@ from contact_app.run.step_equilibrium import leaving_in_step
 from contact_app.scene.scene import Scene
 from solver.contact.solution import Solution
 from solver.tfeti.constraints.matrix import ConstraintMatrix
+from solver.tfeti.decomposed import SharedPlace
 from solver.tfeti.directions import Directions
-from solver.tfeti.dual import SharedPlace
 
 Array = NDArray[np.float64]
 

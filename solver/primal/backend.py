@@ -33,8 +33,7 @@ from solver.qp.iterate import Iterate, Watch
 from solver.qp.mprgp import MPRGP
 from solver.qp.result import Counts, Monitor, Reason
 from solver.tfeti.constraints.hierarchy import ConstraintHierarchy
-from solver.tfeti.decomposed import DecomposedProblem
-from solver.tfeti.dual import SharedPlace
+from solver.tfeti.decomposed import DecomposedProblem, SharedPlace
 from solver.vectors import Mask, Vector
 
 Array = NDArray[np.float64]
@@ -121,16 +120,9 @@ class Multigrid:
         """Matrices of a problem under other loads are taken from the place, or left there."""
         self.problem = problem
         self.factors = factors or FactorOptions()
-        matrices = place.content if place is not None else None
-        if isinstance(matrices, Matrices) and matrices.fit(problem):
-            matrices = matrices.under(problem)
-        else:
-            matrices = Matrices.of(problem, self.factors)
-        if place is not None:
-            place.content = matrices
-        self.matrices: Matrices = matrices
-        self.system: MergedSystem = matrices.system
-        self.direct = matrices.direct
+        self.matrices = Matrices.shared(place or SharedPlace(), problem, self.factors)
+        self.system: MergedSystem = self.matrices.system
+        self.direct = self.matrices.direct
         self.begin_at(self.system.at_rest)
         self._cycle: Cycle | CycleOnSets | None = None
         self._held = HeldEnergy(self.system)

@@ -11,7 +11,7 @@ from solver.primal.factor import FactorOptions, predicted_seconds, thinness
 from solver.primal.hierarchy import Hierarchy, build_hierarchy, no_hierarchy
 from solver.primal.merged import MergedSystem, merge
 from solver.primal.rigid_space import FloatingMotions
-from solver.tfeti.decomposed import DecomposedProblem
+from solver.tfeti.decomposed import DecomposedProblem, SharedPlace
 
 
 def free_matrices(comm: MPI.Intracomm) -> None:
@@ -64,11 +64,24 @@ class Matrices:
         free_matrices(problem.comm)
         return cls(system, seconds, thin, direct, peels, hierarchy, FloatingMotions(system))
 
+    @classmethod
+    def shared(
+        cls, place: SharedPlace, problem: DecomposedProblem, factors: FactorOptions
+    ) -> Matrices:
+        """The matrices at a place under the loads of the problem, if they fit it (collective).
+
+        Otherwise new ones, which are left there; the others are freed before.
+        """
+        matrices, place.content = place.content, None
+        if isinstance(matrices, cls) and matrices.fit(problem):
+            matrices = replace(matrices, system=matrices.system.under(problem))
+        else:
+            del matrices
+            matrices = cls.of(problem, factors)
+        place.content = matrices
+        return matrices
+
     def fit(self, problem: DecomposedProblem) -> bool:
         """Whether a problem has the same stiffness and constraints."""
         same = self.system.problem
         return same.B is problem.B and same.classes is problem.classes
-
-    def under(self, problem: DecomposedProblem) -> Matrices:
-        """The matrices under the loads of a problem that they fit (collective)."""
-        return replace(self, system=self.system.under(problem))

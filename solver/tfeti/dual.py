@@ -17,25 +17,12 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from solver.tfeti.decomposed import DecomposedProblem
+from solver.tfeti.decomposed import DecomposedProblem, SharedPlace
 from solver.tfeti.directions import Directions
 from solver.tfeti.dual_operator import DualOperator
 from solver.tfeti.free_solution import FreeSolution, solve_free
 from solver.tfeti.projected import ProjectedOperator
 from solver.vectors import largest_magnitude
-
-
-@dataclass(eq=False)
-class SharedPlace:
-    """A place for the matrices of a backend that problems under other loads share.
-
-    Attributes
-    ----------
-    content
-        Matrices of the last solve; None before the first.
-    """
-
-    content: object = None
 
 
 @dataclass(frozen=True, eq=False)
