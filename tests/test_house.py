@@ -274,6 +274,28 @@ def test_tests_use_public_names_and_patch_no_constants() -> None:
     assert not wrong
 
 
+def limits_of_work(node: ast.FunctionDef) -> list[str]:
+    """Comparisons of a function that limit operator applications by a number of ten or more."""
+    return [
+        ast.unparse(part)
+        for part in ast.walk(node)
+        if isinstance(part, ast.Compare) and isinstance(part.ops[0], ast.Lt | ast.LtE)
+        if re.search(r"hessian|applications", ast.unparse(part.left))
+        if isinstance(part.comparators[0], ast.Constant) and part.comparators[0].value >= 10
+    ]
+
+
+def test_tests_that_limit_work_are_marked_as_ratchets() -> None:
+    unmarked = [
+        f"{path.relative_to(ROOT)}:{node.lineno} {node.name}"
+        for path in sorted((ROOT / "tests").rglob("*.py"))
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8")))
+        if isinstance(node, ast.FunctionDef) and limits_of_work(node)
+        if not any("ratchet" in ast.unparse(mark) for mark in node.decorator_list)
+    ]
+    assert not unmarked
+
+
 def docstrings(path: Path) -> Iterator[tuple[int, str]]:
     """Lines and texts of docstrings, those below constants included."""
     for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):

@@ -20,14 +20,8 @@ mesh accepted whose cells overlap.
 
 from __future__ import annotations
 
-import argparse
 import sys
-import time
-import traceback
-from collections import Counter
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
-from pathlib import Path
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -35,12 +29,15 @@ import scipy.sparse as sp
 from scipy.linalg import block_diag
 from scipy.optimize import linprog, lsq_linear
 
-from contact_app.machine.time_limit import OutOfTime, time_limit
-from tests import reference, scenes
+from contact_app.errors import ConfigurationError, NoEquilibriumError
+from contact_app.run.solve import solve_scene
+from tests import reference
+from tests.stability import verdicts
 from tests.stability.defect_scenes import kind_of, overlapping_cells
 from tests.stability.groups import Known, groups_of, in_order, motions_at
 from tests.stability.groups import solve as solve_groups
 from tests.stability.random_scenes import random_scene
+from tests.stability.verdicts import Verdict, attempt
 
 ENERGY = 1e-6
 """Relative difference of energies that a certified answer may leave; the tolerance is 1e-8."""
@@ -53,39 +50,12 @@ other."""
 OPTIMAL = 1e-6
 """Relative residual of the optimality conditions that shows an answer to be right."""
 
-MARK = "<!-- python -m tests.stability.fuzz 1000 --document docs/benchmarks/stability.md -->"
-"""Line of the document below which the counts stand."""
-
-GOOD = ("agrees", "degraded", "escapes", "contradicts", "refused", "undecided", "slides")
-
-QUIET = ("agrees", "escapes", "contradicts")
-"""Verdicts that are not told scene by scene."""
-
-
-@dataclass(frozen=True)
-class Verdict:
-    """How one scene ended: one of :data:`GOOD`, or a fault; with details and seconds.
-
-    Applications of the operator, and the method that answered, where one did.
-    """
-
-    seed: int
-    kind: str
-    detail: str
-    seconds: float
-    applications: int = 0
-    method: str = ""
-
-    @property
-    def fault(self) -> bool:
-        return self.kind not in GOOD
-
 
 def judge(
     seed: int,
     method: str | None = None,
     *,
-    solve: Callable[[Any], Any] | None = None,
+    solve: Callable[[Any], Any] = solve_scene,
     kind_of: Callable[[int], Any] = kind_of,
     patience: float = 60.0,
 ) -> Verdict:
@@ -93,39 +63,24 @@ def judge(
 
     Parameters
     ----------
-    solve
-        In place of `solve_scene`.
     kind_of
         What tells the kind of the scene of a seed.
     patience
         Seconds of processor time after which a scene of a few thousand unknowns is said to hang.
     """
-    from contact_app.errors import ConfigurationError, ContactError, NoEquilibriumError
-    from contact_app.run.solve import solve_scene
-
-    solve = solve or solve_scene
     made, subdomains = random_scene(seed)
     if method is not None:
         made["solver"]["method"] = method
-    solved, message = None, ""
-    began = time.process_time()
-    try:
-        with time_limit(patience):
-            scene = scenes.build(made, subdomains)
-            solved = solve(scene)
-    except NoEquilibriumError as error:
-        message = str(error)
-    except (ConfigurationError, ContactError) as error:
-        kind = "refused" if isinstance(error, ConfigurationError) else "gives up"
-        if kind_of(seed) is overlapping_cells and "mesh.file is" not in str(error):
+    done = attempt(made, subdomains, solve, patience)
+    scene, solved, seconds = done.scene, done.solved, done.seconds
+    if done.fault is not None:
+        return Verdict(seed, *done.fault, seconds)
+    message = "" if done.error is None else str(done.error)
+    if done.error is not None and not isinstance(done.error, NoEquilibriumError):
+        kind = "refused" if isinstance(done.error, ConfigurationError) else "gives up"
+        if kind_of(seed) is overlapping_cells and "mesh.file is" not in message:
             kind = "refused for another reason"
-        return Verdict(seed, kind, str(error)[:300], time.process_time() - began)
-    except OutOfTime:
-        return Verdict(seed, "hangs", f"{subdomains}", time.process_time() - began)
-    except Exception as error:
-        where = traceback.extract_tb(error.__traceback__)[-1]
-        return Verdict(seed, "crashes", f"{error!r} at {where}", time.process_time() - began)
-    seconds = time.process_time() - began
+        return Verdict(seed, kind, message[:300], seconds)
     if kind_of(seed) is overlapping_cells:
         return Verdict(seed, "accepts overlapping cells", "", seconds)
 
@@ -134,8 +89,8 @@ def judge(
     if solved is None:
         return Verdict(seed, _denied(scene, system, escapes, message), message, seconds)
     kind, detail = _judged(scene, system, solved, escapes)
-    applications = solved.summary["solver"]["hessian_multiplications"]
-    return Verdict(seed, kind, detail, seconds, applications)
+    told = solved.summary["solver"]
+    return Verdict(seed, kind, detail, seconds, told["hessian_multiplications"], told["method"])
 
 
 def _denied(scene: Any, system: reference.System, escapes: bool, message: str) -> str:
@@ -286,60 +241,5 @@ def escape_work(system: reference.System, group: Any) -> float:
     return -float(found.fun) if found.status == 0 else 0.0
 
 
-def summary(verdicts: Sequence[Verdict]) -> str:
-    """Counts of verdicts, a table in Markdown, and the hardest scenes."""
-    counts = Counter(v.kind for v in verdicts)
-    slowest = max(verdicts, key=lambda v: v.seconds)
-    hardest = max(verdicts, key=lambda v: v.applications)
-    rows = [f"| {kind} | {count} |" for kind, count in counts.most_common()]
-    first, last = verdicts[0].seed, verdicts[-1].seed
-    return "\n".join(
-        [
-            f"| seeds {first} to {last} | {len(verdicts)} |",
-            "|---|---:|",
-            *rows,
-            "",
-            f"Slowest: seed {slowest.seed}, {slowest.seconds:.0f} s ({slowest.kind}); most "
-            f"operator applications: seed {hardest.seed}, {hardest.applications:,} "
-            f"({hardest.kind}). Not certified: "
-            f"{_seeds(verdicts, 'degraded')}; undecided: {_seeds(verdicts, 'undecided')}.",
-        ]
-    )
-
-
-def _seeds(verdicts: Sequence[Verdict], kind: str) -> str:
-    return ", ".join(str(v.seed) for v in verdicts if v.kind == kind) or "none"
-
-
-def main() -> int:
-    """Judge scenes, tell faults as they come, count at the end; exit code 1 if there was one."""
-    parser = argparse.ArgumentParser(description=__doc__.split("\n", 1)[0])
-    parser.add_argument("scenes", type=int, nargs="?", default=1000)
-    parser.add_argument("--first", type=int, default=0, help="the first seed")
-    parser.add_argument(
-        "--document", type=Path, help="docs/benchmarks/stability.md, to write the counts into"
-    )
-    arguments = parser.parse_args()
-    verdicts = []
-    for seed in range(arguments.first, arguments.first + arguments.scenes):
-        verdict = judge(seed)
-        verdicts.append(verdict)
-        quiet = (*QUIET, "refused") if kind_of(seed) is overlapping_cells else QUIET
-        if verdict.kind in quiet and verdict.seconds < 10.0:
-            continue
-        print(
-            f"scene {seed}: {verdict.kind} ({verdict.seconds:.1f} s) {verdict.detail}", flush=True
-        )
-    told = summary(verdicts)
-    print(told)
-    if arguments.document is not None:
-        text = arguments.document.read_text(encoding="utf-8")
-        before, mark, _ = text.partition(MARK)
-        if not mark:
-            raise SystemExit(f"{arguments.document} has no line that says {MARK}")
-        arguments.document.write_text(f"{before}{MARK}\n\n{told}\n", encoding="utf-8")
-    return int(any(v.fault for v in verdicts))
-
-
 if __name__ == "__main__":
-    sys.exit(main())
+    sys.exit(verdicts.main(__doc__, judge))

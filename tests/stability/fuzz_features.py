@@ -16,24 +16,21 @@ Anything else is a fault.
 
 from __future__ import annotations
 
-import argparse
 import sys
-import time
-import traceback
-from collections import Counter
 from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
 from contact_app.errors import NoEquilibriumError
-from contact_app.machine.time_limit import OutOfTime, time_limit
 from contact_app.run.solve import solve_scene
-from tests import coupled_reference, reference, scenes
+from tests import coupled_reference, reference
 from tests.coupled_reference import Coupled
+from tests.stability import verdicts
 from tests.stability.feature_scenes import feature_scene
-from tests.stability.fuzz import OPTIMAL, Verdict, optimality
+from tests.stability.fuzz import OPTIMAL, optimality
 from tests.stability.groups import in_order, motions_at
+from tests.stability.verdicts import Verdict, attempt
 
 ACCURATE = 4e-8
 """Squared relative error in energy norm of an answer that agrees; the tolerance is 1e-8."""
@@ -48,9 +45,6 @@ block, or conditions and ties that hold every loaded node, leave rounding errors
 
 STRAINLESS = 1e-9
 """Strains that are rounding errors of rigid motions, over displacements by the size of a cell."""
-
-QUIET = ("agrees", "escapes", "contradicts")
-"""Verdicts that are not told scene by scene."""
 
 HELD_APART = ("push held nodes", "no room", "no displacement satisfies both")
 """Words of the messages about conditions that contradict each other."""
@@ -76,19 +70,13 @@ def judge(
     made, subdomains = feature_scene(seed)
     if method != "auto":
         made["solver"]["method"], subdomains = method, None
-    solved, message, began = None, "", time.process_time()
-    try:
-        with time_limit(patience):
-            scene = scenes.build(made, subdomains)
-            solved = solve(scene)
-    except NoEquilibriumError as error:
-        message = str(error)
-    except OutOfTime:
-        return Verdict(seed, "hangs", f"{subdomains}", time.process_time() - began)
-    except Exception as error:
-        where = traceback.extract_tb(error.__traceback__)[-1]
-        return Verdict(seed, "crashes", f"{error!r} at {where}", time.process_time() - began)
-    seconds = time.process_time() - began
+    done = attempt(made, subdomains, solve, patience)
+    scene, solved, seconds = done.scene, done.solved, done.seconds
+    if done.fault is not None:
+        return Verdict(seed, *done.fault, seconds)
+    message = str(done.error)
+    if done.error is not None and not isinstance(done.error, NoEquilibriumError):
+        return Verdict(seed, "gives up", message, seconds)
     if solved is None and "earlier solves have moved them" in message:
         return Verdict(seed, "slides", message, seconds)
     if solved is None and any(words in message for words in HELD_APART):
@@ -240,31 +228,5 @@ def _rigid_error(solved: Any, found: np.ndarray, known: np.ndarray) -> float:
     return worst
 
 
-def summary(verdicts: list[Verdict]) -> str:
-    """Counts of verdicts."""
-    counts = Counter(v.kind for v in verdicts)
-    methods = Counter(v.method for v in verdicts if v.method).most_common()
-    by = ", ".join(f"{count} by {method}" for method, count in methods)
-    lines = [f"{len(verdicts)} scenes from seed {verdicts[0].seed} on; solved: {by}"]
-    return "\n".join([*lines, *(f"{kind}: {count}" for kind, count in counts.most_common())])
-
-
-def main() -> int:
-    """Judge scenes, tell what is not quiet, count at the end; exit code 1 if there was a fault."""
-    parser = argparse.ArgumentParser(description=__doc__.split("\n", 1)[0])
-    parser.add_argument("scenes", type=int, nargs="?", default=300)
-    parser.add_argument("--first", type=int, default=0, help="the first seed")
-    parser.add_argument("--method", default="auto", help="solver.method of all scenes")
-    arguments = parser.parse_args()
-    verdicts = []
-    for seed in range(arguments.first, arguments.first + arguments.scenes):
-        verdict = judge(seed, method=arguments.method)
-        verdicts.append(verdict)
-        if verdict.kind not in QUIET:
-            print(f"{seed}: {verdict.kind} ({verdict.seconds:.1f} s) {verdict.detail}", flush=True)
-    print(summary(verdicts))
-    return int(any(v.fault for v in verdicts))
-
-
 if __name__ == "__main__":
-    sys.exit(main())
+    sys.exit(verdicts.main(__doc__, judge, method="auto"))

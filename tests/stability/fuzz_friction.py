@@ -21,26 +21,21 @@ Anything else is a fault.
 
 from __future__ import annotations
 
-import argparse
 import sys
-import time
-import traceback
-from collections import Counter
-from collections.abc import Callable
 from typing import Any
 
 import numpy as np
 from mpi4py import MPI
 
 from contact_app.errors import NoEquilibriumError
-from contact_app.machine.time_limit import OutOfTime, time_limit
 from contact_app.run.solve import solve_scene
 from tests import scenes
 from tests.friction_reference import SWEEPS, Condensed, FrictionReference, condense, sweep
 from tests.reference import ReferenceError
+from tests.stability import verdicts
 from tests.stability.friction_scenes import friction_scene
-from tests.stability.fuzz import Verdict
 from tests.stability.groups import in_order
+from tests.stability.verdicts import Verdict, attempt
 
 ENERGY = 1e-6
 """Difference of energies with Tresca's law, over the energy of the strains."""
@@ -54,16 +49,6 @@ OPTIMAL = 1e-6
 EXACT = 1e-8
 """The same where sweeps from the answer do not settle."""
 
-GOOD = ("agrees", "second", "undecided", "degraded", "contradicts")
-
-
-class FrictionVerdict(Verdict):
-    """How one scene ended: one of :data:`GOOD`, or a fault."""
-
-    @property
-    def fault(self) -> bool:
-        return self.kind not in GOOD
-
 
 def judge(
     seed: int,
@@ -74,7 +59,7 @@ def judge(
     patience: float = 120.0,
     draw: Any = friction_scene,
     compare: Any = None,
-) -> FrictionVerdict:
+) -> Verdict:
     """Solve a random scene and hold it against the reference (collective).
 
     Parameters
@@ -94,24 +79,17 @@ def judge(
     """
     made, subdomains = draw(seed, variant)
     made["solver"]["method"] = method
-    began = time.process_time()
-
-    def ended(kind: str, detail: str, products: int = 0) -> FrictionVerdict:
-        return FrictionVerdict(seed, kind, detail, time.process_time() - began, products)
-
-    try:
-        with time_limit(patience):
-            scene = scenes.build(made, max(subdomains, MPI.COMM_WORLD.size))
-            solved = solve(scene)
-        return ended(*(compare or compared)(made, scene, solved))
-    except NoEquilibriumError as error:
-        kind = "contradicts" if "push held nodes" in str(error) else "denies an equilibrium"
-        return ended(kind, str(error))
-    except OutOfTime:
-        return ended("hangs", "")
-    except Exception as error:
-        where = traceback.extract_tb(error.__traceback__)[-1]
-        return ended("crashes", f"{error!r} at {where}")
+    done = attempt(made, max(subdomains, MPI.COMM_WORLD.size), solve, patience)
+    if done.fault is not None:
+        return Verdict(seed, *done.fault, done.seconds)
+    if done.error is not None:
+        kind = "gives up"
+        if isinstance(done.error, NoEquilibriumError):
+            held = "push held nodes" in str(done.error)
+            kind = "contradicts" if held else "denies an equilibrium"
+        return Verdict(seed, kind, str(done.error), done.seconds)
+    kind, detail, products = (compare or compared)(made, done.scene, done.solved)
+    return Verdict(seed, kind, detail, done.seconds, products)
 
 
 def compared(_made: scenes.Config, scene: Any, solved: Any) -> tuple[str, str, int]:
@@ -195,33 +173,5 @@ def _settled(
         return None
 
 
-def main() -> int:
-    """Judge scenes, tell what does not agree, count at the end; exit code 1 if one is a fault."""
-    return report(__doc__, judge)
-
-
-def report(document: str, judge: Callable[[int, str, int], FrictionVerdict]) -> int:
-    """Judge the scenes that the command line asks for (collective)."""
-    parser = argparse.ArgumentParser(description=document.split("\n", 1)[0])
-    parser.add_argument("scenes", type=int, nargs="?", default=200)
-    parser.add_argument("--first", type=int, default=0, help="the first seed")
-    parser.add_argument("--method", default="auto", help="solver.method")
-    parser.add_argument("--variant", type=int, default=0, help="other units and decompositions")
-    arguments = parser.parse_args()
-    verdicts = []
-    for seed in range(arguments.first, arguments.first + arguments.scenes):
-        verdict = judge(seed, arguments.method, arguments.variant)
-        verdicts.append(verdict)
-        if MPI.COMM_WORLD.rank:
-            continue
-        if verdict.kind not in ("agrees", "contradicts"):
-            print(f"{seed}: {verdict.kind} ({verdict.seconds:.1f} s) {verdict.detail}", flush=True)
-    if MPI.COMM_WORLD.rank == 0:
-        print(f"{len(verdicts)} scenes from seed {arguments.first} on")
-        for kind, count in Counter(v.kind for v in verdicts).most_common():
-            print(f"{kind}: {count}")
-    return int(any(v.fault for v in verdicts))
-
-
 if __name__ == "__main__":
-    sys.exit(main())
+    sys.exit(verdicts.main(__doc__, judge, method="auto", variant=0))

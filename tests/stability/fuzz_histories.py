@@ -20,9 +20,10 @@ from contact_app.run.increments import SolvedIncrement, solved_increments
 from contact_app.scene.scene import Scene
 from tests import scenes
 from tests.friction_reference import condense
-from tests.stability import fuzz_friction
+from tests.stability import fuzz_friction, verdicts
 from tests.stability.friction_scenes import at_factors, history_scene
-from tests.stability.fuzz_friction import GOOD, judged, report
+from tests.stability.fuzz_friction import judged
+from tests.stability.verdicts import GOOD
 
 
 def solve_history(scene: Scene) -> list[SolvedIncrement]:
@@ -55,10 +56,5 @@ judge = partial(
 """Solve a random load history and hold its increments against the reference (collective)."""
 
 
-def main() -> int:
-    """Judge histories; exit code 1 if one is a fault."""
-    return report(__doc__, judge)
-
-
 if __name__ == "__main__":
-    sys.exit(main())
+    sys.exit(verdicts.main(__doc__, judge, method="auto", variant=0))

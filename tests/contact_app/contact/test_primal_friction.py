@@ -94,6 +94,7 @@ def test_multigrid_handles_elastic_rows(law: dict[str, float]) -> None:
     assert found.measures.energy == pytest.approx(known.summary["solution"]["energy"], rel=1e-7)
 
 
+@pytest.mark.ratchet
 def test_the_cycle_has_springs_for_sliding_points() -> None:
     """A ball in grooves takes 34 operator applications; with neither springs nor projection, 68."""
     rubbed = [f"contacts.{k}.friction={{tresca: 10}}" for k in range(2)]
