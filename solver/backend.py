@@ -232,6 +232,9 @@ class Backend(Protocol[Out]):
             The active rows do not hold every body in place.
         """
 
+    def estimated_contact(self) -> Mask:
+        """Contact rows that close in a small model of the bodies, (rows,) (collective)."""
+
     def hierarchy(self, coarsened: bool) -> Hierarchy:
         """The constraint hierarchy (collective).
 

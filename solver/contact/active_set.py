@@ -49,17 +49,17 @@ class Start:
         The normal rows of the initial active set.
     multiplier : (rows,)
         Initial multiplier of the first set; the smallest multiplier in equilibrium if None.
-    alternative
-        A function that returns another initial active set (collective). The loop calls it where
-        contact peels off from the first set on: if a body lies flat and most of it lifts off, the
-        loop alone would remove row after row.
+    is_flat
+        Whether the first set has all contact rows because all gaps are zero. If many of them open
+        in the first two sets, only those of `Backend.estimated_contact` stay: the loop alone would
+        remove row after row.
     statuses
         Statuses of the first set; those that the law takes from `active` if None.
     """
 
     active: Mask
     multiplier: NDArray[np.float64] | None = None
-    alternative: Callable[[], Mask] | None = None
+    is_flat: bool = False
     statuses: Statuses | None = None
 
 
@@ -228,7 +228,7 @@ class _Run(Generic[S]):
         -------
         The last outcome with the work of all runs, and the reason if the sets failed.
         """
-        loop = _Loop(self, start, law)
+        loop = _Loop(self, start, law)  # with the initial active set
         for number in range(self.options.most_sets):
             if not loop.solve_and_evaluate(number):
                 break
@@ -236,6 +236,10 @@ class _Run(Generic[S]):
             if failure is not None:
                 return loop.result(), failure
             loop.update()
+            if loop.lifts_off():
+                loop.keep(self.backend.estimated_contact())
+            if loop.fades():
+                loop.open_all()
         return loop.result(), _Failure.AHEAD if loop.failed_ahead() else _Failure.OTHER
 
     def solve(
@@ -272,7 +276,7 @@ class _Run(Generic[S]):
 class _Loop(Generic[S]):
     """The sets of one run: the next set, and the history of those before it.
 
-    `solve_and_evaluate`, `failure` and `update` are the steps from one set to the next.
+    `_Run.sets` calls its methods, one for each step from a set to the next.
     """
 
     def __init__(self, run: _Run[S], start: Start, law: ContactLaw) -> None:
@@ -333,28 +337,39 @@ class _Loop(Generic[S]):
         options, law = self._run.options, self._law
         if law.settles:
             return _Failure.OTHER if options.jumps(self._on_all_rows) else None
-        if options.fades(self._strained) and not law.fades:
+        if self.fades() and not law.fades:
             self._outcome = replace(self._outcome, state=None)  # SMALBE-M begins without forces
             return _Failure.OTHER
         unsettled = self._start.multiplier is None and options.is_unsettled(self._turnovers)
         return _Failure.UNSETTLED if unsettled else None
 
     def update(self) -> None:
-        """Make the next set, from the last state and the history (collective)."""
-        backend, options, law = self._run.backend, self._run.options, self._law
-        outcome, alternative = self._outcome, self._start.alternative
+        """Make the next set, from the KKT residuals of the last state (collective)."""
+        outcome, run = self._outcome, self._run
         assert outcome.state is not None
-        early = self._early.are_right(backend.comm, options.returning)
+        early = self._early.are_right(run.backend.comm, run.options.returning)
         self._rules = self._rules.with_ahead(early)
-        self._multiplier, statuses = outcome.state.multiplier, outcome.following
-        if len(self._turnovers) == 2 and alternative and options.all_peel(self._turnovers):
-            fewer = statuses.active & (alternative() | ~backend.contact_rows)
-            statuses = law.consistent(replace(statuses, active=fewer))
-        if not law.settles and options.fades(self._strained):
-            open_all = replace(statuses, active=statuses.active & ~backend.contact_rows)
-            self._multiplier, statuses = None, law.consistent(open_all)
-            self._strained.clear()
-        self._statuses = statuses
+        self._multiplier, self._statuses = outcome.state.multiplier, outcome.following
+
+    def lifts_off(self) -> bool:
+        """Whether many rows of flat contact open in the first two sets."""
+        is_second = len(self._turnovers) == 2
+        return self._start.is_flat and is_second and self._run.options.all_peel(self._turnovers)
+
+    def keep(self, contact: Mask) -> None:
+        """Take all contact rows out of the next set but those of a mask (rows,) (collective)."""
+        active = self._statuses.active & (contact | ~self._run.backend.contact_rows)
+        self._statuses = self._law.consistent(replace(self._statuses, active=active))
+
+    def fades(self) -> bool:
+        """Whether forces that only cause each other fall from set to set."""
+        return not self._law.settles and self._run.options.fades(self._strained)
+
+    def open_all(self) -> None:
+        """Take all contact rows out of the next set, and begin it without forces (collective)."""
+        self._multiplier = None
+        self.keep(np.zeros_like(self._statuses.active))
+        self._strained.clear()
 
     def failed_ahead(self) -> bool:
         """Whether the sets failed after points were released ahead of a state (collective)."""

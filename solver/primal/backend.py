@@ -163,6 +163,15 @@ class Multigrid:
         self.release()
         return first_set
 
+    def estimated_contact(self) -> Mask:
+        """Contact rows (dual,) that close on coarse levels (collective).
+
+        The next set begins with the displacement of the coarse levels.
+        """
+        first = self.first_set()
+        self.begin_at(first.u)
+        return self.contact_rows & (self.system.stretch(first.active.astype(float)) > 0.5)
+
     def on_set(self, statuses: Statuses, multiplier: Array | None) -> PrimalSet:
         """Conjugate gradients on a set, from where the last set ended (collective)."""
         return PrimalSet(self, statuses)

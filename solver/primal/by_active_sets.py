@@ -108,10 +108,7 @@ def _solve(
     elif guess is not None:
         active = problem.inequality & (guess > 0.0)
     else:
-        first = backend.first_set()
-        backend.begin_at(first.u)
-        active = backend.system.stretch(first.active.astype(float)) > 0.5
-        active &= problem.inequality
+        active = backend.estimated_contact()
     saver = Saver(task.checkpoint).after(before)
     options = replace(
         task.active_sets,

@@ -15,6 +15,7 @@ from solver.tfeti.constraints.hierarchy import ConstraintHierarchy
 from solver.tfeti.coupled import CoupledRows, coupled_rows
 from solver.tfeti.directions import Directions, RecyclingOptions
 from solver.tfeti.dual import DualProblem
+from solver.tfeti.winkler import winkler_contact
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -61,6 +62,10 @@ class TotalFeti:
     def _coupled(self) -> CoupledRows | None:
         """Coupled rows of all sets (collective at the first call)."""
         return coupled_rows(self.problem)
+
+    def estimated_contact(self) -> Mask:
+        """Contact rows (dual,) of rigid subdomains on a Winkler foundation (collective)."""
+        return winkler_contact(self.problem)
 
     def hierarchy(self, coarsened: bool) -> ConstraintHierarchy:
         """The constraint hierarchy; several levels for thin bodies if wanted (collective)."""

@@ -111,7 +111,7 @@ def initial_active_set(problem: DualProblem, guess: NDArray[np.float64] | None) 
     if guess is not None:
         return Start(problem.inequality & (guess > 0.0), guess)
     if gaps_are_zero(problem):
-        return Start(problem.inequality, None, partial(winkler_contact, problem))
+        return Start(problem.inequality, is_flat=True)
     return Start(winkler_contact(problem))
 
 
