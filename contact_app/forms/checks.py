@@ -73,6 +73,9 @@ def check_forms(a: Any, L: Any, bcs: Sequence[Any]) -> Any:
             raise ValueError("trial and test functions of a and L must be of one space")
     _check_space(space)
     for form, name in ((a, "a"), (L, "L")):
+        if any(np.iscomplexobj(getattr(c, "value", 0.0)) for c in form.constants()):
+            raise TypeError(f"contact needs real numbers: {name} has a complex constant")
+        _check_tags_of_integrals(form, name, space.mesh)
         kinds = {integral.integral_type() for integral in form.integrals()}
         if not kinds <= {"cell", "exterior_facet"}:
             raise ValueError(
@@ -86,6 +89,38 @@ def check_forms(a: Any, L: Any, bcs: Sequence[Any]) -> Any:
         if not space._cpp_object.contains(getattr(condition_space, "_cpp_object", condition_space)):
             raise ValueError(f"bcs[{number}] is of another space than the forms")
     return space
+
+
+def _check_tags_of_integrals(form: Any, name: str, mesh: Any) -> None:
+    """Refuse integrals over other meshes, and those over tags that no entity has (collective).
+
+    dolfinx leaves the latter out, and a load would be missing without a word.
+    """
+    for integral in form.integrals():
+        if integral.ufl_domain() != mesh.ufl_domain():
+            raise ValueError(f"{name} has an integral over another mesh than that of its functions")
+    data: dict[str, Any] = {}
+    for integral in form.integrals():
+        if integral.subdomain_data() is not None:
+            data[integral.integral_type()] = integral.subdomain_data()
+    for integral in form.integrals():
+        kind, over = integral.integral_type(), integral.subdomain_id()
+        measure = {"cell": "dx", "exterior_facet": "ds"}.get(kind)
+        if measure is None or isinstance(over, str):
+            continue
+        tags = data.get(kind)
+        if tags is None:
+            raise ValueError(
+                f"{name} has an integral over {measure}({over}) without tags, which is zero; take "
+                f'ufl.Measure("{measure}", domain=mesh, subdomain_data=tags)({over})'
+            )
+        if hasattr(tags, "values"):
+            count = int(np.isin(tags.values, over).sum())
+            if mesh.comm.allreduce(count) == 0:
+                raise ValueError(
+                    f"{name} has an integral over {measure}({over}), but the tags of {measure} "
+                    f"have no entity with the value {over}"
+                )
 
 
 def _check_space(space: Any) -> None:
@@ -189,10 +224,22 @@ def check_contacts(contacts: Sequence[Contact], mesh: Any) -> None:
         interference: Any = contact.interference
         if not isinstance(interference, Real) or not np.isfinite(float(interference)):
             raise ValueError(f"{at}.interference must be a number")
+        for name, kind in (("round", bool), ("name", str)):
+            value = getattr(contact, name)
+            if not isinstance(value, kind):
+                raise TypeError(f"{at}.{name} must be of type {kind.__name__}, not {value!r}")
         if contact.obstacle is not None:
             if contact.round:
                 raise ValueError(f"{at}.round is for facets against facets; leave it out")
             _check_obstacle(contact.obstacle, f"{at}.obstacle", d)
+        for k, earlier in enumerate(contacts[:number]):
+            shared = set(values_of(earlier.tag)) & set(values_of(contact.tag))
+            same = contact.obstacle is not None and earlier.obstacle == contact.obstacle
+            if shared and same and earlier.law != contact.law:
+                raise ValueError(
+                    f"{at} repeats contacts[{k}] with other friction at facets {min(shared)}: a "
+                    "node has one contact with an obstacle; leave one of them out"
+                )
 
 
 def _check_friction(law: Any, at: str) -> None:
@@ -233,9 +280,11 @@ def _check_obstacle(obstacle: Any, at: str, d: int) -> None:
             raise ValueError(f"{at}.{name} must be {d} numbers, not {getattr(obstacle, name)!r}")
         if name in obstacle.directions and not vector.any():
             raise ValueError(f"{at}.{name} is zero; a direction has a length")
-    radius = getattr(obstacle, "radius", 1.0)
-    if not (np.isfinite(radius) and radius > 0.0):
-        raise ValueError(f"{at}.radius must be positive, not {radius!r}")
+    radius, hollow = getattr(obstacle, "radius", 1.0), getattr(obstacle, "hollow", False)
+    if not isinstance(radius, Real) or not 0.0 < float(radius) < np.inf:
+        raise ValueError(f"{at}.radius must be a positive number, not {radius!r}")
+    if not isinstance(hollow, bool):
+        raise TypeError(f"{at}.hollow must be True or False, not {hollow!r}")
 
 
 def check_facets(comm: MPI.Intracomm, counts: tuple[int, int], at: str, tags: str) -> None:

@@ -98,7 +98,18 @@ class SignedDistance:
 
 def _called(name: str, function: Callable[[Array], Array], x: Array, shape: tuple) -> Array:
     """Values of a user's function at points (n, dimension), of a shape."""
-    values = np.asarray(function(x), np.float64)
+    try:
+        values = np.asarray(function(x))
+    except Exception as error:
+        raise ConfigurationError(
+            f"the {name} of a SignedDistance raised {type(error).__name__}: {error}"
+        ) from error
+    if not np.issubdtype(values.dtype, np.number) or np.iscomplexobj(values):
+        kind = "nothing" if values.dtype == object else f"values of type {values.dtype}"
+        raise ConfigurationError(
+            f"the {name} of a SignedDistance returned {kind}; it must return real numbers"
+        )
+    values = values.astype(np.float64)
     if values.shape != shape:
         raise ConfigurationError(
             f"the {name} of a SignedDistance returned an array of shape {values.shape} for points "

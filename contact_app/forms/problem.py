@@ -132,7 +132,7 @@ class ContactProblem:
         self.options = SolverOptions(
             method=method, tolerance=float(tolerance), max_iterations=max_iterations
         )
-        if u is not None and u.function_space != self._space:
+        if u is not None and getattr(u, "function_space", None) != self._space:
             raise ValueError("u must be a Function of the space of the forms")
         self.u = fem.Function(self._space) if u is None else u
         self._answer: _Answer | None = None

@@ -42,6 +42,7 @@ from contact_app.run.warning_texts import (
     beside_boundary,
     closing_at_once,
     curving_away,
+    facing_away,
     flat_facets,
     large_deformations,
     locking_in_bending,
@@ -163,6 +164,9 @@ def _of_contact(answer: FormAnswer, number: int, contact: Contact) -> Iterator[s
     if contact.against is None:
         radius = getattr(contact.obstacle, "curvature_radius", None)
         yield curving_away(largest_sliding(*rows), radius, moved)
+        if not comm.allreduce(int(nodes.closed.sum())):
+            (on, *_), size = sides.surfaces, float(model.bodies.lengths.max())
+            yield facing_away(on.normals, contact.gap_and_normal(on.centres, d, size)[1])
         if not _flat(contact) or in_the_mean(model.parts):
             yield from _entering(answer, number, contact, (names, moved))
     else:

@@ -193,6 +193,8 @@ def solve(
         YAML file; for a mapping, to the working directory.
     overrides
         Changes as ``path.to.key=value``, as after ``--set`` on the command line.
+    comm
+        Communicator of the ranks that share the work.
 
     Returns
     -------
@@ -211,8 +213,7 @@ def solve(
         raise ConfigurationError(
             f"a scene is the path of a YAML file or a mapping of its keys, not {scene!r:.80}"
         )
-    if isinstance(overrides, str):
-        raise ConfigurationError(f"overrides must be a list of texts, not one: [{overrides!r}]")
+    _check_arguments(overrides, comm)
     read = from_mapping(scene, overrides) if isinstance(scene, Mapping) else load(scene, overrides)
     built = build_scene(read, comm=comm)
     if built.symmetry:
@@ -228,6 +229,22 @@ def solve(
         return _answer(solved, solved.summary)
     refined = solve_to_accuracy(built, partial(solve_scene, comm=comm, report=_refuse))
     return _answer(refined.solved, with_levels(refined.solved.summary, refined))
+
+
+def _check_arguments(overrides: Any, comm: Any) -> None:
+    """Refuse overrides that are not texts, and anything else than a communicator."""
+    if isinstance(overrides, str):
+        raise ConfigurationError(f"overrides must be a list of texts, not one: [{overrides!r}]")
+    texts = isinstance(overrides, Sequence) and all(isinstance(text, str) for text in overrides)
+    if not texts:
+        raise ConfigurationError(
+            'overrides must be a list of texts, as ["solver.tolerance=1e-8"], not '
+            f"{overrides!r:.80}; a communicator is given by its name, as comm=MPI.COMM_SELF"
+        )
+    if not isinstance(comm, MPI.Intracomm) or comm == MPI.COMM_NULL:
+        raise ConfigurationError(
+            f"comm must be a communicator of mpi4py, as MPI.COMM_WORLD, not {comm!r:.80}"
+        )
 
 
 def _answers(scene: Scene, comm: MPI.Intracomm) -> CaseAnswers:

@@ -33,8 +33,10 @@ from contact_app.accuracy.faceted_curves import median_gaps, pair_sagittas, sagi
 from contact_app.accuracy.sharp_edges import sharp_peaks
 from contact_app.accuracy.solved_scene import SolvedScene
 from contact_app.accuracy.trust import few_cells
+from contact_app.model.boundaries import facets_of
 from contact_app.model.equilibrium import body_frame, motion_size
 from contact_app.model.loaded_area import loaded_facets, straddled_area
+from contact_app.model.pairs import gather_surface
 from contact_app.results.free_motions import free_motions
 from contact_app.results.friction import approach_of_held, closing_points
 from contact_app.results.percent import percent
@@ -46,6 +48,7 @@ from contact_app.run.warning_texts import (
     beside_boundary,
     closing_at_once,
     curving_away,
+    facing_away,
     flat_facets,
     large_deformations,
     locking_in_bending,
@@ -145,6 +148,20 @@ def _beside_obstacles(answer: SolvedScene) -> Iterator[str]:
         name = scene.bodies[contact.body].name
         if text := beside_boundary(name, contact.boundary, entered, depth):
             yield f"{contact.source}: {text}"
+
+
+def _facing_away(answer: SolvedScene) -> Iterator[str]:
+    """Boundaries without contact that face away from their obstacle (collective)."""
+    model, comm = answer.model, answer.model.comm
+    for contact, nodes in zip(model.scene.contacts, answer.nodes.contacts, strict=False):
+        if comm.allreduce(int(nodes.closed.sum())):
+            continue
+        chosen = facets_of(model.scene.bodies, model.partition, contact.body, contact.boundary)
+        surface = gather_surface(model.scene, model.partition, chosen)
+        if surface is not None:
+            normals = contact.obstacle.gap_and_normal(surface.centres)[1]
+            if text := facing_away(surface.normals, normals):
+                yield f"{contact.source}: {text}"
 
 
 def _between_nodes(answer: SolvedScene) -> list[str]:
@@ -416,8 +433,8 @@ def _varying_energy(answer: SolvedScene) -> NDArray[np.float64]:
 
 CHECKS: tuple[Callable[[SolvedScene], Iterable[str]], ...] = (
     _large_deformations, _yielding, _straight_edges, _straight_facets, _beside_obstacles,
-    _between_nodes, _coarse_pressures, _sharp_edges, _sliding_bodies, _locking_in_volume,
-    _locking_in_bending, _moved_beyond_sizes, _moved_far, _coarse_meshes,
+    _facing_away, _between_nodes, _coarse_pressures, _sharp_edges, _sliding_bodies,
+    _locking_in_volume, _locking_in_bending, _moved_beyond_sizes, _moved_far, _coarse_meshes,
     _stresses_beside_expansion, _straddled_facets, _without_facets, _certificates, _cautions,
     _slides, _loaded_holds, _rubs_where_open, _closes_at_once, _several_answers, _plays,
 )  # fmt: skip

@@ -237,6 +237,17 @@ class ConditionReader:
                     f"repeats contacts[{k}]: each pair of boundaries is given once",
                 )
 
+    def _refuse_other_friction(self, i: int, contact: c.Contact) -> None:
+        """Refuse a boundary and an obstacle that an earlier contact has with other friction."""
+        for k, earlier in enumerate(self.keys.configuration.contacts[:i]):
+            same = (earlier.on, earlier.obstacle) == (contact.on, contact.obstacle)
+            if same and earlier.friction != contact.friction:
+                self.keys.fail(
+                    ("contacts", i),
+                    f"repeats contacts[{k}] with other friction: a node has one contact with an "
+                    "obstacle; leave one of them out",
+                )
+
     def _contact(self, i: int, contact: c.Contact) -> Contact | BodyContact | Tie:
         """A contact or tie as resolved from its keys."""
         path: Place = ("contacts", i)
@@ -257,6 +268,7 @@ class ConditionReader:
                     "is for two elastic bodies: a round obstacle is round as it is; leave it out",
                 )
             obstacle = read_obstacle(self.keys, contact.obstacle, (*path, "obstacle"))
+            self._refuse_other_friction(i, contact)
             return Contact(
                 body, boundary, obstacle, f"contacts[{i}]", contact.interference, friction
             )

@@ -65,7 +65,30 @@ WRONG_FORMS: dict[str, tuple[Callable[[Square], tuple], type, str]] = {
         lambda b: (b.a + ufl.inner(ufl.jump(b.u), ufl.jump(b.v)) * ufl.dS, b.L), ValueError,
         "interior_facet",
     ),
+    "complex": (
+        lambda b: (fem.Constant(b.space.mesh, 1j) * b.a, b.L), TypeError, "complex constant"
+    ),
+    "no tags": (
+        lambda b: (b.a, b.L + b.v[1] * ufl.ds(2)), ValueError, r"over ds\(2\) without tags"
+    ),
+    "no such tag": (
+        lambda b: (b.a, b.L + b.v[1] * tagged_ds(b)(7)), ValueError, "no entity with the value 7"
+    ),
+    "other mesh": (
+        lambda b: (b.a, b.L + ufl.TestFunction(b.space)[1] * ufl.dx(domain=another_square())),
+        ValueError, "L has an integral over another mesh",
+    ),
 }  # fmt: skip
+
+
+def tagged_ds(body: Square) -> Any:
+    mesh = body.space.mesh
+    tags = problems.facet_tags(mesh, {1: problems.bottom, 2: problems.left})
+    return ufl.Measure("ds", domain=mesh, subdomain_data=tags)
+
+
+def another_square() -> Any:
+    return problems.box("triangle", (2, 2), (1.0, 1.0), MPI.COMM_WORLD)
 
 
 def scalar_forms(body: Square) -> tuple:
@@ -159,9 +182,13 @@ def contacts_of(tags: Any, mesh: Any) -> dict[str, tuple[Any, type, str]]:
         "bar": (Contact(tags, 1, Cylinder((0, 0), (0, 1), 1)), ValueError, "needs 3D"),
         "in space": (Contact(tags, 1, Plane((0, 0, 1), (0, 1, 0))), ValueError, "point must be 2"),
         "no normal": (Contact(tags, 1, Plane((0, 0), (0, 0))), ValueError, "normal is zero"),
-        "radius": (Contact(tags, 1, Sphere((0, 0), -1.0)), ValueError, "radius must be positive"),
+        "radius": (Contact(tags, 1, Sphere((0, 0), -1.0)), ValueError, "radius must be a positive"),
         "gap": (Contact(tags, 1, FLOOR, interference=np.nan), ValueError, "interference"),
         "word as gap": (Contact(tags, 1, FLOOR, interference="a"), ValueError, "interference"),
+        "radius as text": (Contact(tags, 1, Sphere((0, 0), "1")), ValueError, "radius must be"),
+        "hollow": (Contact(tags, 1, Sphere((0, 0), 1.0, hollow="no")), TypeError, "True or False"),
+        "name": (Contact(tags, 1, FLOOR, name=3), TypeError, "name must be of type str"),
+        "round as text": (Contact(tags, 1, against=2, round="no"), TypeError, "of type bool"),
         "round": (Contact(tags, 1, FLOOR, round=True), ValueError, "facets against facets"),
         "friction": (Contact(tags, 1, FLOOR, friction=0.3), TypeError, "must be one law"),
         "law": (Contact(tags, 1, FLOOR, friction={"mohr": 1.0}), ValueError, "must be one law"),
@@ -186,6 +213,25 @@ def test_contacts_that_are_refused(body: Square, tags: Any) -> None:
             pytest.fail(name)
 
 
+def test_one_obstacle_has_one_law_of_friction(body: Square, tags: Any) -> None:
+    smooth, rough = Contact(tags, 1, FLOOR), Contact(tags, [1, 2], FLOOR, friction={"coulomb": 0.3})
+    with pytest.raises(
+        ValueError, match=r"contacts\[1\] repeats contacts\[0\] with other friction"
+    ):
+        ContactProblem(body.a, body.L, contacts=[smooth, rough])
+
+
+def test_a_boundary_that_faces_away_causes_a_warning(body: Square, tags: Any) -> None:
+    """An obstacle whose normal is turned round touches nothing."""
+    held = [problems.held(body.space, problems.left)]
+    for sign, count in ((1, 0), (-1, 1)):
+        contact = Contact(tags, 1, Plane((0, 0), (0, sign)))
+        problem = ContactProblem(body.a, body.L, held, [contact])
+        problem.solve()
+        warned = [w for w in problem.certificate.warnings if "faces away from the obstacle" in w]
+        assert len(warned) == count
+
+
 def test_facets_that_are_not_there(body: Square, tags: Any) -> None:
     with pytest.raises(ValueError, match=r"contacts\[0\]: .* tag 7 \(no facet has it\)"):
         ContactProblem(body.a, body.L, contacts=[Contact(tags, 7, FLOOR)]).solve()
@@ -205,6 +251,10 @@ def test_distances_that_are_of_no_use(body: Square, tags: Any) -> None:
         (lambda x: x, "a row of x is a point"),
         (lambda x: 0.0 * x[:, 0], "no gradient"),
         (lambda x: np.log(x[:, 1] - 1.0), "not finite"),
+        (lambda x: 1 / 0, "raised ZeroDivisionError: division by zero"),
+        (lambda x, y: x[:, 1], "raised TypeError: .*missing 1 required"),
+        (lambda x: x[:, 1] + 0j, "returned values of type complex128"),
+        (lambda x: None, "returned nothing"),
     ):
         with np.errstate(invalid="ignore"), pytest.raises(ConfigurationError, match=text):
             ContactProblem(body.a, body.L, contacts=[Contact(tags, 1, distance)]).solve()

@@ -216,6 +216,15 @@ def test_a_pair_is_given_once() -> None:
         solve(made)
 
 
+def test_an_obstacle_has_one_law_of_friction() -> None:
+    made = stack("hexahedron", "hexahedron", (2, 3))
+    floor = {"on": "lower.z-", "obstacle": {"plane": {"point": [0, 0, -1], "normal": [0, 0, 1]}}}
+    made["contacts"] += [floor, {**floor, "friction": {"coulomb": 0.3}}]
+    message = r"contacts\[2\] repeats contacts\[1\] with other friction"
+    with pytest.raises(ConfigurationError, match=message):
+        solve(made)
+
+
 def test_held_sides_of_both_bodies_that_overlap() -> None:
     made = stack("quadrilateral", "quadrilateral", (2, 3), gap=-0.01)
     made["conditions"] = [

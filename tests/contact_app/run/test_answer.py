@@ -7,11 +7,13 @@ import os
 import subprocess
 import sys
 from pathlib import Path
+from typing import Any
 
 import meshio
 import numpy as np
 import pytest
 import yaml
+from mpi4py import MPI
 
 import contact_app
 from contact_app.errors import ConfigurationError, NoEquilibriumError
@@ -73,9 +75,19 @@ def test_a_study_is_spread_over_the_ranks() -> None:
     assert forces[2:] == pytest.approx([2.0 * force for force in forces[:2]], rel=1e-5)
 
 
-def test_overrides_are_a_list() -> None:
+WRONG_OVERRIDES = ["solver.tolerance=1e-8", {"solver.tolerance": 1e-8}, [3], None, MPI.COMM_SELF]
+
+
+@pytest.mark.parametrize("wrong", WRONG_OVERRIDES, ids=["text", "dict", "number", "none", "comm"])
+def test_overrides_are_a_list(wrong: Any) -> None:
     with pytest.raises(ConfigurationError, match="overrides must be a list"):
-        contact_app.solve(CUBE, "solver.tolerance=1e-8")
+        contact_app.solve(CUBE, wrong)
+
+
+@pytest.mark.parametrize("wrong", [3, None, "world", MPI.COMM_NULL, MPI.Comm])
+def test_a_communicator_is_one_of_mpi4py(wrong: Any) -> None:
+    with pytest.raises(ConfigurationError, match="comm must be a communicator of mpi4py"):
+        contact_app.solve(CUBE, comm=wrong)
 
 
 @pytest.mark.parametrize("symmetry", ["allow", "none"])

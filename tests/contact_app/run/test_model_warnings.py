@@ -60,6 +60,15 @@ def test_contact_that_leaves_its_boundary(cell: str) -> None:
         assert ("outside part penetrate the obstacle" in found) == told
 
 
+def test_a_boundary_that_faces_away_from_its_obstacle() -> None:
+    """A plane whose normal points into it touches nothing."""
+    made = scenes.wall("quadrilateral", 4)
+    assert "faces away" not in warnings_of(made)
+    plane = made["contacts"][0]["obstacle"]["plane"]
+    plane["normal"] = [-x for x in plane["normal"]]
+    assert "contacts[0]: the boundary faces away from the obstacle" in warnings_of(made)
+
+
 def test_a_plane_ends_where_an_expression_ends_it() -> None:
     assert "wider than this boundary" not in warnings_of(scenes.heavy("quadrilateral", 4))
 
