@@ -18,7 +18,7 @@ from contact_app.errors import ConfigurationError
 from contact_app.scene.scene import Scene
 from contact_app.studies.chart import DEGREES, USUAL, Sweep, Variant
 from contact_app.studies.last_case import scene_of
-from contact_app.studies.parts import overrides_of
+from contact_app.studies.parts_meshes import Meshes
 from contact_app.studies.peers import METHODS
 
 PEERS = ("tao-bnls", "tao-bntr", "snes-vi")
@@ -92,7 +92,7 @@ def plan_meshes(
         methods += [name for name in PEERS if METHODS[name].contact]
 
     def variant(directory: Path, degree: int, method: str, tolerance: float) -> MeshVariant:
-        settings = tuple(overrides_of(config, degree, directory))
+        settings = tuple(Meshes("", directory).overrides(config, degree))
         cell = scene.bodies[0].mesh.cell
         return MeshVariant(
             Fraction(1), cell, degree, tolerance, method, settings=settings, mesh=directory.name
@@ -100,7 +100,7 @@ def plan_meshes(
 
     variants = []
     for directory in meshes:
-        bodies = scene_of(config, [*overrides, *overrides_of(config, 1, directory)]).bodies
+        bodies = scene_of(config, [*overrides, *Meshes("", directory).overrides(config, 1)]).bodies
         for degree in DEGREES:
             nodes = sum(body.mesh.nodes_of(degree) for body in bodies)
             if nodes * scene.dimension <= largest:

@@ -6,7 +6,7 @@ import json
 import math
 from enum import StrEnum
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, NoReturn
+from typing import TYPE_CHECKING, Annotated, Any, NoReturn
 
 import typer
 
@@ -39,7 +39,6 @@ def register(app: typer.Typer) -> None:
     reproduce = typer.Typer(help="Reproduce the paper's tables and figures.")
     reproduce.command("svm")(reproduce_svm)
     reproduce.command("cube")(reproduce_cube)
-    reproduce.command("figure1")(reproduce_figure1)
     reproduce.command("rules")(reproduce_rules)
     app.add_typer(reproduce, name="reproduce")
     measured = typer.Typer(
@@ -155,23 +154,12 @@ def reproduce_rules(
         typer.echo(line)
 
 
-def reproduce_figure1(output: OutputOption = None) -> None:
-    """Draw the paper's Figure 1: the projected CG step that raises the cost, and the safeguard."""
-    from contact_app.studies.safeguard import draw_figure_1
-
-    typer.echo(f"wrote {draw_figure_1(output or Path('results/reproduce-figure1'))}")
-
-
 def bench(
     context: typer.Context,
     output: OutputOption = None,
     cells: Annotated[
-        str, typer.Option(help="Cells along an edge of each cube of hexahedra; none leaves it out.")
+        str, typer.Option(help="Cells along an edge of each cube of hexahedra, coarse to fine.")
     ] = "10,20,30,40,60",
-    unstructured: Annotated[
-        str,
-        typer.Option(help="The same for tetrahedra from a file with inner nodes moved at random."),
-    ] = "10,20,30,36",
     tolerance: Annotated[float, typer.Option(help="Relative tolerance of all methods.")] = 1e-8,
     limit: Annotated[float, typer.Option(help="Seconds a run may take.")] = 60.0,
     methods: Annotated[
@@ -188,15 +176,14 @@ def bench(
             if source is not None and source.name == "COMMANDLINE":
                 _refuse(f"--{key} stands before `parts`: options of `bench parts` stand behind it")
         return
-    from contact_app.studies import bench as study
+    from contact_app.studies import parts as study
+    from contact_app.studies.parts_meshes import Meshes
+    from contact_app.studies.peers import METHODS
 
-    sizes = [_numbers("--cells", cells), _numbers("--unstructured", unstructured)]
-    chosen = _methods(methods, (study.OURS, *study.CONTACT, *study.LINEAR))
-    directory = output or Path("results/bench")
-    typer.echo(study.HEADING)
-    for row in study.bench(directory, sizes[0], sizes[1], tolerance, limit, chosen or None):
-        typer.echo(study.line(row))
-    typer.echo(f"wrote {directory / 'bench.csv'} and bench.png")
+    chosen = _methods(methods, ("auto", *METHODS)) or ["auto", *METHODS]
+    meshes = [Meshes(f"{n}³", cells=n) for n in sorted(_numbers("--cells", cells))]
+    settings = study.Settings(tolerance, limit=limit, parallel=False)
+    _table(output or Path("results/bench"), [study.CUBE], meshes, chosen, settings)
 
 
 def bench_parts(
@@ -235,7 +222,14 @@ def bench_parts(
     drawable = all(scene.parent == study.CONFIGS and scene.stem in study.PARTS for scene in scenes)
     rows = _part_meshes(sizes, meshes or [], directory / "meshes", drawable)
     settings = study.Settings(tolerance, degree, limit)
-    for text in study.bench(directory, scenes, rows, chosen, settings):
+    _table(directory, scenes, rows, chosen, settings)
+
+
+def _table(directory: Path, *measured: Any) -> None:
+    """Print the lines of a benchmark as they are measured."""
+    from contact_app.studies.parts import bench
+
+    for text in bench(directory, *measured):
         typer.echo(text)
     typer.echo(f"wrote {directory / 'parts.csv'}, parts.md and parts.png")
 
@@ -353,9 +347,7 @@ def _positive(option: str, text: str) -> list[float]:
 
 
 def _numbers(option: str, text: str) -> list[int]:
-    """Positive whole numbers separated by commas; an empty list for ``none``."""
-    if text == "none":
-        return []
+    """Positive whole numbers separated by commas."""
     numbers = [int(n) if n.strip().isdigit() else 0 for n in text.split(",")]
     if not numbers or min(numbers) < 1:
         _refuse(f"{option} is {text!r}; it has the form 10,20,30")

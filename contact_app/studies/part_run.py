@@ -105,7 +105,8 @@ def peer(path: Path, overrides: Sequence[str], method: str, tolerance: float) ->
     UnsuitableError
         The method cannot solve the scene.
     """
-    files = {path.parent / body["mesh"]["file"] for body in _bodies(path, overrides)}
+    meshes = [body["mesh"] for body in _bodies(path, overrides)]
+    files = {path.parent / mesh["file"] for mesh in meshes if "file" in mesh}
     scene = scene_of(path, [*overrides, "solver.method=primal"])
     used = method
     if len(scene.bodies) > 1:

@@ -1,8 +1,10 @@
-"""Parts from a mesher: contact compared with one linear solve of the part and PETSc's solvers.
+"""Contact compared with one linear solve of the same bodies and with PETSc's solvers.
 
-``contact-app bench parts``: each run is a process of its own with one rank per core, from the mesh
-file to the solution (`contact_app.studies.part_run` defines the seconds). A scene with load cases
-is solved with its last case. The columns of the table:
+``contact-app bench parts`` takes parts from a mesher, ``contact-app bench`` the paper's cube. Each
+run is a process of its own, from the mesh file to the solution (`contact_app.studies.part_run`
+defines the seconds), with one rank per core or with threads of BLAS on all cores. A scene with load
+cases is solved with its last case. The first run for a type of cells may compile forms, which its
+seconds contain: run the command twice on a new machine. The columns of the table:
 
 "over linear"
     Seconds relative to ``linear-gamg``: conjugate gradients with GAMG to the same tolerance on the
@@ -23,7 +25,8 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from contact_app.scene.yaml_reader import read as read_scene
+import numpy as np
+
 from contact_app.studies.part_run import OURS
 from contact_app.studies.parts_meshes import Meshes
 from contact_app.studies.peers import METHODS
@@ -34,6 +37,9 @@ from contact_app.studies.undecomposed import UnsuitableError
 CONFIGS = Path(__file__).parents[2] / "configs"
 PARTS = ("pillow_block", "pin_in_lug", "bolted_flange", "hub_on_shaft", "ball_in_grooves")
 LINEAR = "linear-gamg"
+CUBE = Path(__file__).with_name("data") / "paper_cube.yaml"
+"""The paper's cube."""
+
 CHOSEN = (LINEAR, "linear-boomeramg", "primal", "active-set", "tao-bnls", "tao-bntr", "snes-vi")
 COLUMNS = ("part", "meshes", "degree", "method", "unknowns", "used", "read", "assembly", "solve",
            "seconds", "cpu", "iterations", "known", "memory", "ranks", "converged", "energy",
@@ -57,11 +63,24 @@ HEADING = (
 
 @dataclass(frozen=True)
 class Settings:
-    """Settings of all runs of a benchmark: relative tolerance, degree, time limit in seconds."""
+    """Settings of all runs of a benchmark.
+
+    Attributes
+    ----------
+    tolerance
+        Relative tolerance of all methods by their own tests, of this application by the
+        certificate.
+    limit
+        Seconds a run may take, start-up included.
+    parallel
+        Whether this application gets one rank per core instead of threads of BLAS, which are faster
+        where subdomains are congruent. Methods of PETSc have their own rule.
+    """
 
     tolerance: float = 1e-8
     degree: int = 1
     limit: float = 120.0
+    parallel: bool = True
 
 
 Run = Callable[[Path, str, Sequence[str], Settings], Row]
@@ -69,25 +88,15 @@ Run = Callable[[Path, str, Sequence[str], Settings], Row]
 `RunError`."""
 
 
-def overrides_of(path: Path, degree: int, meshes: Path | None) -> list[str]:
-    """``key=value`` for the degree of all bodies and the meshes of another directory."""
-    values = []
-    for i, body in enumerate(read_scene(path)[0]["bodies"]):
-        values.append(f"bodies.{i}.degree={degree}")
-        if meshes is not None:
-            file = meshes.resolve() / Path(body["mesh"]["file"]).name
-            values.append(f"bodies.{i}.mesh.file={file}")
-    return values
-
-
 def run_part(path: Path, method: str, overrides: Sequence[str], settings: Settings) -> Row:
     """Run one method on one part in a process of its own."""
     more = [part for override in overrides for part in ("--set", override)]
-    parallel = method in OURS or METHODS[method].parallel
+    parallel = settings.parallel if method in OURS else METHODS[method].parallel
+    ranks = parallel_ranks() if parallel else 1
     return python(
         "-m", "contact_app.studies.part_run", method, str(path), *more,
         "--tolerance", str(settings.tolerance), limit=settings.limit,
-        ranks=parallel_ranks() if parallel else 1, threads=1,
+        ranks=ranks, threads=1 if ranks > 1 else None,
     )  # fmt: skip
 
 
@@ -121,7 +130,7 @@ def bench(
         for path in scenes:
             out: set[str] = set()
             for chosen in meshes:
-                overrides = overrides_of(path, settings.degree, chosen.of(path))
+                overrides = chosen.overrides(path, settings.degree)
                 head = {"part": path.stem, "meshes": chosen.name, "degree": settings.degree}
                 for method in methods:
                     row = {**head, "method": method, "note": "left out after a coarser mesh"}
@@ -135,8 +144,10 @@ def bench(
     finally:
         measured = list(rows.values())
         lines = [HEADING, *(line(row, _linear(row, rows)) for row in measured)]
+        solved = [row for row in measured if row.get("converged")]
+        lines += ["", *slopes(solved)]
         (output / "parts.md").write_text("\n".join(lines) + "\n", encoding="utf-8")
-        draw([row for row in measured if row.get("converged")], FIGURE, output / "parts.png")
+        draw(solved, FIGURE, output / "parts.png")
 
 
 def _attempt(
@@ -178,3 +189,24 @@ def line(row: Row, linear: Row | None) -> str:
         f"| {row['cpu']:.3g} | {ratio('cpu')} | {row['iterations']} | {row.get('known', '')} "
         f"| {row['memory']:.2f} | {row['note']} |"
     )
+
+
+def slopes(rows: Sequence[Row]) -> Iterator[str]:
+    """Growth of time and memory with the unknowns: slopes in logarithms of each part and method.
+
+    >>> rows = [{"part": "p", "degree": 1, "method": "m", "unknowns": n, "seconds": n, "memory": n}
+    ...         for n in (10, 90)]
+    >>> list(slopes(rows))
+    ['Slopes of m on p of degree 1 in the unknowns: time 1.00, memory 1.00.']
+    """
+    for key in dict.fromkeys((row["part"], row["degree"], row["method"]) for row in rows):
+        alike = [row for row in rows if (row["part"], row["degree"], row["method"]) == key]
+        if len({row["unknowns"] for row in alike}) > 1:
+            unknowns, seconds, memory = (
+                np.log([row[name] for row in alike]) for name in ("unknowns", "seconds", "memory")
+            )
+            time, space = (np.polyfit(unknowns, values, 1)[0] for values in (seconds, memory))
+            yield (
+                f"Slopes of {key[2]} on {key[0]} of degree {key[1]} in the unknowns: "
+                f"time {time:.2f}, memory {space:.2f}."
+            )

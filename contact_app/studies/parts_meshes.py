@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from contact_app.errors import CouldNotRunError
+from contact_app.scene.yaml_reader import read
 from contact_app.studies.fused import mesh_of
 
 SCRIPT = Path(__file__).parents[2] / "meshes" / "samples" / "make_parts.py"
@@ -30,11 +31,32 @@ class Meshes:
     factor
         Draw the meshes there first, with this size of cells near contact relative to the shipped
         mesh.
+    cells
+        Cells along each edge of the box of a scene, in place of a file.
     """
 
     name: str
     directory: Path | None = None
     factor: float | None = None
+    cells: int | None = None
+
+    def overrides(self, scene: Path, degree: int) -> list[str]:
+        """``key=value`` for the meshes of a scene, drawn if need be, and the degree of all bodies.
+
+        Raises
+        ------
+        CouldNotRunError
+            Gmsh cannot draw them.
+        """
+        directory, values = self.of(scene), []
+        for i, body in enumerate(read(scene)[0]["bodies"]):
+            values.append(f"bodies.{i}.degree={degree}")
+            if directory is not None:
+                file = directory.resolve() / Path(body["mesh"]["file"]).name
+                values.append(f"bodies.{i}.mesh.file={file}")
+            if self.cells is not None:
+                values += [f"bodies.{i}.mesh.box.cells={[self.cells] * 3}", "decomposition=auto"]
+        return values
 
     def of(self, scene: Path) -> Path | None:
         """The directory with the meshes of a scene, drawn if need be.

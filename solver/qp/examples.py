@@ -1,4 +1,4 @@
-"""Small problems on which expansion strategies fail, for tests and a figure."""
+"""Small problems on which expansion strategies fail, for tests and the table of stability."""
 
 from __future__ import annotations
 

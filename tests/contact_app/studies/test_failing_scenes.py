@@ -3,13 +3,17 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
+from dataclasses import replace
 
 import pytest
 
+from contact_app.run.solve import solve_scene
 from contact_app.studies import failing_scenes
 from contact_app.studies.failing_friction import FRICTION_CASES, solve_rough
 from contact_app.studies.failing_qps import QP_CASES, QPCase
 from contact_app.studies.failing_scenes import CASES, HOLDS, REFUSED, Case
+from contact_app.studies.outcomes import Outcome
 from contact_app.studies.stability import (
     OURS,
     QP_METHODS,
@@ -17,6 +21,7 @@ from contact_app.studies.stability import (
     WHOLE,
     run_case,
     run_qp_case,
+    solve_by,
 )
 from tests import friction_reference, reference, scenes
 from tests.stability import groups
@@ -24,11 +29,15 @@ from tests.stability import groups
 SLOW = ("slender body 1:100", "load at the edge of the support")
 
 
-def cases(slow: bool) -> list[Case]:
-    return [case for case in CASES if (case.name in SLOW) == slow]
+def case_named(beginning: str) -> Case:
+    return next(case for case in CASES if case.name.startswith(beginning))
 
 
-def check(case: Case) -> None:
+@pytest.mark.parametrize(
+    "case",
+    [pytest.param(c, marks=pytest.mark.slow if c.name in SLOW else (), id=c.name) for c in CASES],
+)
+def test_this_application_certifies_or_refuses(case: Case) -> None:
     found = run_case(case, (OURS, WHOLE))
     for method, outcome in found.items():
         allowed = {case.expected}
@@ -45,11 +54,6 @@ def check(case: Case) -> None:
         assert math.isclose(outcome.energy, known, rel_tol=1e-6, abs_tol=1e-6 * case.scale), method
 
 
-@pytest.mark.parametrize("case", cases(slow=False), ids=lambda case: case.name)
-def test_this_application_certifies_or_refuses(case: Case) -> None:
-    check(case)
-
-
 @pytest.mark.parametrize(
     "case",
     [c for c in CASES if c.expected == HOLDS and len(c.make()["bodies"]) > 1],
@@ -62,12 +66,6 @@ def test_each_of_several_bodies_is_right(case: Case) -> None:
     for method, outcome in run_case(case, (OURS, WHOLE)).items():
         for ours, body in zip(outcome.strains, known.bodies, strict=True):
             assert math.isclose(ours, body.strain, rel_tol=1e-3), method
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("case", cases(slow=True), ids=lambda case: case.name)
-def test_this_application_certifies_or_refuses_with_more_work(case: Case) -> None:
-    check(case)
 
 
 @pytest.mark.slow
@@ -99,15 +97,12 @@ def test_refusals_name_a_component_or_a_direction(case: QPCase) -> None:
 
 
 def test_units_take_the_same_counts() -> None:
-    case = next(c for c in CASES if c.name.startswith("micrometres"))
-    assert run_case(case, [OURS])[OURS].growth == 1.0
+    assert run_case(case_named("micrometres"), [OURS])[OURS].growth == 1.0
 
 
 @pytest.mark.parametrize("subdomains", [1, 4])
 def test_a_node_may_fit_exactly_between_two_obstacles(subdomains: int) -> None:
     """No room is enough, as long as the obstacles do not overlap."""
-    from contact_app.run.solve import solve_scene
-
     made = failing_scenes.squeezed()
     for contact in made["contacts"]:
         contact["obstacle"]["plane"]["point"][0] = 0.5
@@ -121,8 +116,6 @@ def test_a_node_may_fit_exactly_between_two_obstacles(subdomains: int) -> None:
 @pytest.mark.ratchet
 def test_rods_stay_whole_and_end(cells: list[int], parts: int) -> None:
     """A chain of subdomains took 11611 products where the whole rod takes some hundreds."""
-    from contact_app.run.solve import solve_scene
-
     ratio = 100.0 if parts == 1 else 1.5
     solved = solve_scene(scenes.build(failing_scenes.slender(ratio, cells))).summary
     assert solved["certificate"]["passed"]
@@ -130,36 +123,30 @@ def test_rods_stay_whole_and_end(cells: list[int], parts: int) -> None:
     assert solved["solver"]["hessian_multiplications"] < 1500
 
 
-def test_a_wrong_answer_is_detected() -> None:
-    """The judge itself."""
-    from dataclasses import replace
-
-    from contact_app.studies import stability
-
-    case, honest = CASES[1], stability.solve_by
-
-    def lies(*arguments):
-        outcome = honest(*arguments)
-        return replace(outcome, energy=1.00001 * outcome.energy)
-
-    assert run_case(case, [OURS], lies)[OURS].verdict == "WRONG"
+def too_large(outcome: Outcome, _: int) -> Outcome:
+    return replace(outcome, energy=1.00001 * outcome.energy)
 
 
-def test_a_wrong_answer_of_one_body_is_detected() -> None:
-    from dataclasses import replace
+def weak_body_off(outcome: Outcome, subdomains: int) -> Outcome:
+    strong, weak = outcome.strains
+    return replace(outcome, strains=(strong, weak if subdomains == 1 else 1.01 * weak))
 
-    from contact_app.studies import stability
 
-    case = next(c for c in CASES if c.name.startswith("weak body"))
-    honest = stability.solve_by
+@pytest.mark.parametrize(
+    ("case", "change", "named"),
+    [(CASES[1], too_large, ""), (case_named("weak body"), weak_body_off, "body")],
+)
+def test_a_wrong_answer_is_detected(
+    case: Case, change: Callable[[Outcome, int], Outcome], named: str
+) -> None:
+    """The judge itself, for an answer that is wrong in all or in one body."""
 
-    def lies(method, made, subdomains):
-        outcome = honest(method, made, subdomains)
-        strong, weak = outcome.strains
-        return replace(outcome, strains=(strong, weak if subdomains == 1 else 1.01 * weak))
+    def wrong(method: str, made: scenes.Config, subdomains: int) -> Outcome:
+        return change(solve_by(method, made, subdomains), subdomains)
 
-    outcome = run_case(case, [OURS], lies)[OURS]
-    assert (outcome.verdict, "body" in outcome.detail) == ("WRONG", True)
+    outcome = run_case(case, [OURS], wrong)[OURS]
+    assert outcome.verdict == "WRONG"
+    assert named in outcome.detail
 
 
 def test_an_invented_equilibrium_is_detected() -> None:

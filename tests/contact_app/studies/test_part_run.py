@@ -64,7 +64,9 @@ def test_peers_take_two_materials(tmp_path: Path) -> None:
 
 def test_glued_bodies_move_rigidly_together_and_in_no_other_way() -> None:
     path = CONFIGS / "bolted_flange.yaml"
-    scene = part_run.scene_of(path, [*parts.overrides_of(path, 1, None), "solver.method=primal"])
+    scene = part_run.scene_of(
+        path, ["bodies.0.degree=1", "bodies.1.degree=1", "solver.method=primal"]
+    )
     system = merge(build_model(scene, MPI.COMM_SELF, needed="distinct").problem)
     matrix = local_rows(glued_matrix(system))
     points = system.nodes.points

@@ -11,7 +11,6 @@ from typer.testing import CliRunner
 
 from contact_app.studies.commands import register
 from contact_app.studies.paper import COLUMNS, paper_rows
-from contact_app.studies.safeguard import draw_figure_1
 
 application = typer.Typer()
 register(application)
@@ -45,10 +44,6 @@ def test_unknown_expansion_lists_the_papers(tmp_path):
     cube = pytest.importorskip("contact_app.studies.cube", exc_type=ImportError)
     with pytest.raises(ValueError, match="projcg"):
         list(cube.reproduce_cube(tmp_path, expansion="nothing"))
-
-
-def test_figure_1(tmp_path):
-    assert draw_figure_1(tmp_path).stat().st_size > 10_000
 
 
 def test_svm_command_prints_json(tmp_path):

@@ -1,0 +1,93 @@
+"""PETSc's solvers beside this application, each in a process of its own."""
+
+from __future__ import annotations
+
+import json
+import shutil
+from pathlib import Path
+from typing import Any
+
+import meshio
+import numpy as np
+import pytest
+
+from contact_app.run.solve import solve_scene
+from contact_app.scene.build import build_scene
+from contact_app.scene.configuration import load
+from contact_app.scene.scene import Scene
+from contact_app.studies import processes
+from contact_app.studies.parts import CUBE
+from contact_app.studies.peers import solve
+from contact_app.studies.perturbed import MOVE, write_cube
+from contact_app.studies.tables import fill
+from tests import meshfiles
+
+
+def test_a_process_out_of_time_or_in_error_is_reported() -> None:
+    with pytest.raises(processes.RunError, match=r"not done after 0\.5 s"):
+        processes.python("-c", "import time; time.sleep(30)", limit=0.5)
+    with pytest.raises(processes.RunError, match="ValueError: of this"):
+        processes.python("-c", "raise ValueError('of this')")
+    with pytest.raises(processes.RunError, match="no result"):
+        processes.python("-c", "print('text')")
+    assert processes.python("-c", "print(1); print('{\"a\": 2}')") == {"a": 2}
+
+
+def cube(mesh: dict[str, Any], *overrides: str) -> Scene:
+    given = (f"bodies.0.mesh={json.dumps(mesh)}", "decomposition=auto", "solver.tolerance=1e-9")
+    return build_scene(load(CUBE, [*given, *overrides]))
+
+
+def test_the_cube_in_the_file_is_moved_inside_and_whole(tmp_path: Path) -> None:
+    n = 7
+    write_cube(tmp_path / "cube.vtu", n)
+    mesh = meshio.read(tmp_path / "cube.vtu")
+    cells = mesh.cells_dict["tetra"]
+    assert cells.shape == (6 * n**3, 4)
+    volume = np.abs(np.linalg.det(np.diff(mesh.points[cells], axis=1))) / 6.0
+    assert volume.min() > 0.1 / (6 * n**3)
+    assert volume.sum() == pytest.approx(1.0, rel=1e-12)  # more if a cell were turned over
+    away = n * mesh.points - np.round(n * mesh.points)
+    surface = (np.abs(mesh.points - 0.5) > 0.5 - 1e-9).any(axis=1)
+    assert surface.sum() == (n + 1) ** 3 - (n - 1) ** 3
+    assert np.abs(away[surface]).max() < 1e-12
+    assert (np.abs(away[~surface]) > 1e-9).all()
+    assert 0.9 * MOVE < np.abs(away).max() <= MOVE
+
+
+def test_peers_agree_on_the_tetrahedra(tmp_path: Path) -> None:
+    write_cube(tmp_path / "cube.vtu", 5)
+    faces = {"z-": "z < 1e-9", "z+": "z > 1 - 1e-9", "x+": "x > 1 - 1e-9"}
+    boundaries = json.dumps({name: {"where": where} for name, where in faces.items()})
+    mesh, overrides = {"file": str(tmp_path / "cube.vtu")}, [f"bodies.0.boundaries={boundaries}"]
+    scene = cube(mesh, *overrides)
+    ours = solve_scene(scene).summary
+    rows = [solve(scene, "snes-vi-cholmod", 1e-10)[0]]
+    if shutil.which("mpirun"):
+        overrides += [f"bodies.0.mesh={json.dumps(mesh)}", "decomposition=auto"]
+        given = [part for override in overrides for part in ("--set", override)]
+        program = "-m", "contact_app.studies.peers", "tao-bnls", str(CUBE), *given
+        rows.append(processes.python(*program, ranks=2))
+        assert rows[1]["ranks"] == 2
+    for row, error in zip(rows, (1e-9, 1e-8), strict=False):  # bnls of PETSc 3.22 stalls at 2e-9
+        assert row["dofs"] == ours["mesh"]["dofs"] == 3 * 6**3
+        assert row["energy"] == pytest.approx(ours["solution"]["energy"], rel=error)
+
+
+@pytest.mark.parametrize(("cell", "degree"), [("tetrahedron", 1), ("hexahedron", 2)])
+def test_peers_take_the_groups_of_a_file(tmp_path: Path, cell: str, degree: int) -> None:
+    path = meshfiles.write(meshfiles.block(cell, 4), tmp_path / "block.msh")
+    scene = cube({"file": str(path)}, f"bodies.0.degree={degree}")
+    assert set(scene.bodies[0].mesh.boundaries) >= {"z-", "z+", "x+"}
+    row, _, _ = solve(scene, "snes-vi-cholmod", 1e-10)
+    ours = solve_scene(scene).summary
+    assert row["dofs"] == ours["mesh"]["dofs"]
+    assert row["energy"] == pytest.approx(ours["solution"]["energy"], rel=1e-8)
+
+
+def test_tables_go_into_the_sections_of_a_page(tmp_path: Path) -> None:
+    page = tmp_path / "page.md"
+    head, end = "# Page\n\n## One\n\nText.\n\n", "\n| kept |\n\n## Two\n\nMore.\n\n"
+    page.write_text(f"{head}| a |\n|---|\n| 1 |\n{end}")
+    fill(page, {"One": "| a |\n|---|\n| 2 |\n", "Two": "| b |\n", "Three": "| c |\n"})
+    assert page.read_text() == f"{head}| a |\n|---|\n| 2 |\n{end}| b |\n\n## Three\n\n| c |\n"
