@@ -16,8 +16,9 @@ grows without limit as the mesh is refined. There are three such edges:
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 from mpi4py import MPI
@@ -27,7 +28,7 @@ from contact_app.model.boundaries import boundary_facets, surface_facets
 from contact_app.model.model import Model
 from contact_app.model.pairs import gather_surface
 from contact_app.results.fields import NodeFields
-from contact_app.scene.conditions import BodyContact
+from contact_app.scene.conditions import BodyContact, Contact
 from meshes.contact_surface import Surface
 
 Array = NDArray[np.float64]
@@ -114,23 +115,51 @@ class Skin:
 def sharp_peaks(model: Model, nodes: NodeFields) -> list[str]:
     """Warnings on contacts whose largest pressure is at a sharp edge (collective)."""
     sentences = []
-    scene, d = model.scene, model.scene.dimension
-    for touching, at_nodes in zip(scene.touching, nodes.contacts, strict=True):
-        points = nodes.points[at_nodes.nodes - nodes.first]
-        pressure, point, size = peak(model.comm, at_nodes.pressure, points, at_nodes.shares, d)
-        if pressure <= 0.0:
-            continue
-        sides = [skin_near(model, touching.body, touching.boundary, point, REACH * size)]
-        end = ""
-        if isinstance(touching, BodyContact):
-            other = touching.other, touching.other_boundary
-            sides.append(skin_near(model, *other, point, REACH * size))
-        elif touching.obstacle.curvature_radius is None:
-            end = touching.boundary
-        edge = sharp_edge(point, sides, end)
-        if edge:
-            sentences.append(f"{touching.source}: {sentence(pressure, point[:d], edge)}")
+    for touching, at_nodes in zip(model.scene.touching, nodes.contacts, strict=True):
+        places = nodes.points[at_nodes.nodes - nodes.first], at_nodes.shares
+        pressures = at_nodes.pressure, at_nodes.smoothed
+        edge_at = partial(_edge_at, model, touching)
+        if text := sharp_peak(model.comm, model.scene.dimension, pressures, places, edge_at):
+            sentences.append(f"{touching.source}: {text}")
     return sentences
+
+
+def _edge_at(model: Model, touching: Contact | BodyContact, point: Array, reach: float) -> str:
+    """Phrase on the sharp edge of a contact at a point, from the facets within a distance."""
+    sides, end = [skin_near(model, touching.body, touching.boundary, point, reach)], ""
+    if isinstance(touching, BodyContact):
+        sides.append(skin_near(model, touching.other, touching.other_boundary, point, reach))
+    elif touching.obstacle.curvature_radius is None:
+        end = touching.boundary
+    return sharp_edge(point, sides, end)
+
+
+def sharp_peak(
+    comm: MPI.Intracomm,
+    d: int,
+    pressures: tuple[Array, Array],
+    places: tuple[Array, Array],
+    edge_at: Callable[[Array, float], str],
+) -> str:
+    """Sentence on a largest pressure at a sharp edge, or if there is none, on a smoothed one there.
+
+    Empty if neither is at a sharp edge (collective).
+
+    Parameters
+    ----------
+    pressures : (n,), (n,)
+        The pressure and the smoothed pressure at the nodes of a contact on this rank.
+    places : (n, 3), (n,)
+        Points of the nodes, and integrals of their shape functions.
+    edge_at
+        Phrase on the sharp edge at a point, from the facets within a distance.
+    """
+    for name, values in zip(("pressure", "smoothed pressure"), pressures, strict=True):
+        largest, point, size = peak(comm, values, *places, d)
+        edge = edge_at(point, REACH * size) if largest > 0.0 else ""
+        if edge:
+            return sentence(name, largest, point[:d], edge)
+    return ""
 
 
 def peak(
@@ -267,10 +296,10 @@ def _facet_edge(surface: Surface, point: Array) -> float:
     return float(np.linalg.norm(edges[touching], axis=2).max())
 
 
-def sentence(pressure: float, point: Array, edge: str) -> str:
+def sentence(name: str, pressure: float, point: Array, edge: str) -> str:
     """Warning on a largest pressure at a sharp edge, without the name of its contact."""
     return (
-        f"the largest pressure, {pressure:.3g} at ({', '.join(f'{v:.4g}' for v in point)}), is "
+        f"the largest {name}, {pressure:.3g} at ({', '.join(f'{v:.4g}' for v in point)}), is "
         f"{edge}: it grows without limit as the mesh is refined, unless the edge is drawn with its "
         "radius; forces and pressures away from the edge converge"
     )

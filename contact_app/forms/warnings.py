@@ -24,7 +24,7 @@ from contact_app.accuracy.contact_limits import (
 )
 from contact_app.accuracy.entered_pairs import depth_in_each_other, entering_each_other
 from contact_app.accuracy.faceted_curves import facets_match, largest_sagitta
-from contact_app.accuracy.sharp_edges import REACH, Skin, peak, sentence, sharp_edge, within
+from contact_app.accuracy.sharp_edges import Skin, sharp_edge, sharp_peak, within
 from contact_app.forms.bodies import contact_motions
 from contact_app.forms.boundary import exterior_facets, gathered_surface
 from contact_app.forms.contacts import Contact
@@ -274,21 +274,22 @@ def _sharp_edge(answer: FormAnswer, number: int, contact: Contact) -> str:
     """A largest pressure at a sharp edge (collective)."""
     model, nodes = answer.model, answer.contacts[number]
     parts, sides = model.parts, model.sides[number].surfaces
-    d, points = parts.dimension, answer.owners.at(parts.points)
-    pressure, point, size = peak(parts.comm, nodes.pressure, points, nodes.shares, d)
-    if pressure <= 0.0:
-        return ""
     outside, bodies = exterior_facets(parts), model.bodies
     held = held_components(parts, answer.bcs)[outside.copies].all(axis=1).sum(axis=1) == 1
-    near = within(outside.points, point, REACH * size) & ~held  # held: on planes of symmetry
     body = answer.owners.copies(bodies.of_node.astype(float))[outside.copies[:, 0]]
-    stiffness, skins = _stiffness(model), list[Skin | None]()
-    for side in sides:
-        of_side = sorted(_bodies_at(model, side))
-        skin = gathered_surface(parts, outside.chosen(near & np.isin(body, of_side)))
-        skins.append(Skin.of(skin, side, bodies.name(of_side[0]), float(stiffness[of_side].min())))
-    edge = sharp_edge(point, skins, contact.on if _flat(contact) else "")
-    return sentence(pressure, point[:d], edge) if edge else ""
+    stiffness = _stiffness(model)
+
+    def edge_at(point: Array, reach: float) -> str:
+        near, skins = within(outside.points, point, reach), list[Skin | None]()
+        for side in sides:
+            of_side = sorted(_bodies_at(model, side))
+            chosen = near & ~held & np.isin(body, of_side)  # held: on planes of symmetry
+            skin, soft = gathered_surface(parts, outside.chosen(chosen)), stiffness[of_side].min()
+            skins.append(Skin.of(skin, side, bodies.name(of_side[0]), float(soft)))
+        return sharp_edge(point, skins, contact.on if _flat(contact) else "")
+
+    pressures, points = (nodes.pressure, nodes.smoothed), answer.owners.at(parts.points)
+    return sharp_peak(parts.comm, parts.dimension, pressures, (points, nodes.shares), edge_at)
 
 
 def _stiffness(model: FormModel) -> Array:

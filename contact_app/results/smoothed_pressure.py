@@ -22,8 +22,9 @@ help: the peak of a ball in its grooves was up to 31 % too high, where it is up 
 The peak is as right as the mesh allows from about six facets across the contact on, if the gap is
 that of the round surfaces (`round` of a contact between bodies, or a round obstacle). With fewer,
 the discrete answer itself is off, and no smoothing mends it
-(`contact_app.accuracy.contact_limits.expected_error`). At corners and ends of a contact the
-pressure itself may be singular.
+(`contact_app.accuracy.contact_limits.expected_error`). At sharp edges, such as the ends of a bore
+on a longer pin, the pressure of the theory is infinite, and the smoothed peak grows with the mesh
+as that of nodes does: a warning says so (`contact_app.accuracy.sharp_edges`).
 """
 
 from __future__ import annotations

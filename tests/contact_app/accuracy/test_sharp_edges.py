@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from mpi4py import MPI
 
-from contact_app.accuracy.sharp_edges import sharp_edge, skin_near
+from contact_app.accuracy.sharp_edges import sharp_edge, sharp_peak, skin_near
 from contact_app.run.solve import solve_scene
 from contact_app.scene.build import build_scene
 from contact_app.scene.configuration import from_mapping, load
@@ -128,6 +128,22 @@ def test_an_edge_on_an_obstacle_causes_a_warning_if_its_angle_is_larger_than_a_r
     assert nodes.points[np.argmax(nodes.contact_pressure)] == pytest.approx([1, 0, 0], abs=1e-9)
     warnings = [w for w in solved.summary["certificate"]["warnings"] if "without limit" in w]
     assert [("at a sharp edge of foot" in w) for w in warnings] == [True] * warned
+
+
+def test_a_smoothed_peak_at_an_edge_causes_a_warning_where_the_largest_node_is_elsewhere() -> None:
+    """Single nodes press most inside, the means over facets at the edge."""
+    points, shares = np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0]]), np.ones(2)
+    inside, outside = np.array([3.0, 2.0]), np.array([1.5, 2.5])
+
+    def edge_at(point: np.ndarray, reach: float) -> str:
+        return "at a sharp edge of hub" if point[0] == 1.0 and reach > 0.0 else ""
+
+    def warning(pressure: np.ndarray, smoothed: np.ndarray) -> str:
+        return sharp_peak(MPI.COMM_SELF, 2, (pressure, smoothed), (points, shares), edge_at)
+
+    assert warning(inside, outside).startswith("the largest smoothed pressure, 2.5 at (1, 0), is a")
+    assert warning(outside, inside).startswith("the largest pressure, 2.5 at (1, 0), is at a sharp")
+    assert warning(inside, inside) == ""
 
 
 def test_a_punch_ends_in_the_middle_of_a_surface() -> None:
