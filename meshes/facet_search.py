@@ -1,6 +1,8 @@
-"""Search for the facets of one surface that lie along the normals of another one."""
+"""Search for facets and points that lie along the normals of the facets of a surface."""
 
 from __future__ import annotations
+
+from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,17 +25,53 @@ def facets_along_normals(
     The facets lie along the normal of an `on` facet, on both of its sides, at distances up to
     `reach` (facets,) of `chosen`. Without `reach` this is the distance within which a facet lies
     that faces the `on` facet within 60°, if any does.
-
-    Search trees of the centres of the other side, one for each size of facets, are queried at
-    points along the normal. So the work grows with the gap over the size of facets, not with its
-    square.
     """
     if len(chosen) == 0:
         return chosen, chosen
-    centres, radii, normals = on.centres[chosen], on.radii[chosen], on.normals[chosen]
-    middles, sizes = against.centres, against.radii
+    sizes = against.radii
     level = np.floor(np.log2(sizes / sizes.min() * (1.0 + 1e-9))).astype(int)
     groups = [np.flatnonzero(level == k) for k in np.unique(level)]
+    return _along_normals(on, chosen, against.centres, sizes, groups, reach)
+
+
+def points_along_normals(
+    on: Surface,
+    points: NDArray[np.float64],
+    chosen: NDArray[np.int64],
+    reach: NDArray[np.float64],
+) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Pairs of a facet (`chosen` of on) and a point (points, 3) that may project onto it, sorted.
+
+    The points lie along the normal of the facet, on both of its sides, at distances up to `reach`
+    (facets,) of `chosen`.
+    """
+    if len(chosen) == 0:
+        return chosen, chosen
+    sizes, every = np.zeros(len(points)), np.arange(len(points))
+    return _along_normals(on, chosen, points, sizes, [every], reach)
+
+
+def _along_normals(
+    on: Surface,
+    chosen: NDArray[np.int64],
+    middles: NDArray[np.float64],
+    sizes: NDArray[np.float64],
+    groups: Sequence[NDArray[np.int64]],
+    reach: NDArray[np.float64] | None,
+) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Pairs of some facets and balls near the lines along their normals, sorted.
+
+    Search trees of the middles of the balls are queried at points along the normals. So the work
+    grows with the gap over the size of facets, not with its square.
+
+    Parameters
+    ----------
+    middles, sizes : (balls, 3), (balls,)
+        Centres and radii.
+    groups
+        Balls of like size, each group with a tree of its own.
+    """
+    centres, radii, normals = on.centres[chosen], on.radii[chosen], on.normals[chosen]
     trees = [cKDTree(middles[group]) for group in groups]
     if reach is None:
         nearest = np.min([tree.query(centres)[0] for tree in trees], axis=0)

@@ -20,7 +20,7 @@ from contact_app.results.percent import percent
 from contact_app.scene.conditions import BodyContact
 from meshes.contact_surface import Surface, frames, is_curved
 from meshes.facet_overlaps import on_facets
-from meshes.facet_search import facets_along_normals
+from meshes.facet_search import points_along_normals
 from meshes.facing import FACING
 from meshes.shares import share
 from solver.contact.solution import Solution
@@ -111,26 +111,57 @@ def _displaced(model: Model, nodes: NodeFields, surface: Surface) -> Array:
 
 def _depth(comm: MPI.Intracomm, on: Surface, of: Surface, u_on: Array, u_of: Array) -> float:
     """Largest depth of a vertex of one surface behind facets `on` this rank has a share in."""
-    i, j = facets_along_normals(on, of, share(comm, len(on.nodes)))
-    facing = -np.einsum("ij,ij->i", on.normals[i], of.normals[j]) >= FACING
-    i, j = i[facing], j[facing]
     v, w = on.vertices.shape[1], of.vertices.shape[1]
-    key = i[:, None] * (of.nodes.max(initial=0) + 1) + of.nodes[j, :w]
-    first = np.unique(key.ravel(), return_index=True)[1]  # a vertex is one of several facets
-    i, j, k = i[first // w], j[first // w], first % w
+    corner, vertex = np.unique(of.nodes[:, :w], return_index=True, return_inverse=True)[1:]
+    points, moved = (values[corner // w, corner % w] for values in (of.points, u_of))
+    chosen = share(comm, len(on.nodes))
+    i, k = points_along_normals(on, points, chosen, _reach(on, u_on, moved)[chosen])
     axes = frames(on)[i].transpose(0, 2, 1)
     here = (on.points[i] - on.centres[i][:, None]) @ axes
-    x = ((of.points[j, k] - on.centres[i])[:, None] @ axes)[:, 0]
+    x = ((points[k] - on.centres[i])[:, None] @ axes)[:, 0]
     flat = here[:, :v, :-1]
     within = ((x[:, :-1] >= flat.min(axis=1)) & (x[:, :-1] <= flat.max(axis=1))).all(axis=1)
-    i, j, k, here, x = i[within], j[within], k[within], here[within], x[within]
+    i, k, here, x = i[within], k[within], here[within], x[within]
     if len(i) == 0:
         return 0.0
     hats, shapes, _ = on_facets(here[..., :-1], x[:, :-1], is_curved(here, v))
     gap = x[:, -1] - np.einsum("qn,qn->q", shapes, here[..., -1]) - on.height(i, hats)
-    jump = u_of[j, k] - np.einsum("qn,qni->qi", shapes, u_on[i])
+    jump = moved[k] - np.einsum("qn,qni->qi", shapes, u_on[i])
     closing = np.einsum("qi,qi->q", on.normals[i], jump)
     sliding = np.linalg.norm(jump - closing[:, None] * on.normals[i], axis=1)
     counted = (hats >= -OUTSIDE).all(axis=1) & (gap >= -OUTSIDE * on.radii[i])
-    counted &= sliding <= on.radii[i]
-    return float(-(gap + closing)[counted].min(initial=0.0))
+    counted &= (sliding <= on.radii[i]) & (gap + closing < 0.0)
+    i, k, entered = i[counted], k[counted], -(gap + closing)[counted]
+    pair, facet = _pairs_with_facets(k, vertex.ravel(), w)
+    facing = -np.einsum("ij,ij->i", on.normals[i[pair]], of.normals[facet]) >= FACING
+    return float(entered[pair[facing]].max(initial=0.0))
+
+
+def _reach(on: Surface, u_on: Array, u_of: Array) -> Array:
+    """Distance of facets from the farthest vertex that can enter, (facets,).
+
+    It is what both sides move, and the height of nodes over the plane of the facet.
+    """
+    away = on.points - on.centres[:, None]
+    height = np.abs(np.einsum("fnk,fk->fn", away, on.normals)).max(axis=1)
+    if on.bulge is not None:
+        height += np.abs(on.bulge).sum(axis=(1, 2))
+    most = sum(float(np.linalg.norm(u, axis=-1).max(initial=0.0)) for u in (u_on, u_of))
+    return np.asarray(most + 2.0 * height + OUTSIDE * on.radii)
+
+
+def _pairs_with_facets(
+    chosen: NDArray[np.int64], vertex: NDArray[np.int64], corners: int
+) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Places in a list of vertices, each with every facet that has the vertex there.
+
+    Parameters
+    ----------
+    vertex : (facets * corners,)
+        The vertices of all facets.
+    """
+    order, counts = np.argsort(vertex, kind="stable"), np.bincount(vertex)
+    last, times = np.cumsum(counts)[chosen], counts[chosen]
+    place = np.repeat(np.arange(len(chosen)), times)
+    ahead = np.repeat(np.cumsum(times), times) - np.arange(len(place))
+    return place, order[last[place] - ahead] // corners
