@@ -26,10 +26,11 @@ what this changes.
 References of the relative numbers. Each body is measured by its own sizes: lengths by its largest
 displacement without rigid motions that nothing resists, or nothing that presses
 (`solver.tfeti.free_motions`), forces by its load (the largest of the sums of the magnitudes of
-loads, of reactions and of contact forces; with heat `solver.contact.sizes.force_references`), the
-gap by its strain energy ½ a(u,u). So a weak body beside a strong one, or a stiff body on a soft
-one, is certified by its own sizes (`solver.contact.bodies`). Bodies that can touch form a group;
-the gap of a group bounds the error of each of its bodies. The worst body decides.
+loads, of reactions and of contact forces; with heat, and for bodies that carry nearly no load, see
+`solver.contact.sizes.force_references`), the gap by its strain energy ½ a(u,u). So a weak body
+beside a strong one, or a stiff body on a soft one, is certified by its own sizes
+(`solver.contact.bodies`). Bodies that can touch form a group; the gap of a group bounds the error
+of each of its bodies. The worst body decides.
 
 Rounding errors. The gap assumes exact arithmetic. So two terms are added to its square root: the
 effect on the strains of rounding u to its last digit, and the energy norm of the residual of

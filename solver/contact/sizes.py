@@ -209,10 +209,14 @@ def force_references(
 ) -> Array:
     """The references of forces, (bodies,): the largest of loads, reactions and contact forces.
 
+    The contact forces of a body that carries nearly no load, such as an unloaded roller of a
+    bearing, may have no correct digits. So the reference of a body is never so small that rounding
+    errors exceed the tolerance, up to the share `IDLE` of the largest in its group.
+
     In groups with heat, only contact forces and mechanical loads count. Thermal loads balance
     themselves and cause reactions and tied forces that do so, too, all often far larger than the
-    contact forces. A body on which neither acts is measured by the largest of its group. The
-    reference is never so small that rounding errors exceed the tolerance.
+    contact forces. A body on which neither acts is measured by the largest of its group, and
+    rounding errors raise the references without that limit.
 
     Parameters
     ----------
@@ -224,10 +228,11 @@ def force_references(
         Upper limit of the certificate's numbers.
     """
     bodies, every = problem.bodies, forces.max(axis=0)
+    least = rounded / min(RESOLVED * tolerance, ROUNDED_LIMIT)
+    idle = np.minimum(least, IDLE * bodies.by_group(every)[bodies.groups])
     if not problem.heated.any():
-        return np.asarray(every)
+        return np.maximum(every, idle)
     acting = np.maximum(problem.mechanical_loads, forces[2])
     acting = np.where(acting > 0.0, acting, bodies.by_group(acting)[bodies.groups])
-    least = rounded / min(RESOLVED * tolerance, ROUNDED_LIMIT)
     used = problem.heated & (acting > 0.0)
     return np.where(used, np.minimum(np.maximum(acting, least), every), every)

@@ -9,6 +9,8 @@ import pytest
 from mpi4py import MPI
 
 from solver.contact.active_set_options import ActiveSetOptions
+from solver.contact.bodies import Bodies
+from solver.contact.sizes import force_references
 from solver.driver import solve as solve_problem
 from solver.primal.line_search import minimum_along
 from tests import scenes
@@ -55,3 +57,30 @@ def test_line_search_finds_the_least_energy(seed: int) -> None:
     t = minimum_along(MPI.COMM_SELF, slope, curvature, force, stiffness * image, image)
     assert t > 0.0
     assert energy(t) <= min(energy((1.0 - 1e-4) * t), energy((1.0 + 1e-4) * t))
+
+
+def test_rollers_without_load_do_not_keep_a_bearing_from_its_certificate(tmp_path: Path) -> None:
+    """The middle one of three rollers carries everything; the others hardly touch."""
+    made = half_bearing(tmp_path, "quadrilateral", balls=3, counts=(12, 10))
+    summary = solve(made, None, tolerance=1e-6).summary
+    assert summary["certificate"]["passed"]
+    forces = [np.linalg.norm(contact["force"]) for contact in summary["contacts"]]
+    assert forces[2] == pytest.approx(forces[3], rel=1e-6)
+    assert max(forces[:2] + forces[4:]) <= 1e-6 * forces[2]
+
+
+class _Group:
+    """The data of one group of bodies that references of forces need."""
+
+    def __init__(self, count: int) -> None:
+        nothing = np.zeros(0, np.int64)
+        groups = np.zeros(count, np.int64)
+        self.bodies = Bodies(groups, (), nothing, nothing.reshape(0, 2), np.zeros(count, bool))
+        self.heated = np.zeros(count, bool)
+
+
+def test_a_body_without_load_is_measured_by_its_rounding_errors_up_to_a_limit() -> None:
+    loads = np.array([100.0, 1e-3, 1e-3, 1e-3])
+    rounded = np.array([1e-6, 1e-12, 1e-9, 1e-6])
+    found = force_references(_Group(4), np.tile(loads, (3, 1)), rounded, tolerance=1e-6)
+    assert found == pytest.approx([100.0, 1e-3, 1e-2, 0.1])
