@@ -21,6 +21,8 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
+import scipy.sparse as sp
+from scipy.optimize import lsq_linear
 
 from contact_app.errors import NoEquilibriumError
 from contact_app.run.solve import solve_scene
@@ -45,6 +47,9 @@ block, or conditions and ties that hold every loaded node, leave rounding errors
 
 STRAINLESS = 1e-9
 """Strains that are rounding errors of rigid motions, over displacements by the size of a cell."""
+
+CLOSED = 1e-12
+"""Gap over the length of the bodies that is a rounding error."""
 
 HELD_APART = ("push held nodes", "no room", "no displacement satisfies both")
 """Words of the messages about conditions that contradict each other."""
@@ -113,6 +118,8 @@ def _judged(solved: Any) -> tuple[str, str]:
         found = _answer(solved, coupled)
         if _at_rest(coupled, found):
             return "agrees", f"{error}; ours are rigid motions within the gaps, without a load"
+        if _stopped(coupled, found):
+            return "agrees", f"{error}; nothing moves, and forces on closed rows balance the loads"
         residual = optimality(coupled.system, found)
         if residual < OPTIMAL:
             return "agrees", f"{error}; ours leave {residual:.1e} of the optimality conditions"
@@ -131,10 +138,7 @@ def _judged(solved: Any) -> tuple[str, str]:
     found = _answer(solved, coupled)
     error = found[: n * d] - known[:n].ravel()
     right = known[:n].ravel()
-    forces = np.concatenate(
-        [system.load[: n * d].reshape(-1, d), system.load[n * d :].reshape(-1, 2, d)[:, 0]]
-    )
-    least = AT_REST * float(np.abs(forces).max() / K.diagonal().max())
+    least = _least(coupled)
     still = max(np.abs(found[: n * d]).max(), np.abs(right).max()) < least
     if still and max(np.abs(found).max(), np.abs(known).max()) < least:
         return "agrees", "nothing moves"
@@ -155,6 +159,35 @@ def _judged(solved: Any) -> tuple[str, str]:
         fits = entered <= OPTIMAL and worse <= OPTIMAL * scale
         return ("agrees" if fits else "certified wrongly"), detail
     return ("agrees" if away <= ACCURATE else "certified wrongly"), detail
+
+
+def _least(coupled: Coupled) -> float:
+    """Displacement below which bodies are at rest: `AT_REST`, of forces over stiffness."""
+    system, d, n = coupled.system, coupled.system.dimension, coupled.meshed
+    forces = np.concatenate(
+        [system.load[: n * d].reshape(-1, d), system.load[n * d :].reshape(-1, 2, d)[:, 0]]
+    )
+    return AT_REST * float(np.abs(forces).max() / system.stiffness.diagonal().max())
+
+
+def _stopped(coupled: Coupled, found: np.ndarray) -> bool:
+    """Whether nothing moves but what is prescribed, and closed rows can bear all loads.
+
+    Conditions, ties and contact stop each loaded node. Displacements are rounding errors, so that
+    no residual of theirs means anything; that of the displacements without them does.
+    """
+    system = coupled.system
+    exact = np.where(system.held, system.prescribed, 0.0)
+    if np.abs(found - exact).max() >= _least(coupled):
+        return False
+    slack = system.gap - system.contact @ exact
+    length = float(np.ptp(system.points[: coupled.meshed], axis=0).max())
+    if slack.min(initial=0.0) < -CLOSED * length:
+        return False
+    rows = sp.csr_matrix(system.contact)[np.abs(slack) <= CLOSED * length][:, ~system.held]
+    needed = (system.load - system.stiffness @ exact)[~system.held]
+    borne = lsq_linear(rows.T.toarray(), needed, bounds=(0.0, np.inf), method="bvls")
+    return float(np.linalg.norm(borne.fun)) <= OPTIMAL * float(np.linalg.norm(system.load))
 
 
 def _at_rest(coupled: Coupled, found: np.ndarray) -> bool:

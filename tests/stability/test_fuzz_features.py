@@ -62,9 +62,12 @@ def test_a_rigid_body_that_slides_off_is_no_fault() -> None:
     assert judge(20038, method="primal").kind == "slides"
 
 
-@pytest.mark.parametrize("seed", [61121, 110105, 110129])
+@pytest.mark.parametrize("seed", [61121, 110105, 110129, 140030, 145005])
 def test_bodies_at_rest_are_certified(seed: int) -> None:
-    """All displacements are rounding errors, beside given motions or forces of rigid bodies."""
+    """All displacements are rounding errors, beside given motions or forces of rigid bodies.
+
+    The reference has no answer where held nodes and ties bear all loads (140030, 145005).
+    """
     assert judge(seed).kind == "agrees"
 
 
