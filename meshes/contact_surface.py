@@ -93,6 +93,25 @@ class Surface:
             return 0.0
         return 0.5 * np.einsum("qa,qab,qb->q", hats, self.bulge[facets], hats)
 
+    def bulge_over(
+        self, facets: NDArray[np.int64], corners: NDArray[np.float64]
+    ) -> NDArray[np.float64]:
+        """Bulges of the smooth surface at facets (q,) over other facets near them, (q, v, v).
+
+        Parameters
+        ----------
+        corners : (q, v, 3)
+            Vertices of the other facets.
+        """
+        assert self.bulge is not None
+        distinct, place = np.unique(facets, return_inverse=True)
+        a, b = np.triu_indices(self.vertices.shape[1], 1)
+        edges = self.vertices[distinct][:, b] - self.vertices[distinct][:, a]
+        squares = (edges[..., :, None] * edges[..., None, :]).reshape(*edges.shape[:2], 9)
+        curvatures = np.linalg.pinv(squares) @ self.bulge[distinct][:, a, b, None]
+        other = corners[:, None] - corners[:, :, None]
+        return np.einsum("qabi,qij,qabj->qab", other, curvatures.reshape(-1, 3, 3)[place], other)
+
     @property
     def vertices(self) -> NDArray[np.float64]:
         """Coordinates of the vertices, (facets, vertices, 3)."""

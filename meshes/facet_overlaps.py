@@ -113,7 +113,7 @@ class Overlaps:
         vertex_shapes, node_shapes, _ = on_facets(facet, x, is_curved(other_side, w))
         gap = np.einsum("qv,qv->q", node_shapes, other_side[pair, :, -1])
         gap -= np.einsum("qv,qv->q", own_shapes, here[pair, :, -1])
-        gap -= on.height(i[pair], phi) + against.height(j[pair], vertex_shapes)
+        gap -= against.height(j[pair], vertex_shapes) + _own_height(on, against, i, j, pair, phi)
         tilts = tilted and bool((np.abs(gap) > TOUCHING * on.radii[i[pair]]).any())
         if tilts:
             slopes = np.linalg.solve(slopes @ plane, slopes)
@@ -185,6 +185,28 @@ class Overlaps:
     def some(self, chosen: NDArray[np.bool_]) -> Overlaps:
         """The overlaps that a mask (pairs,) chooses."""
         return Overlaps(**{name: values[chosen] for name, values in self.__dict__.items()})
+
+
+def _own_height(
+    on: Surface,
+    against: Surface,
+    i: NDArray[np.int64],
+    j: NDArray[np.int64],
+    pair: NDArray[np.int64],
+    phi: NDArray[np.float64],
+) -> NDArray[np.float64] | float:
+    """Height to take from the gap at points of `on` facets (q,) with hats φ (q, v).
+
+    Displacements of first order are linear on the facet, so the gap must be, too: the mean of a
+    curved gap with a dual function is below all its values, by h²/6R for a facet with an end on a
+    circle of radius R. The gap is the one between the facet and the other smooth surface, less the
+    bulge of that surface over the facet: linear between the gaps at its vertices, which are on both
+    smooth surfaces. Displacements of second order follow the curve of the smooth surface.
+    """
+    if on.bulge is None or on.nodes.shape[1] > phi.shape[1]:
+        return on.height(i[pair], phi)
+    bulge = against.bulge_over(j, on.vertices[i])
+    return -0.5 * np.einsum("qa,qab,qb->q", phi, bulge[pair], phi)
 
 
 def smallest(

@@ -65,6 +65,32 @@ def test_the_gap_of_arcs_is_that_of_circles() -> None:
     np.testing.assert_allclose(smooth, 0.05, rtol=0.01)
 
 
+@pytest.mark.parametrize(("deep", "cut"), [(0, False), (3, False), (3, True)])
+@pytest.mark.parametrize("count", [8, 12, 13, 29])
+def test_the_gap_of_two_rollers_is_that_at_the_nodes(deep: int, cut: bool, count: int) -> None:
+    """At the nearest node and its neighbours; the mean with a dual function is h²/6R less.
+
+    The distance of a node is along its row's normal, to the circle of the other roller.
+    """
+    distance, sagitta = 0.02, RADIUS * (0.5 * np.pi / FACETS) ** 2 / 8.0
+    roller = strip(RADIUS, FACETS, 1.0, deep, cut).smooth()
+    other = strip(RADIUS, count, 1.0, deep, cut)
+    centre = (2.0 * RADIUS + distance) * np.array([np.sqrt(0.5), np.sqrt(0.5), 0.0])
+    turned = other.points * [-1.0, -1.0, 1.0] + centre
+    opposite = Surface.of(
+        other.dimension, 1000 + other.nodes, turned, turned.mean(axis=1) + 0.1 * other.normals
+    ).smooth()  # fmt: skip
+    rows = mean_gaps(roller, opposite)
+    along = np.pad(rows.normals, ((0, 0), (0, 3 - rows.normals.shape[1])))
+    along /= -np.linalg.norm(along, axis=1, keepdims=True)
+    away = (centre - rows.points) * [1.0, 1.0, 0.0]
+    ahead = np.einsum("ri,ri->r", away, along)
+    right = ahead - np.sqrt(RADIUS**2 - (away**2).sum(axis=1) + ahead**2)
+    near = np.abs(np.arctan2(rows.points[:, 1], rows.points[:, 0]) - 0.25 * np.pi) < 0.2
+    assert near.sum() >= 3
+    np.testing.assert_allclose(rows.gaps[near], right[near], atol=0.2 * sagitta)
+
+
 @pytest.mark.parametrize("outward", [1.0, -1.0])
 def test_heights_on_uneven_triangles_of_a_ball_and_a_cylinder(outward: float) -> None:
     """Vertices at random on the surface: an error of a fiftieth of the largest height."""
