@@ -30,7 +30,7 @@ order rise from it, and the mean gap with the shape function is positive althoug
 touches: there ψ_j is dual, too, with which the mean of a linear gap is its value at the vertex. The
 row of a node whose area is hardly covered is distributed to its neighbours. The value p_j of a node
 beyond the edge of the other surface is an extrapolation, and results have a mean in its place
-(`contact_app.results.covered_pressure`).
+(`contact_app.results.contact_side`).
 """
 
 from __future__ import annotations

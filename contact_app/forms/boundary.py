@@ -10,7 +10,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from contact_app.forms.parts import Parts
-from contact_app.model.facets import moments
 from meshes import dolfinx_compat
 from meshes.contact_surface import Surface
 from meshes.quadratic import FACETS
@@ -35,14 +34,6 @@ class Facets:
     numbers: NDArray[np.int64]
     points: NDArray[np.float64]
     inside: NDArray[np.float64]
-
-    def shares(self, dimension: int, count: int) -> NDArray[np.float64]:
-        """∫ φ_k over these facets at the copies, (copies,)."""
-        result = np.zeros(count)
-        if len(self.copies):
-            share = moments(self.points, dimension).sum(axis=1)
-            np.add.at(result, self.copies, share)
-        return result
 
     def vertices(self, dimension: int) -> NDArray[np.int64]:
         """Copies of the vertices, (facets, vertices)."""

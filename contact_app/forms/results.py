@@ -9,15 +9,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from contact_app.forms.boundary import Facets
 from contact_app.forms.model import FormModel
 from contact_app.forms.parts import Parts
 from contact_app.forms.rows import held_components, in_the_mean
 from contact_app.machine.environment import environment
 from contact_app.machine.timings import Timings
-from contact_app.model.facets import between_vertices
-from contact_app.results.alternation import LINES, Lines, alternation
-from contact_app.results.covered_pressure import OnSide
+from contact_app.model.facets import moments
+from contact_app.results.contact_side import ContactSide
 from contact_app.results.friction import FrictionAtRows, dissipated_work, of_most_pressed
 from contact_app.results.pressure import NodesInContact
 from contact_app.results.reactions import add_contact
@@ -122,66 +120,42 @@ def contact_at_nodes(
         Friction at the contact rows.
     """
     problem, rows, d = model.problem, model.problem.contact, model.parts.dimension
-    facets, count = model.sides[number].facets, len(model.parts.points)
-    shares = owners.sums(facets.shares(d, count))
+    side = _side_of(model, owners, number)
     of_contact = rows.sources == number
     at = rows.nodes[of_contact] - model.exchange.first
     force = (solution.multiplier[problem.inequality] * rows.spread)[of_contact]
     jump = problem.residual(problem.on_interface(solution.displacements))[problem.inequality]
-    area = np.where(np.isnan(rows.areas[of_contact]), shares[at], rows.areas[of_contact])
+    area = np.where(np.isnan(rows.areas[of_contact]), side.shares[at], rows.areas[of_contact])
 
-    def at_owned(values: Array, empty: float = 0.0) -> Array:
-        result = np.full((owners.count, *values.shape[1:]), empty)
+    def at_owned(values: Array) -> Array:
+        result = np.zeros((owners.count, *values.shape[1:]))
         result[at] = values
         return result
 
     closed = force > 0.0
-    pressure = at_owned(np.divide(force, area, out=np.zeros(len(force)), where=area > 0.0))
     gap = np.full(owners.count, np.nan)
     np.fmin.at(gap, at, (-jump / rows.spread)[of_contact])
-    at_nodes = model.contacts[number].against is None and not in_the_mean(model.parts)
-    of_degree_2 = facets.copies.shape[1] != FACETS[d, facets.copies.shape[1]].vertices
-    wide = (area > 0.0)[:, None]
-    of_area = np.divide(
-        rough.forces[of_contact], area[:, None], out=np.zeros((len(area), 3)), where=wide
-    )
-    traction = at_owned(of_area)
-    covered = np.ones(owners.count)
-    if model.contacts[number].against is not None:
-        owned = model.exchange.first + np.arange(owners.count)
-        side = OnSide(
-            1 + int(of_degree_2), d, [facets.copies], owned, shares, model.exchange, owners.sums,
-            owners.copies,
-        )  # fmt: skip
-        columns = np.column_stack([area, force, rough.forces[of_contact]])
-        quotients = np.column_stack([pressure, traction])
-        means = side.with_means(rows.of(of_contact), columns, quotients)
-        pressure, traction = means[:, 0], means[:, 1:]
-        covered = side.share_of(at_owned(area))
-    if of_degree_2:
-        if at_nodes:
-            pressure = _without_alternation(model, facets, owners, pressure, shares)
-        else:
-            pressure = _to_middles(facets, owners, pressure, count)
-            gap = _to_middles(facets, owners, gap, count)
-            covered = _to_middles(facets, owners, covered, count)
-    if of_degree_2 and not at_nodes:
-        parts = [_to_middles(facets, owners, part, count) for part in traction.T]
-        traction = np.stack(parts, axis=1)
+    between = model.contacts[number].against is not None
+    at_nodes = not between and not in_the_mean(model.parts)
+    pressure, traction, covered = side.pressures(
+        rows.of(of_contact), area, np.column_stack([force, rough.forces[of_contact]]), at_nodes,
+        between,
+    )  # fmt: skip
+    if side.degree == 2 and not at_nodes:
+        gap = side.at_all_nodes(gap)
     vectors = rough.forces[of_contact]
     vectors[:, :d] += force[:, None] * rows.normals[of_contact]
     moments = force[:, None] * rows.moments[of_contact] + rough.moments[of_contact]
-    carriers = shares > 0.0 if at_nodes else owners.on(facets.vertices(d), count)
-    smoothed = _smoothed(model, owners, number, (pressure, shares, covered), at_nodes)
+    smoothed = _smoothed(model, side, number, (pressure, covered), at_nodes)
     masks = {
         "closed": closed, "sticks": rough.sticks[of_contact], "rubs": rough.rubs[of_contact],
     }  # fmt: skip
     return ContactAtNodes(
-        nodes=model.exchange.first + np.arange(owners.count),
+        nodes=side.owned,
         pressure=pressure,
         smoothed=smoothed,
-        shares=shares,
-        carriers=carriers,
+        shares=side.shares,
+        carriers=side.shares > 0.0 if at_nodes else side.areas > 0.0,
         areas=at_owned(np.where(closed, area, 0.0)),
         forces=at_owned(vectors),
         moments=at_owned(moments),
@@ -192,52 +166,39 @@ def contact_at_nodes(
     )
 
 
+def _side_of(model: FormModel, owners: Owners, number: int) -> ContactSide:
+    """The tagged facets of a contact."""
+    parts, facets = model.parts, model.sides[number].facets
+    d, nodes = parts.dimension, facets.copies.shape[1]
+    shares = moments(facets.points, d).sum(axis=1) if len(facets.copies) else None
+    return ContactSide(
+        1 if nodes == FACETS[d, nodes].vertices else 2, d,
+        [] if shares is None else [(facets.copies, shares)], parts.points,
+        model.exchange.first + np.arange(owners.count), model.exchange, owners.sums, owners.copies,
+    )  # fmt: skip
+
+
 def _smoothed(
     model: FormModel,
-    owners: Owners,
+    side: ContactSide,
     number: int,
-    pressures: tuple[Array, Array, Array],
+    pressures: tuple[Array, Array],
     at_nodes: bool,
 ) -> Array:
     """The pressure of a contact without what facets make of it, (owned,) (collective).
 
     Parameters
     ----------
-    pressures : (owned,), (owned,), (owned,)
-        The pressure, the integrals of shape functions, and covered shares.
+    pressures : (owned,), (owned,)
+        The pressure, and covered shares.
     """
-    parts, sides = model.parts, model.sides[number]
-    on = np.flatnonzero(owners.on(sides.facets.copies, len(parts.points)))
-    pressure, shares, covered = (values[on] for values in pressures)
-    at_on = model.exchange.first + on, pressure, shares, covered
-    result = np.zeros(owners.count)
-    result[on] = smoothed_on(parts.comm, sides.surfaces, at_on, parts.nodes, at_nodes)
+    on, parts = np.flatnonzero(side.facets_of_node), model.parts
+    pressure, covered = (values[on] for values in pressures)
+    at_on = side.owned[on], pressure, side.shares[on], covered
+    result = np.zeros(len(side.owned))
+    surfaces = model.sides[number].surfaces
+    result[on] = smoothed_on(parts.comm, surfaces, at_on, parts.nodes, at_nodes)
     return result
-
-
-def _to_middles(facets: Facets, owners: Owners, values: Array, count: int) -> Array:
-    """Values (owned,) at vertices, interpolated to the middles of facets (collective)."""
-    copies = owners.copies(values)
-    on = np.zeros(count, bool)
-    on[facets.copies.ravel()] = True
-    if len(facets.copies):
-        between_vertices(facets.copies, copies)
-    means = owners.mean(np.where(on, copies, 0.0), on)
-    some = owners.sums(on.astype(float)) > 0.0
-    return np.where(some, means, values)
-
-
-def _without_alternation(
-    model: FormModel, facets: Facets, owners: Owners, pressure: Array, shares: Array
-) -> Array:
-    """A pressure at all nodes of degree 2 without its alternating part (collective)."""
-    line_copies = [facets.copies] if facets.copies.shape[1] in LINES and len(facets.copies) else []
-    lines = Lines.of(line_copies, model.parts.points)
-    q = owners.copies(pressure)
-    off = owners.mean(alternation(lines, q, lambda v: owners.copies(owners.sums(v))))
-    smooth = np.maximum(pressure - off, 0.0)
-    force, left = model.parts.comm.allreduce(np.stack([pressure, smooth]) @ shares)
-    return smooth * (force / left if left > 0.0 else 1.0)
 
 
 def contact_records(

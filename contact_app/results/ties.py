@@ -9,7 +9,7 @@ from mpi4py import MPI
 from numpy.typing import NDArray
 
 from contact_app.model.model import Model
-from contact_app.results.covered_pressure import OnSide
+from contact_app.results.contact_side import ContactSide
 from contact_app.results.pressure import boundary_shares, side_of
 from contact_app.results.resultants import Resultant, joined
 from contact_app.results.smoothed_pressure import smoothed_tractions
@@ -58,8 +58,7 @@ def tie_records(model: Model, solution: Solution) -> list[dict[str, Any]]:
         tractions = np.zeros((len(nodes), 3))
         np.add.at(tractions, at.reshape(-1), f / np.maximum(area, 1e-300)[:, None])
         if isinstance(tie, Tie):
-            degree = scene.bodies[tie.body].degree
-            side = side_of(model, surface, tie, degree)
+            side = side_of(model, surface, tie)
             tractions = _over_covered(side, rows.of(rows.sources == number), f, (nodes, tractions))
         some = size > WITHOUT * size.max(initial=0.0)
         tractions = tractions[some]
@@ -83,7 +82,7 @@ def tie_records(model: Model, solution: Solution) -> list[dict[str, Any]]:
 
 
 def _over_covered(
-    side: OnSide, rows: ContactRows, force: Array, at_nodes: tuple[NDArray[np.int64], Array]
+    side: ContactSide, rows: ContactRows, force: Array, at_nodes: tuple[NDArray[np.int64], Array]
 ) -> Array:
     """Tractions with means over covered parts in place of extrapolations, (n, 3) (collective).
 
