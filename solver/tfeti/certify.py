@@ -13,7 +13,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from solver.contact.bodies import largest
+from solver.contact.bodies import MOTIONLESS, largest
 from solver.contact.bodies import sizes as at_least
 from solver.contact.certificate import Certificate, Measures, certificate_of, friction_numbers
 from solver.contact.row_kinds import RowKind
@@ -112,9 +112,10 @@ class DualAnswer:
         parts = []
         for cls, u, body in zip(problem.classes, self.displacements, bodies.members, strict=True):
             stiff = cls.stiffness.diagonal()[cls.free]
-            size = np.maximum(u.max(axis=0), -u.min(axis=0))
-            squares = float(np.sum(cls.row_sums[cls.free] ** 2)) * (ROUNDED * unit * size) ** 2
-            size = np.maximum(size, problem.free_lengths[body])
+            size, free = np.maximum(u.max(axis=0), -u.min(axis=0)), problem.free_lengths[body]
+            moved = np.where(size > MOTIONLESS * free, size, free)
+            squares = float(np.sum(cls.row_sums[cls.free] ** 2)) * (ROUNDED * unit * moved) ** 2
+            size = np.maximum(size, free)
             parts.append(np.stack([squares, float(stiff.sum()) * (unit * size) ** 2]))
         sums = np.array([bodies.sum_members([part[k] for part in parts]) for k in range(2)])
         squares, energies = problem.comm.allreduce(sums)

@@ -263,9 +263,15 @@ class DecomposedProblem:
 
     @cached_property
     def resting_lengths(self) -> NDArray[np.float64]:
-        """The least references of lengths of bodies at rest, (bodies,) (collective at first)."""
+        """The least references of lengths of bodies at rest, (bodies,) (collective at first).
+
+        A body that comes back to its unloaded state is at rest but for rounding errors of the
+        displacements from which slip is measured.
+        """
         motions = given_motions(self.bodies, self.lifting, self.comm)
-        return np.maximum(self.pushes[0], GIVEN * motions)
+        resting = np.maximum(self.pushes[0], GIVEN * motions)
+        before = self.system.loads.lengths_before
+        return resting if before is None else np.maximum(resting, before)
 
     @cached_property
     def mechanical_loads(self) -> NDArray[np.float64]:

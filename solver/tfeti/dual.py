@@ -106,7 +106,7 @@ class DualProblem(DecomposedProblem):
     def with_slip_from(self, displacements: list[NDArray[np.float64]]) -> DualProblem:
         """The problem with slip measured from given displacements, not from the unstrained state.
 
-        The slip of these displacements is the right-hand side of the tangential rows.
+        The slip of these displacements is the right-hand side of the tangential rows. Collective.
 
         Parameters
         ----------
@@ -115,9 +115,11 @@ class DualProblem(DecomposedProblem):
         """
         if [u.shape for u in displacements] != [f.shape for f in self.forces]:
             raise ValueError("slip is measured from displacements of other subdomains")
-        moved = np.empty(self.size)
-        self.B.apply(self.on_interface(displacements), moved)
-        loads = replace(self.system.loads, c=np.where(self.tangential, moved, self.c))
+        moved, interface = np.empty(self.size), self.on_interface(displacements)
+        self.B.apply(interface, moved)
+        c = np.where(self.tangential, moved, self.c)
+        lengths = self.bodies.largest_on_interface(self.comm, interface)
+        loads = replace(self.system.loads, c=c, lengths_before=lengths)
         return DualProblem(replace(self.system, loads=loads), replace(self.reused, d=None))
 
     @cached_property

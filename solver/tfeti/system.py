@@ -93,6 +93,8 @@ class Loads:
         Work of the forces on the kernels, Rᵀ f.
     thermal : one (n, members) array per class, or None for a class without heat
         The part of the forces that comes from heat; empty without heat.
+    lengths_before : (bodies,) or None
+        Largest displacements of each body at the end of the last increment; None in the first one.
     """
 
     forces: tuple[NDArray[np.float64], ...]
@@ -100,6 +102,7 @@ class Loads:
     c: NDArray[np.float64]
     e: NDArray[np.float64]
     thermal: tuple[NDArray[np.float64] | None, ...] = ()
+    lengths_before: NDArray[np.float64] | None = None
 
 
 @dataclass(frozen=True, eq=False)

@@ -257,6 +257,19 @@ def test_increments_without_an_answer_are_halved() -> None:
     assert not solved(made).converged
 
 
+@pytest.mark.parametrize("method", ["active-set", "primal", "smalbe"])
+def test_a_block_that_comes_back_to_its_unloaded_state_is_certified(method: str) -> None:
+    """Its displacements are then rounding errors of those from which slip is measured."""
+    made = block([{"press": 1, "push": 1}, {"press": 0, "push": 0}])
+    made["contacts"][0]["obstacle"] = scenes.plane(SQUARE, (0, 0, -0.001), (0, 0, 1))
+    made["solver"] = {"method": method}
+    found = solved(made)
+    assert found.converged
+    assert [record["halved"] for record in found.summary["steps"]] == [0, 0]
+    loaded, unloaded = (np.linalg.norm(a.summary["contacts"][0]["force"]) for a in found.increments)
+    assert unloaded <= 1e-6 * loaded
+
+
 def first_solve_fails(monkeypatch: pytest.MonkeyPatch) -> None:
     """The first solve ends without an answer, and the scene is solved in fewer subdomains."""
     solves = chain([None], repeat(solve.solve))
