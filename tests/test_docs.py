@@ -11,7 +11,9 @@ from pathlib import Path
 from types import FrameType
 
 import pytest
+import typer
 
+from contact_app.cli import app
 from contact_app.run.run import run
 from contact_app.scene.build import build_scene
 from contact_app.scene.configuration import load
@@ -20,10 +22,24 @@ ROOT = Path(__file__).parents[1]
 
 PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md")), ROOT / "solver" / "README.md"]
 
+NAMED_PLACES = ("solver", "meshes", "contact_app", "tests", "docs")
+
 NAMED = re.compile(r"`((?:solver|meshes|contact_app|tests|configs|docs)/[\w/.]+\.\w+)(?::(\w+))?`")
 
 TOUR = ("bodies.0.mesh.box.cells=[4,4,4]", "decomposition.subdomains=[2,2,2]")
 """A small mesh of the tour's scene."""
+
+FILE = re.compile(r"`(\w+\.py)(?::(\w+))?`")
+"""A file without its directory, and perhaps a name in it."""
+
+COMMAND = re.compile(
+    r"(?:(?:`|^ {4,})(?:contact-app|\./contact)|^\./contact) ([a-z]\w*)([^`\n]*)", re.MULTILINE
+)
+PROGRAM = re.compile(r"python -m ((?:contact_app|tests)(?:\.\w+)+)([^`\n]*)")
+OPTION = re.compile(r"(?<!\S)(--[a-z][\w-]*)")
+
+OF_LAUNCHER = ("test", "mpirun")
+"""Commands that `./contact` has in addition to those of `contact-app`."""
 
 LINK = re.compile(r"\]\(([^)#\s]+)(?:#[^)]*)?\)")
 
@@ -56,6 +72,10 @@ def test_names_in_pages_exist(page: Path) -> None:
                 if isinstance(node, ast.FunctionDef | ast.ClassDef)
             }  # fmt: skip
             assert name in defined, f"{path}:{name}"
+    for file, name in FILE.findall(text):
+        found = [f for place in NAMED_PLACES for f in (ROOT / place).rglob(file)]
+        assert found, file
+        assert not name or any(f"{name}" in f.read_text(encoding="utf-8") for f in found), name
     for target in LINK.findall(text):
         if "://" not in target:
             assert (page.parent / target).exists(), target
@@ -67,11 +87,27 @@ def test_names_in_pages_exist(page: Path) -> None:
     ids=lambda page: str(page.relative_to(ROOT)),
 )
 def test_modules_that_a_page_runs_are_programs(page: Path) -> None:
-    text = page.read_text(encoding="utf-8")
-    for module in re.findall(r"python -m ((?:contact_app|tests)(?:\.\w+)+)", text):
+    text = page.read_text(encoding="utf-8").replace("\\\n", " ")
+    for module, rest in PROGRAM.findall(text):
         file = ROOT.joinpath(*module.split(".")).with_suffix(".py")
         assert file.is_file(), module
         assert "__main__" in file.read_text(encoding="utf-8"), module
+        program = "".join(f.read_text(encoding="utf-8") for f in file.parent.glob("*.py"))
+        for option in OPTION.findall(rest):
+            assert f'"{option}"' in program or f"{option[2:]}=" in program, (module, option)
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: str(page.relative_to(ROOT)))
+def test_commands_that_a_page_names_have_its_options(page: Path) -> None:
+    commands = typer.main.get_command(app)
+    for name, rest in COMMAND.findall(page.read_text(encoding="utf-8").replace("\\\n", " ")):
+        if name in OF_LAUNCHER:
+            continue
+        command = commands.commands[name]
+        for word in rest.split()[:1]:
+            command = getattr(command, "commands", {}).get(word, command)
+        known = {option for parameter in command.params for option in parameter.opts}
+        assert set(OPTION.findall(rest)) <= known, (name, rest)
 
 
 def features() -> list[list[str]]:
