@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from solver import MPRGP
-from solver.contact.active_set import Outcome, StoppingTest, active_set_loop
+from solver.contact.active_set import active_set_loop
+from solver.contact.solve_on_set import Outcome, StoppingTest
 from solver.tfeti.active_set_problem import State
 from solver.tfeti.backend import TotalFeti
 from solver.tfeti.methods.by_active_sets import initial_active_set

@@ -11,8 +11,6 @@ needs no change is solved to the end.
 
 from __future__ import annotations
 
-import math
-from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from enum import Enum
 from typing import Generic
@@ -21,7 +19,7 @@ import numpy as np
 from mpi4py import MPI
 from numpy.typing import NDArray
 
-from solver.backend import Backend, S, SetSolve, Statuses
+from solver.backend import Backend, S, Statuses
 from solver.contact.active_set_options import ActiveSetOptions, Turnover
 from solver.contact.active_set_update import (
     ActiveSetUpdate,
@@ -31,8 +29,8 @@ from solver.contact.active_set_update import (
 )
 from solver.contact.law import ContactLaw, Frictionless, StateData
 from solver.contact.monitoring import on_active_set
+from solver.contact.solve_on_set import Outcome, StateSaver, StoppingTest, solve_on_set
 from solver.errors import QPError
-from solver.qp.iterate import Iterate, Watch
 from solver.qp.mprgp import MPRGP
 from solver.qp.result import Counts, Monitor, Reason
 
@@ -61,80 +59,6 @@ class Start:
     multiplier: NDArray[np.float64] | None = None
     is_flat: bool = False
     statuses: Statuses | None = None
-
-
-@dataclass(frozen=True)
-class StoppingTest(Generic[S]):
-    """The test of the answer of a set; the same on all ranks.
-
-    Attributes
-    ----------
-    required_reduction
-        Factor by which the error of a state has to fall before it is certified; one or less where
-        the state should be certified now. Called again after each rejected answer.
-    accept
-        Certifies the answer of a state and returns whether the certificate passes.
-    may_end_early
-        Whether an answer may be accepted although its set still changes.
-    """
-
-    required_reduction: Callable[[S], float]
-    accept: Callable[[S], bool]
-    may_end_early: bool = False
-
-
-@dataclass(frozen=True)
-class StateSaver(Generic[S]):
-    """Saves the state of a set at steps where one is wanted.
-
-    Attributes
-    ----------
-    due
-        Whether a state has to be saved at this step; the same on all ranks.
-    save
-        Called with the state and the work up to it.
-    before
-        Work of earlier sets.
-    """
-
-    due: Callable[[], bool]
-    save: Callable[[S, Counts], None]
-    before: Counts = field(default_factory=Counts)
-
-    def watch(self, on_set: SetSolve[S]) -> Watch:
-        """Sees the iterates of a set."""
-
-        def save_if_due(it: Iterate) -> None:
-            if self.due():
-                self.save(on_set.state(), self.before + on_set.counts)
-
-        return save_if_due
-
-
-@dataclass(frozen=True, eq=False)
-class Outcome(Generic[S]):
-    """Outcome of the solve on a set, or of the whole loop.
-
-    Attributes
-    ----------
-    reason
-        `ACCEPTED`, another reason why the solver ended, or None where the set has to change.
-    state
-        The last evaluated state.
-    following
-        The statuses of the next set.
-    counts
-        Work of the set, or of all of them.
-    released : (rows,)
-        Tangential rows of points that the law released before the state showed that they slide;
-        None if the set was not changed.
-    """
-
-    reason: Reason | None
-    state: S | None
-    following: Statuses
-    counts: Counts
-    released: Mask | None = None
 
 
 def active_set_loop(
@@ -384,56 +308,6 @@ def _begins_ahead(comm: MPI.Intracomm, start: Start, law: ContactLaw) -> bool:
     """Whether the law lets points slide in the first set that it could let stick (collective)."""
     one, other = (law.initial(start.active, start.multiplier, ahead) for ahead in (True, False))
     return changed_rows(comm, one, other) > 0
-
-
-def solve_on_set(
-    on_set: SetSolve[S],
-    update: ActiveSetUpdate[S],
-    test: StoppingTest[S],
-    inner: MPRGP,
-    monitor: Monitor | None = None,
-    watch: Watch | None = None,
-    first_reduction: float | None = None,
-) -> Outcome[S]:
-    """Solve on an active set until the set has to change, or its answer is accepted (collective).
-
-    Parameters
-    ----------
-    first_reduction
-        Reduction of the residual before the first evaluation; that of the options if None.
-    """
-    options, comm = update.options, update.backend.comm
-    tolerance = (first_reduction or options.first_reduction) * on_set.residual
-    evaluations = 0
-    while True:
-        ended = on_set.solve(inner, tolerance, monitor, watch)
-        state = on_set.state()
-        if (
-            ended.converged
-            and not on_set.at_round_off  # without strains the relative error is one and stays one
-            and on_set.error(state.strained) > options.largest_error
-        ):
-            tolerance *= options.tighten
-            continue
-        following, released = update.following(on_set, state)
-        if not (ended.converged or ended is Reason.ROUND_OFF):
-            return Outcome(ended, state, following, on_set.counts)
-        changes = changed_rows(comm, on_set.statuses, following)
-        is_tested = test.may_end_early or not changes or not update.law.settles
-        required = test.required_reduction(state) if is_tested else math.inf
-        at_end = not changes and on_set.at_round_off
-        if required <= 1.0 or at_end:
-            if test.accept(state):
-                return Outcome(Reason.ACCEPTED, state, following, on_set.counts)
-            if at_end:
-                return Outcome(Reason.ROUND_OFF, state, following, on_set.counts)
-            required = max(test.required_reduction(state), options.margin / options.tighten)
-        if changes:
-            return Outcome(None, state, following, on_set.counts, released)
-        evaluations += 1
-        tolerance = options.margin * on_set.residual / max(required, 1.0)
-        if test.may_end_early or evaluations < options.evaluations:
-            tolerance = max(tolerance, options.next_reduction * on_set.residual)
 
 
 def _turnover(backend: Backend[S], statuses: Statuses, following: Statuses) -> Turnover:

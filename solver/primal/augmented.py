@@ -26,11 +26,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from solver.backend import Statuses
-from solver.contact.active_set import Outcome, StoppingTest, solve_on_set
 from solver.contact.active_set_options import ActiveSetOptions
 from solver.contact.active_set_update import ActiveSetUpdate
 from solver.contact.law import Frictionless
 from solver.contact.monitoring import on_active_set
+from solver.contact.solve_on_set import Outcome, StoppingTest, solve_on_set
 from solver.errors import QPError
 from solver.primal.backend import Multigrid, PrimalSet, PrimalState
 from solver.primal.factor import row_stiffness

@@ -9,9 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 from petsc4py import PETSc
 
-from solver.contact.active_set import Outcome, Start, StateSaver, StoppingTest, active_set_loop
+from solver.contact.active_set import Start, active_set_loop
 from solver.contact.checkpoint import Saver, without_outer_iterations
 from solver.contact.solution import Solution
+from solver.contact.solve_on_set import Outcome, StateSaver, StoppingTest
 from solver.contact.stopping import CertificateTest, StoppingRule
 from solver.primal.augmented import AugmentedLagrangian
 from solver.primal.backend import Multigrid, PrimalState

@@ -8,19 +8,14 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 
-from solver.contact.active_set import (
-    Outcome,
-    Start,
-    StateSaver,
-    StoppingTest,
-    active_set_loop,
-)
+from solver.contact.active_set import Start, active_set_loop
 from solver.contact.active_set_options import ActiveSetOptions
 from solver.contact.checkpoint import Saver, without_outer_iterations
 from solver.contact.friction_law import Friction
 from solver.contact.law import ContactLaw, Frictionless
 from solver.contact.slip_front import SlipFront
 from solver.contact.solution import Solution
+from solver.contact.solve_on_set import Outcome, StateSaver, StoppingTest
 from solver.contact.stopping import CertificateTest, StoppingRule
 from solver.qp.outer_state import Restart
 from solver.qp.result import Counts, Reason

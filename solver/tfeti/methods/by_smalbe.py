@@ -23,11 +23,12 @@ import numpy as np
 from mpi4py import MPI
 from numpy.typing import NDArray
 
-from solver.contact.active_set import Outcome, Start, StateSaver
+from solver.contact.active_set import Start
 from solver.contact.bodies import body_lengths
 from solver.contact.checkpoint import Saver
 from solver.contact.slip_limits import SlipLimits
 from solver.contact.solution import Solution
+from solver.contact.solve_on_set import Outcome, StateSaver
 from solver.qp.operators import estimate_norm
 from solver.qp.outer_state import Hooks, OuterState, Restart
 from solver.qp.result import Counts, Reason

@@ -10,11 +10,11 @@ from numpy.typing import NDArray
 from contact_app.model.model import build_model
 from solver import MPRGP, Reason
 from solver.backend import Statuses
-from solver.contact.active_set import StoppingTest, solve_on_set
 from solver.contact.active_set_options import ActiveSetOptions
 from solver.contact.active_set_update import ActiveSetUpdate
 from solver.contact.law import Frictionless
 from solver.contact.solution import Accuracy
+from solver.contact.solve_on_set import StoppingTest, solve_on_set
 from solver.contact.stopping import GAIN, LOOSEST, AutomaticRule
 from solver.tfeti.active_set_problem import ActiveSetProblem, State
 from solver.tfeti.backend import TotalFeti

@@ -10,7 +10,8 @@ from numpy.typing import NDArray
 from contact_app.model.model import build_model
 from solver import MPRGP, Reason
 from solver.backend import Statuses
-from solver.contact.active_set import StoppingTest, active_set_loop
+from solver.contact.active_set import active_set_loop
+from solver.contact.solve_on_set import StoppingTest
 from solver.tfeti.active_set_problem import ActiveSetProblem, State
 from solver.tfeti.backend import TotalFeti
 from solver.tfeti.derived import beginning_at, with_active

@@ -6,10 +6,11 @@ import numpy as np
 from mpi4py import MPI
 
 from contact_app.model.model import build_model
-from solver.contact.active_set import Outcome, StoppingTest, active_set_loop
+from solver.contact.active_set import active_set_loop
 from solver.contact.active_set_options import ActiveSetOptions
 from solver.contact.friction_law import Friction
 from solver.contact.slip_front import SlipFront
+from solver.contact.solve_on_set import Outcome, StoppingTest
 from solver.qp.mprgp import MPRGP
 from solver.qp.result import Reason
 from solver.tfeti.active_set_problem import State
