@@ -91,6 +91,10 @@ UNCLEAR_IN_TESTS = {
 LONGEST_FILE = 500
 """Lines of a file of the packages."""
 
+TAKE_THE_SCENE = 166
+"""Functions above the scene that take all of it; others take the bodies, contacts or loads that
+they need. A function that needs less lowers the number."""
+
 MANY = {
     "solver.qp.reference:mprgp": "the symbols of the book, one by one",
 }
@@ -216,6 +220,20 @@ def test_functions_have_few_parameters() -> None:
 
     many = {name for name, node in functions() if count(node) > MOST_PARAMETERS}
     assert many == set(MANY)
+
+
+def test_few_functions_take_the_whole_scene() -> None:
+    def takes_scene(node: ast.FunctionDef) -> bool:
+        types = [a.annotation for a in (*node.args.args, *node.args.kwonlyargs) if a.annotation]
+        return any(isinstance(n, ast.Name) and n.id == "Scene" for t in types for n in ast.walk(t))
+
+    taking = {
+        name
+        for name, node in functions()
+        if not name.startswith("contact_app.scene")
+        if takes_scene(node)
+    }
+    assert len(taking) <= TAKE_THE_SCENE
 
 
 def test_tests_of_the_solver_import_the_solver_alone() -> None:

@@ -17,8 +17,6 @@ from contact_app.model.pairs import sides_of
 from contact_app.results.fields import NodeFields
 from contact_app.results.percent import percent
 from contact_app.scene.bodies import Body
-from contact_app.scene.conditions import Contact
-from contact_app.scene.scene import Scene
 from meshes import CellMesh
 from meshes.contact_surface import Surface
 from solver.contact.solution import Solution
@@ -47,7 +45,7 @@ def sagittas(model: Model, nodes: NodeFields) -> list[float]:
     Zero for boxes, for bodies with curved edges, and for bodies of degree 1 without halved edges.
     """
     scene = model.scene
-    straight = {c.body for c in scene.contacts if _straight(scene, c)}
+    straight = {c.body for c in scene.contacts if _straight(scene.bodies[c.body])}
     if not straight:
         return [0.0] * len(scene.contacts)
     has_gap = np.isfinite(nodes.gap)
@@ -170,9 +168,8 @@ def _has_straight_facets(body: Body) -> bool:
     return isinstance(body.mesh, CellMesh) and body.mesh.middles is None
 
 
-def _straight(scene: Scene, contact: Contact) -> bool:
-    """Whether the body of a contact came from a file and has nodes on straight edges."""
-    body = scene.bodies[contact.body]
+def _straight(body: Body) -> bool:
+    """Whether a body came from a file and has nodes on straight edges."""
     if not isinstance(body.mesh, CellMesh) or body.mesh.middles is not None:
         return False
     return body.degree == 2 or body.mesh.coarse is not None

@@ -7,6 +7,7 @@ Energies of the meshes of a run show by how much estimates exceed the error
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 from contact_app.accuracy.agreement import (
@@ -18,7 +19,7 @@ from contact_app.accuracy.agreement import (
     needs_no_confirmation,
 )
 from contact_app.accuracy.estimate.calibration import Calibration, conforms
-from contact_app.scene.bodies import CELLS_PER_CUBE, Box
+from contact_app.scene.bodies import CELLS_PER_CUBE, Body, Box
 from contact_app.scene.scene import Decomposition, Scene
 from solver.contact.solution import Accuracy
 
@@ -71,7 +72,7 @@ class Judge:
             kind = f"{'graded' if graded else 'equal'} cells of degree {level.degree}"
             share = self._calibration.share(kind, level.energy, level.square)
         first = len(self._agreement) == 1
-        if first and (self._stands_alone(estimate) or _fine_files(self._scene)):
+        if first and (self._stands_alone(estimate) or _fine_files(self._scene.bodies)):
             verdict = Verdict(1.0)
         return self._shortfall * (verdict.raised if verdict.raised > 1.0 else share), verdict
 
@@ -81,7 +82,9 @@ class Judge:
         A round obstacle may pass between its nodes.
         """
         target = self._scene.accuracy or 0.0
-        return self._falling and needs_no_confirmation(estimate, target, _fewest(self._scene))
+        return self._falling and needs_no_confirmation(
+            estimate, target, _fewest(self._scene.bodies)
+        )
 
     def forget(self) -> None:
         """Compare the next levels with those before the last one."""
@@ -115,26 +118,30 @@ def coarser(scene: Scene, even: bool) -> Scene | None:
     return replace(scene, bodies=tuple(bodies), decomposition=Decomposition())
 
 
-def measured(accuracy: Accuracy, energy: float, scene: Scene) -> Measured:
+def measured(accuracy: Accuracy, energy: float, bodies: Sequence[Body]) -> Measured:
     """The estimated error of an answer to a scene before any correction."""
-    degree = min(body.degree for body in scene.bodies)
-    return Measured(degree, energy, accuracy.discretisation**2 * accuracy.square)
+    return Measured(lowest_degree(bodies), energy, accuracy.discretisation**2 * accuracy.square)
 
 
-def _fine_files(scene: Scene) -> bool:
-    """Whether a scene has meshes from files, all fine enough to need no other mesh.
+def lowest_degree(bodies: Sequence[Body]) -> int:
+    """The lowest degree of displacements of the bodies."""
+    return min(body.degree for body in bodies)
+
+
+def _fine_files(bodies: Sequence[Body]) -> bool:
+    """Whether some meshes are from files, all fine enough to need no other mesh.
 
     A finer mesh of a round body is the same polygon, whose new nodes lie off the curve. Next to a
     fitting obstacle such a mesh is worse than the one of the file and confirms nothing.
     """
-    files = [body for body in scene.bodies if not isinstance(body.mesh, Box)]
-    d = scene.dimension
+    files = [body for body in bodies if not isinstance(body.mesh, Box)]
+    d = bodies[0].mesh.dimension
     return bool(files) and all(
         body.mesh.total_cells * body.degree**d >= CELLS_PER_CUBE.get(body.mesh.cell, 1) * ACROSS**d
         for body in files
     )
 
 
-def _fewest(scene: Scene) -> int:
+def _fewest(bodies: Sequence[Body]) -> int:
     """Smallest number of cells along an edge of a box; 0 if a body comes from a file."""
-    return min(min(body.mesh.cells) if isinstance(body.mesh, Box) else 0 for body in scene.bodies)
+    return min(min(body.mesh.cells) if isinstance(body.mesh, Box) else 0 for body in bodies)

@@ -97,7 +97,7 @@ def mortar_rows(
         raise ConfigurationError(f"{scene.at(pair.source)}: {error}") from error
     rows = replace(rows, gaps=rows.gaps - pair.interference)
     if scene.mirrors:
-        rows = of_what_is_solved(scene, partition.nodes, rows)
+        rows = of_what_is_solved(scene.bodies, scene.mirrors, partition.nodes, rows)
     return owned_rows(exchange, rows, len(scene.contacts) + number)
 
 

@@ -19,7 +19,7 @@ from contact_app.errors import ConfigurationError, NoEquilibriumError
 from contact_app.model.far_obstacles import far_obstacle_hints
 from contact_app.model.rigid import RigidUnknowns
 from contact_app.scene.bodies import MOTION_NAMES, Body
-from contact_app.scene.conditions import BodyContact
+from contact_app.scene.conditions import BodyContact, Contact
 from contact_app.scene.scene import Scene
 from meshes import Partition
 from meshes.connected import connected
@@ -74,10 +74,12 @@ def body_balances(
     for nth in range(rigid.count):
         work[elastic + nth] = rigid.loads(nth)
         scale[elastic + nth] = np.abs(work[elastic + nth]).sum()
-    touching, joined = (contact_motions(scene, partition, rows, rigid) for rows in (contact, tied))
+    touching, joined = (
+        contact_motions(scene.bodies, partition, rows, rigid) for rows in (contact, tied)
+    )
     points = None
     if friction is not None:
-        slips = contact_motions(scene, partition, friction.rows, rigid)
+        slips = contact_motions(scene.bodies, partition, friction.rows, rigid)
         points = ContactPoints(friction, friction.places(contact), slips)
     balances: list[BodyBalance | None] = [None] * count
     for group in groups_in_contact(scene):
@@ -94,12 +96,14 @@ def body_balances(
         if state.escape is not None:
             both_kinds = both, contact_rows
             message = _no_equilibrium(scene, comm, group, both_kinds, load, state.escape, cones)
-            hints = far_obstacle_hints(scene, contact.gaps, contact.sources, comm)
+            hints = far_obstacle_hints(
+                scene.bodies, scene.contacts, contact.gaps, contact.sources, comm
+            )
             raise NoEquilibriumError("\n  ".join([message, *hints]))
         shares = by_body(state.free_motions, MOTIONS[d])
         sliding = np.zeros((both.shape[1], 0))
         if group.max() < elastic:
-            moved = _moved_by_contact(scene, contact, group)
+            moved = _moved_by_contact(scene.bodies, scene.touching, contact, group)
             resisting = contact_rows
             if cones is not None:
                 resisting = np.concatenate([contact_rows, cones.slips])
@@ -179,26 +183,29 @@ def _holding(
         in_body = (held.nodes >= first) & (held.nodes < last)
         motions = rigid_motions(held.points[in_body], d, *body_frame(scene.bodies[b]))
         held_rows.append(motions[held.held[in_body]])
-        _refuse_held_twice(scene, b, held_motions(comm, held_rows[-1]))
+        left = held_motions(comm, held_rows[-1])
+        _refuse_held_twice(scene.at(f"bodies[{b}].hold"), scene.bodies[b], left)
         listed = list(scene.bodies[b].hold) if comm.rank == 0 else []  # once over all ranks
         requested.append(np.eye(MOTIONS[d])[listed])
     return held_rows, requested
 
 
-def _refuse_held_twice(scene: Scene, b: int, remaining: Array) -> None:
+def _refuse_held_twice(place: str, body: Body, remaining: Array) -> None:
     """Refuse to hold a rigid motion that displacement conditions stop already.
 
     Parameters
     ----------
+    place
+        File, line and key of `hold`.
     remaining : (motions, k)
         Orthonormal rigid motions that the conditions on the body leave.
     """
-    for motion in scene.bodies[b].hold:
+    for motion in body.hold:
         if np.abs(remaining[motion]).max(initial=0.0) < 1e-6:
-            name = MOTION_NAMES[scene.dimension][motion]
+            name = MOTION_NAMES[body.mesh.dimension][motion]
             raise ConfigurationError(
-                f"{scene.at(f'bodies[{b}].hold')}: displacement conditions stop {name} of "
-                f"{scene.bodies[b].name} already; hold is for motions that they leave"
+                f"{place}: displacement conditions stop {name} of {body.name} already; hold is "
+                "for motions that they leave"
             )
 
 
@@ -250,22 +257,23 @@ def groups_in_contact(scene: Scene) -> list[NDArray[np.int64]]:
 
 
 def contact_motions(
-    scene: Scene, partition: Partition, contact: ContactRows, rigid: RigidUnknowns
+    bodies: Sequence[Body], partition: Partition, contact: ContactRows, rigid: RigidUnknowns
 ) -> sparse.csr_matrix:
     """Contact rows applied to the rigid motions of each body, (rows, bodies · motions)."""
-    d, more = scene.dimension, contact.rigid
+    d, more = partition.dimension, contact.rigid
 
     def motions_of(b: int, points: Array) -> Array:
-        return rigid_motions(points, d, *body_frame(scene.bodies[b]))
+        return rigid_motions(points, d, *body_frame(bodies[b]))
 
     body = np.searchsorted(partition.first_node, contact.entries.node, side="right") - 1
     of_elastic = entries_on_motions(contact.entries, body, motions_of, d)
-    of_rigid = len(scene.bodies) + rigid.body_of(more.node)
+    of_rigid = len(bodies) + rigid.body_of(more.node)
     place = of_rigid * MOTIONS[d] + rigid.motion_of(more.node, more.component)
     of_moving = more.value, more.row, place
     value, rows, columns = map(np.concatenate, zip(of_elastic, of_moving, strict=True))
     return sparse.csr_matrix(
-        (value, (rows, columns)), shape=(len(contact.nodes), len(scene.body_names) * MOTIONS[d])
+        (value, (rows, columns)),
+        shape=(len(contact.nodes), (len(bodies) + rigid.count) * MOTIONS[d]),
     )
 
 
@@ -294,21 +302,26 @@ def entries_on_motions(
     return values.ravel(), row.ravel(), column.ravel()
 
 
-def _moved_by_contact(scene: Scene, contact: ContactRows, group: NDArray[np.int64]) -> Array:
+def _moved_by_contact(
+    bodies: Sequence[Body],
+    touching: Sequence[Contact | BodyContact],
+    contact: ContactRows,
+    group: NDArray[np.int64],
+) -> Array:
     """Relative motion of the sides of the contact rows of a group under its rigid motions.
 
     (rows · dimension, bodies · motions).
     """
-    d = scene.dimension
+    d = bodies[0].mesh.dimension
     moved = np.zeros((len(contact.nodes), d, len(group), MOTIONS[d]))
-    for number, touching in enumerate(scene.touching):
+    for number, item in enumerate(touching):
         of_contact = np.flatnonzero(contact.sources == number)
-        sides = [(touching.body, 1.0)]
-        sides += [(touching.other, -1.0)] if isinstance(touching, BodyContact) else []
+        sides = [(item.body, 1.0)]
+        sides += [(item.other, -1.0)] if isinstance(item, BodyContact) else []
         for body, sign in sides:
             place = np.flatnonzero(group == body)
             if len(place):
-                frame = body_frame(scene.bodies[body])
+                frame = body_frame(bodies[body])
                 moved[of_contact, :, place[0]] += sign * rigid_motions(
                     contact.points[of_contact], d, *frame
                 )
@@ -335,14 +348,15 @@ def body_frame(body: Body) -> tuple[Array, float]:
     return centre, float((upper - lower).max())
 
 
-def motion_size(scene: Scene, body: int, motion: Array) -> float:
+def motion_size(bodies: Sequence[Body], body: int, motion: Array) -> float:
     """Largest displacement at the corners of the box about a body, of a rigid one its own."""
-    if body >= len(scene.bodies):
+    if body >= len(bodies):
         return float(np.linalg.norm(motion))
-    mesh, d = scene.bodies[body].mesh, scene.dimension
+    mesh = bodies[body].mesh
+    d = mesh.dimension
     corners = np.zeros((2**d, 3))
     corners[:, :d] = list(product(*zip(mesh.lower, mesh.upper, strict=True)))
-    moved = rigid_motions(corners, d, *body_frame(scene.bodies[body])) @ motion
+    moved = rigid_motions(corners, d, *body_frame(bodies[body])) @ motion
     return float(np.linalg.norm(moved, axis=1).max())
 
 

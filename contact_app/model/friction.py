@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 from mpi4py import MPI
 from numpy.typing import NDArray
@@ -18,6 +20,7 @@ from contact_app.model.tangential_rows import (
     tangential_rows,
 )
 from contact_app.model.ties import decided_by
+from contact_app.scene.bodies import Body
 from contact_app.scene.conditions import BodyContact, Contact
 from contact_app.scene.scene import Scene
 from meshes import Partition
@@ -55,24 +58,28 @@ def friction_rows(
     return tangential_rows(exchange, rough, contact, merged, held, tied)
 
 
-def always_rough(scene: Scene, contact: ContactRows) -> NDArray[np.bool_]:
+def always_rough(
+    touching: Sequence[Contact | BodyContact], contact: ContactRows
+) -> NDArray[np.bool_]:
     """Mask of contact rows whose friction acts also while they are open, (rows,)."""
-    has_limit = [c.friction is not None and c.friction.tresca is not None for c in scene.touching]
+    has_limit = [c.friction is not None and c.friction.tresca is not None for c in touching]
     return np.array([*has_limit, False])[contact.sources]
 
 
-def without_area(scene: Scene, friction: FrictionRows | None, comm: MPI.Intracomm) -> list[str]:
+def without_area(
+    touching: Sequence[Contact | BodyContact], friction: FrictionRows | None, comm: MPI.Intracomm
+) -> list[str]:
     """Sentences on contact points where Tresca friction has no area to act on (collective)."""
     sentences = []
-    for number, touching in enumerate(scene.touching):
-        if touching.friction is None or not touching.friction.tresca or friction is None:
+    for number, contact in enumerate(touching):
+        if contact.friction is None or not contact.friction.tresca or friction is None:
             continue
         rows = friction.rows
         lost = rows.nodes[(rows.sources == number) & (friction.limits == 0.0)]
         count = comm.allreduce(len(np.unique(lost)))
         if count:
             sentences.append(
-                f"{touching.source}: {count} nodes lie on no whole facet of {touching.boundary}: "
+                f"{contact.source}: {count} nodes lie on no whole facet of {contact.boundary}: "
                 "they have no area, so Tresca friction does not act on them"
             )
     return sentences
@@ -95,7 +102,7 @@ def _rough(
         return rows, is_free
 
     def shares(nodes: NDArray[np.int64]) -> Array:
-        return _shares(scene, partition, exchange, touching, nodes)
+        return _shares(scene.bodies, partition, exchange, touching, nodes)
 
     return RoughContact(number, touching.friction, shares, slips)
 
@@ -109,7 +116,7 @@ def _jumps(
 
 
 def _shares(
-    scene: Scene,
+    bodies: Sequence[Body],
     partition: Partition,
     exchange: NodeExchange,
     touching: Contact | BodyContact,
@@ -117,11 +124,11 @@ def _shares(
 ) -> Array:
     """∫ φ_k over the boundary of a contact at some nodes this rank owns, (n,) (collective)."""
     every, values = [np.zeros(0, np.int64)], [np.zeros(0)]
-    chosen = facets_of(scene.bodies, partition, touching.body, touching.boundary)
+    chosen = facets_of(bodies, partition, touching.body, touching.boundary)
     for s, rows in zip(partition.subdomains, chosen, strict=True):
         if len(rows):
             facets = s.reference.facets[rows]
-            share = moments(s.points()[facets], scene.dimension).sum(axis=1)
+            share = moments(s.points()[facets], partition.dimension).sum(axis=1)
             every.append(s.nodes[facets].ravel())
             values.append(share.ravel())
     return summed_at(exchange, np.concatenate(every), np.concatenate(values), nodes)

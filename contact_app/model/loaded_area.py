@@ -6,36 +6,40 @@ facets that straddle its edge carry no load, so the total force depends on the m
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 from mpi4py import MPI
 
 from contact_app.model.boundaries import boundary_facets, surface_facets
 from contact_app.model.facets import moments, shapes_on_lattice
+from contact_app.scene.bodies import Body
 from contact_app.scene.conditions import Pressure, Traction
-from contact_app.scene.scene import Scene
 from meshes import Partition
 
 
 def loaded_facets(
-    scene: Scene, partition: Partition, load: Traction | Pressure
+    bodies: Sequence[Body], partition: Partition, load: Traction | Pressure
 ) -> tuple[int, float]:
     """Number of facets that carry a load, and their area (collective)."""
-    body, count, area = scene.bodies[load.body], 0, 0.0
+    body, count, area = bodies[load.body], 0, 0.0
     for s in partition.subdomains:
         if s.body == load.body:
             rows = boundary_facets(s, body, load.boundary)
             count += len(rows)
-            area += float(moments(s.points()[s.reference.facets[rows]], scene.dimension).sum())
+            area += float(moments(s.points()[s.reference.facets[rows]], partition.dimension).sum())
     return partition.comm.allreduce(count), partition.comm.allreduce(area)
 
 
-def straddled_area(scene: Scene, partition: Partition, load: Traction | Pressure) -> float:
+def straddled_area(
+    bodies: Sequence[Body], partition: Partition, load: Traction | Pressure
+) -> float:
     """Area in which the boundary's expression holds on facets without the load (collective).
 
     Zero if the mesh defines the boundary. The area is sampled, with an error of some per cent of a
     facet.
     """
-    body, total = scene.bodies[load.body], 0.0
+    body, total = bodies[load.body], 0.0
     expression = body.boundaries.get(load.boundary)
     if expression is None:
         return 0.0
@@ -45,10 +49,10 @@ def straddled_area(scene: Scene, partition: Partition, load: Traction | Pressure
         rows = np.setdiff1d(surface_facets(s, body), boundary_facets(s, body, load.boundary))
         if len(rows):
             x = s.points()[s.reference.facets[rows]]
-            shapes = shapes_on_lattice(scene.dimension, x.shape[1], inside=True)
+            shapes = shapes_on_lattice(partition.dimension, x.shape[1], inside=True)
             inside = expression(np.einsum("qk,fki->fqi", shapes, x).reshape(-1, 3))
             shares = inside.reshape(len(rows), -1).mean(axis=1)
             some = shares > 0.0
-            areas = moments(x[some], scene.dimension).sum(axis=(1, 2))
+            areas = moments(x[some], partition.dimension).sum(axis=(1, 2))
             total += float(areas @ shares[some])
     return float(partition.comm.allreduce(total, op=MPI.SUM))

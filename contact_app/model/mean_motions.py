@@ -13,6 +13,8 @@ other motions. The condition is independent of the decomposition and, in the lim
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 from mpi4py import MPI
 from numpy.typing import NDArray
@@ -20,7 +22,7 @@ from numpy.typing import NDArray
 from contact_app.model.assembly import Element
 from contact_app.model.boundaries import surface_facets
 from contact_app.model.equilibrium import body_frame
-from contact_app.scene.scene import Scene
+from contact_app.scene.bodies import Body
 from meshes import Partition
 from solver.tfeti.constraints.conditions import ContactEntries, ContactRows, HeldRows
 from solver.tfeti.constraints.exchange import NodeExchange
@@ -31,7 +33,7 @@ Array = NDArray[np.float64]
 
 
 def mean_motion_rows(
-    scene: Scene,
+    bodies: Sequence[Body],
     partition: Partition,
     exchange: NodeExchange,
     elements: dict[int, Element],
@@ -45,11 +47,11 @@ def mean_motion_rows(
     length
         A length of the scene.
     """
-    parts = [ContactRows.empty(scene.dimension)]
-    for b, body in enumerate(scene.bodies):
+    parts = [ContactRows.empty(partition.dimension)]
+    for b, body in enumerate(bodies):
         if body.hold:
             first = int(partition.first_node[b])
-            points, weights, nodes = _weights(scene, partition, elements, b)
+            points, weights, nodes = _weights(bodies, partition, elements, b)
             gathered = exchange.among(np.full(len(nodes), first))
             nodes, points, weights = map(gathered.to_owners, (nodes, points, weights))
             if exchange.first <= first < exchange.last:
@@ -59,13 +61,13 @@ def mean_motion_rows(
 
 
 def _weights(
-    scene: Scene, partition: Partition, elements: dict[int, Element], b: int
+    bodies: Sequence[Body], partition: Partition, elements: dict[int, Element], b: int
 ) -> tuple[Array, Array, NDArray[np.int64]]:
     """Surface nodes of a body on this rank, their weights in the held m_k, their numbers.
 
     (k, 3), (k, dimension, held) and (k,); a node occurs once per subdomain (collective).
     """
-    d, body = scene.dimension, scene.bodies[b]
+    d, body = partition.dimension, bodies[b]
     square = np.zeros((MOTIONS[d], MOTIONS[d]))
     points, weights = [np.zeros((0, 3))], [np.zeros((0, d, MOTIONS[d]))]
     nodes = [np.zeros(0, np.int64)]

@@ -48,8 +48,10 @@ import numpy as np
 from mpi4py import MPI
 
 from contact_app.scene.bodies import Body
+from contact_app.scene.conditions import Tie
 from contact_app.scene.scene import Scene
 from meshes.connected import connected
+from solver.contact.options import SolverOptions
 from solver.primal.thin import THIN
 from solver.tfeti.options import TotalFetiOptions
 
@@ -98,14 +100,14 @@ def with_chosen_method(scene: Scene) -> Scene:
     piece count as one body there. With friction all but one thick
     body stay with it, and histories; in the plane one thin body does not.
     """
-    bodies, alone = scene.bodies, _is_one_piece(scene)
+    bodies, alone = scene.bodies, _is_one_piece(scene.bodies, scene.ties)
     if scene.solver.method != "auto" or scene.decomposition.subdomains is not None:
         return scene
     if _is_thin_with_friction_in_plane(scene):
         return replace(scene, solver=replace(scene.solver, method="primal"))
     if _friction_is_faster_decomposed(scene):
         return scene
-    large = _unknowns(scene) >= (LEAST_ALONE if alone else LEAST_OF_SEVERAL)
+    large = scene.unknowns >= (LEAST_ALONE if alone else LEAST_OF_SEVERAL)
     congruent = any(body.mesh.congruent for body in bodies)
     pairs_of_degree_2 = not alone and any(body.degree > 1 for body in bodies)
     soft = any(m.poisson > COMPRESSIBLE for body in bodies for m in body.materials)
@@ -124,7 +126,7 @@ def may_peel(scene: Scene) -> bool:
     free = scene.solver.method == "auto" and scene.decomposition.subdomains is None
     if not free or scene.has_friction:
         return False
-    small = _unknowns(scene) <= _largest_thin(scene)
+    small = scene.unknowns <= _largest_thin(scene)
     return bool(scene.touching and small and _has_thin_body(scene.bodies))
 
 
@@ -135,7 +137,7 @@ def may_jump(scene: Scene) -> bool:
     """
     free = scene.solver.method == "auto" and scene.decomposition.subdomains is None
     smooth = bool(scene.touching) and not scene.has_friction
-    return free and smooth and not _is_one_piece(scene)
+    return free and smooth and not _is_one_piece(scene.bodies, scene.ties)
 
 
 def may_stall(scene: Scene) -> bool:
@@ -143,14 +145,14 @@ def may_stall(scene: Scene) -> bool:
     free = scene.solver.method == "auto" and scene.decomposition.subdomains is None
     if not free or not scene.has_friction:
         return False
-    return not _has_thin_body(scene.bodies) or _unknowns(scene) <= _largest_thin(scene)
+    return not _has_thin_body(scene.bodies) or scene.unknowns <= _largest_thin(scene)
 
 
 def patience(scene: Scene) -> int:
     """Iterations of Total FETI after which a scene that may peel off is solved by multigrid."""
     if scene.dimension == 2:
         return PATIENCE_IN_PLANE
-    return round(PATIENCE * math.sqrt(max(1.0, _unknowns(scene) / PATIENCE_UNKNOWNS)))
+    return round(PATIENCE * math.sqrt(max(1.0, scene.unknowns / PATIENCE_UNKNOWNS)))
 
 
 def _largest_thin(scene: Scene) -> int:
@@ -185,7 +187,7 @@ def _friction_is_faster_decomposed(scene: Scene) -> bool:
 
 def _is_thin_with_friction_in_plane(scene: Scene) -> bool:
     """Whether one thin body in the plane, straight or curved, has friction, and no load history."""
-    small = _unknowns(scene) <= LARGEST_THIN[2]
+    small = scene.unknowns <= LARGEST_THIN[2]
     few = scene.dimension == 2 and len(scene.bodies) == 1 and small
     if not few or not scene.has_friction or scene.steps:
         return False
@@ -194,15 +196,10 @@ def _is_thin_with_friction_in_plane(scene: Scene) -> bool:
     return bool(longest**2 >= THIN * mesh.size)
 
 
-def _is_one_piece(scene: Scene) -> bool:
+def _is_one_piece(bodies: Sequence[Body], ties: Sequence[Tie]) -> bool:
     """Whether there is one body, or ties join all bodies, directly or through others."""
-    ends = np.array([(tie.body, tie.other) for tie in scene.ties], np.int64).reshape(-1, 2)
-    return not connected(ends.T, len(scene.bodies)).any()
-
-
-def _unknowns(scene: Scene) -> int:
-    """Displacement components of all bodies."""
-    return scene.dimension * sum(body.nodes for body in scene.bodies)
+    ends = np.array([(tie.body, tie.other) for tie in ties], np.int64).reshape(-1, 2)
+    return not connected(ends.T, len(bodies)).any()
 
 
 def _has_thin_body(bodies: Sequence[Body]) -> bool:
@@ -210,9 +207,9 @@ def _has_thin_body(bodies: Sequence[Body]) -> bool:
     return any(bool(e.max() >= THIN * e.min()) for e in extents)
 
 
-def is_undecomposed(scene: Scene) -> bool:
+def is_undecomposed(solver: SolverOptions) -> bool:
     """Whether the scene is solved for the displacements of undecomposed bodies."""
-    return scene.solver.method == "primal"
+    return solver.method == "primal"
 
 
 def subdomains_of(scene: Scene, comm: MPI.Intracomm) -> None | int | tuple[int, ...]:
@@ -222,11 +219,11 @@ def subdomains_of(scene: Scene, comm: MPI.Intracomm) -> None | int | tuple[int, 
     rank.
     """
     subdomains = scene.decomposition.subdomains
-    if subdomains is None and is_undecomposed(scene):
+    if subdomains is None and is_undecomposed(scene.solver):
         return max(len(scene.bodies), comm.size)
     return subdomains
 
 
 def feti_options(scene: Scene) -> TotalFetiOptions | None:
     """Whether subdomains are factored; None for the defaults."""
-    return TotalFetiOptions(factored=False) if is_undecomposed(scene) else None
+    return TotalFetiOptions(factored=False) if is_undecomposed(scene.solver) else None

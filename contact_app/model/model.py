@@ -38,6 +38,7 @@ from contact_app.model.sections import SectionPiece
 from contact_app.model.supports import support_rows
 from contact_app.model.surface_copies import SurfaceCopies
 from contact_app.model.total_loads import LinearTraction
+from contact_app.scene.bodies import Body
 from contact_app.scene.material import Material
 from contact_app.scene.rigid import idle_loads
 from contact_app.scene.scene import Scene
@@ -217,7 +218,7 @@ def model_of_outline(
         friction = replace(friction, rows=shared.tangential)
     supports = support_rows(scene, partition, surface, balances)
     lifting = _lifting(partition, surface, exchange, held, eliminated)
-    classes = _congruent(scene, partition, lifting)
+    classes = _congruent(scene.bodies, partition, lifting)
     place = np.empty((len(partition.subdomains), 2), np.int64)
     for number, members in enumerate(classes.values()):
         place[members, 0], place[members, 1] = number, np.arange(len(members))
@@ -261,7 +262,7 @@ def _notes(scene: Scene, outline: Outline, problem: DualProblem) -> tuple[str, .
     partition, eliminated = outline.partition, outline.eliminated
     notes = [f"{body.name}: {note}" for body in scene.bodies for note in body.mesh.notes]
     notes += _cautions(scene, outline)
-    if is_undecomposed(scene):
+    if is_undecomposed(scene.solver):
         notes.append("undecomposed bodies: conjugate gradients with algebraic multigrid")
     elif not eliminated.all():
         floating = int((~eliminated).sum())
@@ -293,7 +294,7 @@ def _cautions(scene: Scene, outline: Outline) -> tuple[str, ...]:
         "reaction takes the load, which acts on no other body"
         for load in held
     ]
-    cautions += without_area(scene, outline.tangential, outline.partition.comm)
+    cautions += without_area(scene.touching, outline.tangential, outline.partition.comm)
     return (*cautions, *outline.tied.notes)
 
 
@@ -302,14 +303,14 @@ ClassKey = tuple[int, tuple[Material, ...], bytes | None]
 
 
 def _congruent(
-    scene: Scene, partition: Partition, lifting: Sequence[Lifting | None]
+    bodies: Sequence[Body], partition: Partition, lifting: Sequence[Lifting | None]
 ) -> dict[ClassKey, list[int]]:
     """Local numbers of the subdomains of each class."""
     classes: dict[ClassKey, list[int]] = {}
     for local, s in enumerate(partition.subdomains):
         lifted = lifting[local]
         held = None if lifted is None else lifted[0].tobytes()
-        key = (id(s.reference), scene.bodies[s.body].materials, held)
+        key = (id(s.reference), bodies[s.body].materials, held)
         classes.setdefault(key, []).append(local)
     return classes
 
@@ -345,7 +346,7 @@ def _assembled(
         lifting=lift,
         eliminated=None if lifted is None else lifted[0],
         bodies=np.array([partition.subdomains[local].body for local in members], np.int64),
-        places=_places(partition, members, is_undecomposed(scene)),
+        places=_places(partition, members, is_undecomposed(scene.solver)),
         thermal=thermal if thermal.any() else None,
     )
 

@@ -46,6 +46,7 @@ from contact_app.model.sections import SectionPiece, locate_sections
 from contact_app.model.surface_copies import SurfaceCopies
 from contact_app.model.ties import TiedRows, tied_rows, without_determined
 from contact_app.model.total_loads import LinearTraction, linear_tractions
+from contact_app.scene.conditions import BodyContact, Contact
 from contact_app.scene.scene import Scene
 from meshes import Partition, decompose
 from solver.contact.equilibrium import BodyBalance
@@ -205,14 +206,16 @@ def outline_of_scene(
         if has_averaged_rows(scene.bodies[c.body]) and c.rigid not in scene.moving
     )
     held, contact, merged = _merged_rows(scene, partition, exchange, conditions, uncut)
-    tied = tied_rows(scene, partition, exchange, held, scene_length(scene))
+    tied = tied_rows(scene, partition, exchange, held, scene_length(scene.bodies))
     contact, merged = without_determined(scene, partition, contact, merged, tied.rows)
     elements: dict[int, Element] = {}
     for subdomain in partition.subdomains:
         reference = subdomain.reference
         if id(reference) not in elements:
             elements[id(reference)] = Element(reference, scene.dimension)
-    means = mean_motion_rows(scene, partition, exchange, elements, held, scene_length(scene))
+    means = mean_motion_rows(
+        scene.bodies, partition, exchange, elements, held, scene_length(scene.bodies)
+    )
     acting = _loads(scene, partition, elements, timings)
     friction = friction_rows(scene, partition, exchange, contact, held, tied.rows, merged)
     balances = body_balances(scene, partition, (held, tied.rows), contact, acting.loads, friction)
@@ -248,14 +251,16 @@ def outline_of_case(
     timings, partition = timings or Timings(), outline.partition
     rows = outline.all_contact
     held, contact, merged, tied = outline.held, rows, outline.merged, outline.tied
-    means, length = outline.means, scene_length(scene)
+    means, length = outline.means, scene_length(scene.bodies)
     if any(condition.name is not None for condition in scene.displacements):
         conditions = _conditions(scene, partition)
         held, contact, merged = _merged_rows(
             scene, partition, outline.exchange, conditions, outline.uncut
         )
         tied = tied_rows(scene, partition, outline.exchange, held, length)
-        means = mean_motion_rows(scene, partition, outline.exchange, outline.elements, held, length)
+        means = mean_motion_rows(
+            scene.bodies, partition, outline.exchange, outline.elements, held, length
+        )
         contact, merged = without_determined(scene, partition, contact, merged, tied.rows)
         if not partition.comm.allreduce(int(_same_rows(contact, rows)), op=MPI.MIN):
             return None
@@ -316,8 +321,8 @@ def _merged_rows(
     uncut: Sequence[ContactRows],
 ) -> tuple[HeldRows, ContactRows, ContactRows]:
     """Held nodes, contact rows without held components, and redundant rows (collective)."""
-    length = scene_length(scene)
-    moving = np.isin(conditions.contact_source, moving_contacts(scene))
+    length = scene_length(scene.bodies)
+    moving = np.isin(conditions.contact_source, moving_contacts(scene.contacts, scene.moving))
     fixed = conditions.of_contacts(~moving)
     try:
         held = merge_held(exchange, conditions)
@@ -341,12 +346,12 @@ def _distinct(
     for group in groups_in_contact(scene):
         held[group] = steady[group].all()
     of_contacts = np.array([held[item.body] for item in scene.touching], bool)
-    return distinct(contact, of_contacts) | always_rough(scene, contact)
+    return distinct(contact, of_contacts) | always_rough(scene.touching, contact)
 
 
-def left_out_notes(scene: Scene, outline: Outline) -> list[str]:
+def left_out_notes(touching: Sequence[Contact | BodyContact], outline: Outline) -> list[str]:
     """A sentence on the contact rows of each contact that are left out (collective)."""
-    count = len(scene.touching)
+    count = len(touching)
     numbers = [
         np.bincount(rows.sources, minlength=count) for rows in (outline.left_out, outline.contact)
     ]
@@ -355,6 +360,6 @@ def left_out_notes(scene: Scene, outline: Outline) -> list[str]:
         f"{item.source}: at {repeated[i]:,} of {repeated[i] + used[i]:,} candidate nodes another "
         "contact is nearer in nearly the same direction, and they have no row; if the answer "
         "penetrates them, they get rows and the scene is solved again"
-        for i, item in enumerate(scene.touching)
+        for i, item in enumerate(touching)
         if repeated[i]
     ]

@@ -19,8 +19,9 @@ from numpy.typing import NDArray
 from contact_app.errors import ConfigurationError
 from contact_app.model.boundaries import facets_of
 from contact_app.model.planes import on_planes
+from contact_app.scene.bodies import Body
 from contact_app.scene.conditions import BodyContact, Tie
-from contact_app.scene.scene import Scene
+from contact_app.scene.scene import Mirror, Scene
 from meshes import Partition, Reference, dolfinx_compat
 from meshes.contact_surface import Surface
 from meshes.mortar import NEGLIGIBLE, MeanGaps
@@ -49,7 +50,7 @@ def gather_surface(
         return None
     nodes, points, inside = (np.concatenate(part) for part in zip(*gathered, strict=True))
     for k, mirror in enumerate(scene.mirrors):
-        off_planes = ~on_planes(scene, points)[k]
+        off_planes = ~on_planes(scene.bodies, scene.mirrors, points)[k]
         nodes = np.concatenate([nodes, nodes + off_planes * (partition.nodes << k)])
         points, inside = (np.concatenate([x, mirror.image(x)]) for x in (points, inside))
     return Surface.of(partition.dimension, nodes, points, inside)
@@ -80,7 +81,9 @@ def sides_of(
     return sides[0], sides[1]
 
 
-def of_what_is_solved(scene: Scene, total: int, means: MeanGaps) -> MeanGaps:
+def of_what_is_solved(
+    bodies: Sequence[Body], mirrors: Sequence[Mirror], total: int, means: MeanGaps
+) -> MeanGaps:
     """Rows of the whole as rows of the solved part, given its number of nodes.
 
     A row about a node on a plane is that of the whole, and half its pressure's force is here.
@@ -91,7 +94,7 @@ def of_what_is_solved(scene: Scene, total: int, means: MeanGaps) -> MeanGaps:
     row, component = number[means.row[here]], means.component[here]
     of_image, node = np.divmod(means.node[here], total)
     value, points = means.value[here].copy(), means.entry_points[here]
-    for k, mirror in enumerate(scene.mirrors):
+    for k, mirror in enumerate(mirrors):
         mirrored = (of_image >> k) % 2 == 1
         value[mirrored & (component == mirror.axis)] *= -1.0
         points = np.where(mirrored[:, None], mirror.image(points), points)
@@ -99,7 +102,7 @@ def of_what_is_solved(scene: Scene, total: int, means: MeanGaps) -> MeanGaps:
     key, first, place = np.unique(key, axis=0, return_index=True, return_inverse=True)
     value = np.bincount(place.reshape(-1), value, minlength=len(key)).astype(np.float64)
     some = np.abs(value) > NEGLIGIBLE
-    planes = on_planes(scene, means.points[original]).sum(axis=0)
+    planes = on_planes(bodies, mirrors, means.points[original]).sum(axis=0)
     return MeanGaps(
         nodes=means.nodes[original],
         points=means.points[original],

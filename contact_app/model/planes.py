@@ -2,24 +2,27 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from itertools import combinations
 
 import numpy as np
 from numpy.typing import NDArray
 
-from contact_app.scene.scene import Scene
+from contact_app.scene.bodies import Body
+from contact_app.scene.scene import Mirror
 
 ON_PLANE = 1e-9
 """Distance from a plane, over the size of the scene, up to which a node lies on it."""
 
 
-def on_planes(scene: Scene, points: NDArray[np.float64]) -> NDArray[np.bool_]:
+def on_planes(
+    bodies: Sequence[Body], mirrors: Sequence[Mirror], points: NDArray[np.float64]
+) -> NDArray[np.bool_]:
     """Masks (planes, …) of the points (…, 3) on each plane of a scene."""
-    ends = np.array([(b.mesh.lower, b.mesh.upper) for b in scene.bodies])
+    ends = np.array([(b.mesh.lower, b.mesh.upper) for b in bodies])
     tolerance = ON_PLANE * float(np.ptp(ends, axis=(0, 1)).max())
-    on = np.zeros((len(scene.mirrors), *points.shape[:-1]), bool)
-    for k, mirror in enumerate(scene.mirrors):
+    on = np.zeros((len(mirrors), *points.shape[:-1]), bool)
+    for k, mirror in enumerate(mirrors):
         on[k] = np.abs(points[..., mirror.axis] - mirror.at) <= tolerance
     return on
 

@@ -17,6 +17,7 @@ problem.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -27,6 +28,8 @@ from contact_app.model.averaged_rows import has_averaged_rows
 from contact_app.model.conditions import rows_in_the_mean
 from contact_app.model.rigid_room import HeldNodes, refuse_no_room
 from contact_app.model.surface_copies import SurfaceCopies
+from contact_app.scene.bodies import Body
+from contact_app.scene.conditions import Contact
 from contact_app.scene.scene import Scene
 from meshes import Partition
 from solver.tfeti.build import CongruentSubdomains
@@ -51,9 +54,9 @@ FAINT = 1e-12
 """Coefficients that are rounding errors, over the largest that a row could have."""
 
 
-def scene_length(scene: Scene) -> float:
+def scene_length(bodies: Sequence[Body]) -> float:
     """A length of the scene: the largest extent of an elastic body."""
-    return max(float(np.ptp([b.mesh.lower, b.mesh.upper], axis=0).max()) for b in scene.bodies)
+    return max(float(np.ptp([b.mesh.lower, b.mesh.upper], axis=0).max()) for b in bodies)
 
 
 @dataclass(frozen=True, eq=False)
@@ -75,7 +78,7 @@ class RigidUnknowns:
     @classmethod
     def of(cls, scene: Scene, partition: Partition) -> RigidUnknowns:
         """The unknowns of a scene with cut meshes."""
-        return cls(scene, partition.nodes, scene_length(scene))
+        return cls(scene, partition.nodes, scene_length(scene.bodies))
 
     @property
     def count(self) -> int:
@@ -157,9 +160,9 @@ def subdomains_of_copies(
     return numbers
 
 
-def moving_contacts(scene: Scene) -> NDArray[np.int64]:
+def moving_contacts(contacts: Sequence[Contact], moving: Sequence[int]) -> NDArray[np.int64]:
     """Numbers of the contacts with rigid bodies that are free in some component."""
-    numbers = [i for i, c in enumerate(scene.contacts) if c.rigid in scene.moving]
+    numbers = [i for i, c in enumerate(contacts) if c.rigid in moving]
     return np.array(numbers, np.int64)
 
 
@@ -179,7 +182,7 @@ def moving_rows(
     """
     unknowns, d = RigidUnknowns.of(scene, partition), scene.dimension
     parts = [contact_rows(exchange, conditions)]
-    for number in moving_contacts(scene):
+    for number in moving_contacts(scene.contacts, scene.moving):
         if has_averaged_rows(scene.bodies[scene.contacts[number].body]):
             parts.append(rows_in_the_mean(scene, partition, exchange, int(number)))
     rows = with_motions(ContactRows.join(parts), unknowns)

@@ -13,6 +13,8 @@ rigid body alone: they hold motions of the body, of which each needs one row onl
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 from mpi4py import MPI
 from numpy.typing import NDArray
@@ -174,7 +176,7 @@ def refuse_pushed(
         Rows of contacts that the tied rows determine, and tied rows of this rank, which owns the
         nodes of both.
     """
-    held = [k for k, tie in enumerate(scene.all_ties) if _holds(scene, tie)]
+    held = [k for k, tie in enumerate(scene.all_ties) if _holds(scene.moving, tie)]
     fixed = tied.of(np.isin(tied.sources, held))
     component = np.abs(fixed.normals).argmax(axis=1)
     prescribed = dict(zip(zip(fixed.nodes, component, strict=True), fixed.gaps, strict=True))
@@ -193,6 +195,6 @@ def refuse_pushed(
         )
 
 
-def _holds(scene: Scene, tie: Tie | RigidTie) -> bool:
+def _holds(moving: Sequence[int], tie: Tie | RigidTie) -> bool:
     """Whether a tie prescribes the displacements of its nodes."""
-    return isinstance(tie, RigidTie) and tie.rigid not in scene.moving
+    return isinstance(tie, RigidTie) and tie.rigid not in moving

@@ -9,6 +9,7 @@ solved, and each is cut by the image of the plane.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -17,6 +18,7 @@ from numpy.typing import NDArray
 from contact_app.errors import ConfigurationError
 from contact_app.model.inner_surfaces import locate_inner_surface
 from contact_app.model.planes import subsets
+from contact_app.scene.bodies import Body
 from contact_app.scene.scene import InnerSection, Mirror, Scene, Section
 from meshes import Partition, Subdomain
 from meshes.plane_cut import ON_PLANE, cut, simplices
@@ -81,13 +83,15 @@ def _on_surface(scene: Scene, partition: Partition, section: InnerSection) -> Se
 def _pieces(scene: Scene, partition: Partition, section: Section) -> list[SectionPiece]:
     """The pieces of a plane section in the solved part, one for each mirror image of the plane."""
     pieces, counts = [], np.zeros(2, np.int64)
-    for mirrors in _images(scene, section):
+    for mirrors in _images(scene.bodies, scene.mirrors, section):
         point, normal = np.array(section.point), np.array(section.normal)
         for mirror in mirrors:
             point, normal = mirror.image(point), mirror.image(normal)
             normal[mirror.axis] -= 2.0 * mirror.at
         normal = normal / np.linalg.norm(normal)
-        piece, sides = _piece(scene, partition, section, mirrors, (point, normal))
+        piece, sides = _piece(
+            scene.bodies[section.body], partition, section, mirrors, (point, normal)
+        )
         pieces.append(piece)
         counts += sides
     if not counts.all():
@@ -100,19 +104,21 @@ def _pieces(scene: Scene, partition: Partition, section: Section) -> list[Sectio
     return pieces
 
 
-def _images(scene: Scene, section: Section) -> list[tuple[Mirror, ...]]:
+def _images(
+    bodies: Sequence[Body], mirrors: Sequence[Mirror], section: Section
+) -> list[tuple[Mirror, ...]]:
     """The planes of each mirror image of the solved body that is part of the whole body."""
-    body = scene.bodies[section.body].mesh
-    ends = np.array([(b.mesh.lower, b.mesh.upper) for b in scene.bodies])
+    body = bodies[section.body].mesh
+    ends = np.array([(b.mesh.lower, b.mesh.upper) for b in bodies])
     near = 1e-6 * float(np.ptp(ends, axis=(0, 1)).max())
-    through = [m for m in scene.mirrors if abs(body.upper[m.axis] - m.at) <= near]
-    across = tuple(m for m in scene.mirrors if m.axis in section.across)
+    through = [m for m in mirrors if abs(body.upper[m.axis] - m.at) <= near]
+    across = tuple(m for m in mirrors if m.axis in section.across)
     chosen = [across + tuple(through[k] for k in subset) for subset in subsets(len(through))]
-    return [tuple(sorted(mirrors, key=scene.mirrors.index)) for mirrors in chosen]
+    return [tuple(sorted(images, key=mirrors.index)) for images in chosen]
 
 
 def _piece(
-    scene: Scene,
+    body: Body,
     partition: Partition,
     section: Section,
     mirrors: tuple[Mirror, ...],
@@ -120,7 +126,7 @@ def _piece(
 ) -> tuple[SectionPiece, NDArray[np.int64]]:
     """A piece, and the numbers of cells behind and in front of its plane (collective)."""
     point, normal = plane
-    mesh = scene.bodies[section.body].mesh
+    mesh = body.mesh
     size = float(np.ptp([mesh.lower, mesh.upper], axis=0).max())
     behind: list[NDArray[np.bool_] | None] = []
     sums = np.zeros(6)

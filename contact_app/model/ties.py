@@ -136,7 +136,7 @@ def _undetermined(
         of_tie = tied.nodes[tied.sources == number]
         inside |= np.isin(contact.sources, both) & np.isin(contact.nodes, of_tie)
     others = contact.of(~some & ~inside)
-    refuse_pushed(scene, comm, others, tied, scene_length(scene))
+    refuse_pushed(scene, comm, others, tied, scene_length(scene.bodies))
     return some & ~inside
 
 

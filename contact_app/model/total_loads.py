@@ -12,6 +12,7 @@ component out of the plane.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -20,6 +21,7 @@ from numpy.typing import NDArray
 
 from contact_app.model.assembly import Element
 from contact_app.model.boundaries import facets_of, refuse_without_facet
+from contact_app.scene.bodies import Body
 from contact_app.scene.conditions import TotalLoad
 from contact_app.scene.scene import Scene
 from meshes import Partition
@@ -71,7 +73,9 @@ def _traction(
     scene: Scene, partition: Partition, elements: dict[int, Element], load: TotalLoad
 ) -> LinearTraction:
     """The linear traction with the force and moment of a load about the boundary's centroid."""
-    area, centre, second = moments_of_boundary(scene, partition, elements, load.body, load.boundary)
+    area, centre, second = moments_of_boundary(
+        scene.bodies, partition, elements, load.body, load.boundary
+    )
     if area == 0.0:
         refuse_without_facet(scene, load)
     force = np.array([*load.force, *(0.0,) * (3 - len(load.force))])
@@ -87,15 +91,19 @@ def _traction(
 
 
 def moments_of_boundary(
-    scene: Scene, partition: Partition, elements: dict[int, Element], body: int, boundary: str
+    bodies: Sequence[Body],
+    partition: Partition,
+    elements: dict[int, Element],
+    body: int,
+    boundary: str,
 ) -> tuple[float, Array, Array]:
     """Area, centroid (3,) and ∫ r rᵀ ds (3, 3) about it; zeros without a facet (collective)."""
-    mesh, d = scene.bodies[body].mesh, scene.dimension
+    mesh, d = bodies[body].mesh, partition.dimension
     middle = np.zeros(3)  # origin near the boundary: sums lose no digits
     middle[:d] = 0.5 * (np.array(mesh.lower) + np.array(mesh.upper))
     sums = np.zeros(13)
     for s, rows in zip(
-        partition.subdomains, facets_of(scene.bodies, partition, body, boundary), strict=True
+        partition.subdomains, facets_of(bodies, partition, body, boundary), strict=True
     ):
         if len(rows):
             points = s.points() - middle

@@ -109,7 +109,7 @@ class ContactsOfWhole:
     def __init__(self, model: Model, nodes: NodeFields, whole: FullMesh) -> None:
         self.images = whole.images
         self._comm, self._scene, self._nodes = model.comm, model.scene, nodes
-        self._on = on_planes(model.scene, nodes.points)
+        self._on = on_planes(model.scene.bodies, model.scene.mirrors, nodes.points)
         self._place: dict[str, list[int]] = {}
         for i, contact in enumerate(model.scene.touching):
             self._place.setdefault(contact.source, []).append(i)

@@ -27,10 +27,10 @@ from contact_app.model.averaged_rows import has_averaged_rows
 from contact_app.model.boundaries import facets_of
 from contact_app.model.candidates import NEARLY_PARALLEL
 from contact_app.model.model import Model
+from contact_app.model.rigid import scene_length
 from contact_app.results.friction import friction_at_rows
 from contact_app.results.seams import smooth_forces
 from contact_app.results.surface_nodes import SurfaceNodes
-from contact_app.scene.scene import Scene
 from meshes.connected import connected
 from solver.contact.solution import Solution
 from solver.tfeti.constraints.conditions import ContactRows, pairs_at_nodes, unit_rows
@@ -116,16 +116,14 @@ def contact_loads(model: Model, solution: Solution, surface: SurfaceNodes) -> Co
         force[:, None] * rows.moments + turned, rows.areas, friction, slips, sticks,
         rubs, rows,
     )  # fmt: skip
-    label = _together(rows, touches, force, TIED * _size(model.scene), _rigid_bodies(model, rows))
+    label = _together(
+        rows, touches, force, TIED * scene_length(model.scene.bodies), _rigid_bodies(model, rows)
+    )
     if model.comm.allreduce(int((label >= 0).sum())):
         loads = _divided(model, surface, loads, label)
     members = touches | (loads.force > 0.0)
     fields = {name: values[members] for name, values in loads.__dict__.items() if name != "rows"}
     return ContactLoads(**fields, rows=rows.of(members))
-
-
-def _size(scene: Scene) -> float:
-    return max(float(np.ptp([b.mesh.lower, b.mesh.upper], axis=0).max()) for b in scene.bodies)
 
 
 def _rigid_bodies(model: Model, rows: ContactRows) -> NDArray[np.int64]:

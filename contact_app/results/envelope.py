@@ -102,7 +102,7 @@ class Envelope:
 
     def write(self, directory: Path) -> list[Path]:
         """Write ``envelope.xdmf``, ``envelope.vtu`` or both; return the paths (collective)."""
-        files = [directory / name for name in file_names(self._model.scene, "envelope")]
+        files = [directory / name for name in file_names(self._model.scene.output, "envelope")]
         at_nodes = {
             "largest_contact_pressure": self._pressure.values,
             "contact_pressure_case": self._pressure.cases,

@@ -69,7 +69,7 @@ class FreeMotion:
 
 def free_motions(model: Model, solution: Solution) -> list[FreeMotion]:
     """Motions that make up most of the displacement of their body (collective)."""
-    motions = sliding_bodies(model.problem, solution, partial(motion_size, model.scene))
+    motions = sliding_bodies(model.problem, solution, partial(motion_size, model.scene.bodies))
     return [slide for slide in motions if slide.body < len(model.scene.bodies)]
 
 

@@ -6,6 +6,7 @@ image and get no second number: the whole is one mesh, as if it had not been cut
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cache
 from typing import Any
@@ -18,7 +19,7 @@ from contact_app.model.model import Model
 from contact_app.model.planes import on_planes, subsets
 from contact_app.results.fields import NodeFields
 from contact_app.scene.obstacles import SHAPES
-from contact_app.scene.scene import Mirror, Scene
+from contact_app.scene.scene import Mirror
 from meshes.quadratic import node_vertices
 
 SHEARS = {0: (3, 5), 1: (3, 4), 2: (4, 5)}
@@ -103,7 +104,7 @@ class FullMesh:
 def full_mesh(model: Model, nodes: NodeFields) -> FullMesh:
     """Number the nodes of the whole (collective)."""
     comm, mirrors = model.comm, model.scene.mirrors
-    on = on_planes(model.scene, nodes.points)
+    on = on_planes(model.scene.bodies, model.scene.mirrors, nodes.points)
     images: dict[tuple[int, ...], Image] = {}
     total = 0
     for subset in subsets(len(mirrors)):
@@ -149,7 +150,7 @@ def whole_summary(summary: dict[str, Any], model: Model, nodes: NodeFields) -> d
         "energy": copies * summary["solution"]["energy"],
         "mean_displacement": mean,
         "contact_force": _times(summary["solution"]["contact_force"], factor),
-        "pair_forces": _pair_forces(summary["solution"]["pair_forces"], model.scene),
+        "pair_forces": _pair_forces(summary["solution"]["pair_forces"], model.scene.mirrors),
     }
     planes = [f"{'xyz'[m.axis]} = {m.at:g}" for m in model.scene.mirrors]
     return {
@@ -160,11 +161,13 @@ def whole_summary(summary: dict[str, Any], model: Model, nodes: NodeFields) -> d
     }
 
 
-def _pair_forces(forces: dict[str, list[float]], scene: Scene) -> dict[str, list[float]]:
+def _pair_forces(
+    forces: dict[str, list[float]], mirrors: Sequence[Mirror]
+) -> dict[str, list[float]]:
     """Forces between the whole bodies, by pair, from those of the solved part."""
     sums = {pair: np.array(force) for pair, force in forces.items()}
-    pairs = {c.source for c in scene.mirrors[0].contacts if c.against not in SHAPES}
-    for mirror in reversed(scene.mirrors):
+    pairs = {c.source for c in mirrors[0].contacts if c.against not in SHAPES}
+    for mirror in reversed(mirrors):
         partners = {a: b for a, b in mirror.partners if a in pairs}
         turn = np.ones(3)
         turn[mirror.axis] = -1.0

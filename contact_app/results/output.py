@@ -59,7 +59,7 @@ def write_fields(
     series
         Frames already in the files, and the time of this one.
     """
-    files = [directory / name for name in file_names(model.scene)]
+    files = [directory / name for name in file_names(model.scene.output)]
     if not files:
         return files
     nodes, cells, whole = fields.nodes, fields.cells, full_mesh(model, fields.nodes)

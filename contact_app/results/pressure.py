@@ -242,7 +242,9 @@ def _on_boundary(
 def _folded(model: Model, touching: Contact | BodyContact, points: Array) -> NDArray[np.bool_]:
     """Mask (3, n) of points on planes of symmetry at which a boundary goes on in its image."""
     folded = np.zeros((3, len(points)), bool)
-    for mirror, on in zip(model.scene.mirrors, on_planes(model.scene, points), strict=True):
+    scene = model.scene
+    planes = on_planes(scene.bodies, scene.mirrors, points)
+    for mirror, on in zip(scene.mirrors, planes, strict=True):
         if touching.source not in dict(mirror.partners):  # else it ends at the plane
             folded[mirror.axis] = on
     return folded

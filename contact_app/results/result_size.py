@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 from contact_app.results.fields import (
     CELL_FIELDS,
     FRICTION_FIELDS,
@@ -9,7 +11,8 @@ from contact_app.results.fields import (
     POINT_FIELDS,
 )
 from contact_app.results.xdmf import CELL_TYPES, cell_type_name, grid_bytes
-from contact_app.scene.scene import Scene
+from contact_app.scene.bodies import Body
+from contact_app.scene.scene import OutputOptions, Scene
 
 COMPONENTS = {
     "displacement": 3, "friction_traction": 3, "slip": 3, "stress": 9, "nodal_stress": 9,
@@ -30,9 +33,9 @@ def wanted_fields(scene: Scene) -> list[str]:
     return [name for name in scene.output.fields if name not in left_out]
 
 
-def file_names(scene: Scene, name: str = "solution") -> list[str]:
+def file_names(output: OutputOptions, name: str = "solution") -> list[str]:
     """The requested files of fields."""
-    return [f"{name}.{suffix}" for suffix in ("xdmf", "vtu") if getattr(scene.output, suffix)]
+    return [f"{name}.{suffix}" for suffix in ("xdmf", "vtu") if getattr(output, suffix)]
 
 
 def result_bytes(scene: Scene, nodes: int, cells: int, alone: int | None = None) -> int:
@@ -45,7 +48,7 @@ def result_bytes(scene: Scene, nodes: int, cells: int, alone: int | None = None)
     alone
         Contacts with a pressure field of their own; all where there are several, unless given.
     """
-    return grid_bytes(nodes, cells, _vertices(scene), *_components(scene, alone))
+    return grid_bytes(nodes, cells, _vertices(scene.bodies), *_components(scene, alone))
 
 
 def vtu_bytes(nodes: int, cells: int, vertices: int, at_nodes: int, at_cells: int) -> int:
@@ -55,15 +58,15 @@ def vtu_bytes(nodes: int, cells: int, vertices: int, at_nodes: int, at_cells: in
 
 def all_bytes(scene: Scene, nodes: int, cells: int) -> int:
     """Size of all files of fields."""
-    room = _vertices(scene), *_components(scene, None)
+    room = _vertices(scene.bodies), *_components(scene, None)
     sizes = {"xdmf": grid_bytes, "vtu": vtu_bytes}
     return sum(
         size(nodes, cells, *room) for name, size in sizes.items() if getattr(scene.output, name)
     )
 
 
-def _vertices(scene: Scene) -> int:
-    return max(CELL_TYPES[cell_type_name(b.mesh.cell, b.degree)].vertices for b in scene.bodies)
+def _vertices(bodies: Sequence[Body]) -> int:
+    return max(CELL_TYPES[cell_type_name(b.mesh.cell, b.degree)].vertices for b in bodies)
 
 
 def _components(scene: Scene, alone: int | None) -> tuple[int, int]:

@@ -71,7 +71,7 @@ def _outer_forces(model: Model, solution: Solution, nodes: NodeFields) -> Array:
     result, place = np.zeros((len(nodes.points), 3)), exchange.nodes - exchange.first
     for i in range(d):
         result[:, i] = np.bincount(place, arrived[:, i], minlength=len(result))
-    on = on_planes(model.scene, nodes.points)
+    on = on_planes(model.scene.bodies, model.scene.mirrors, nodes.points)
     for mirror, on_plane in zip(model.scene.mirrors, on, strict=True):
         result[on_plane, mirror.axis] = 0.0
     return result

@@ -106,8 +106,8 @@ def undetermined(model: Model, solution: Solution) -> list[Undetermined]:
     """The motions that an answer without friction leaves open (collective)."""
     scene, problem = model.scene, model.problem
     rigid = RigidUnknowns.of(scene, model.partition)
-    seen = contact_motions(scene, model.partition, problem.contact, rigid)
-    bodies = Movable(groups_in_contact(scene), scene.body_names, partial(motion_size, scene))
+    seen = contact_motions(scene.bodies, model.partition, problem.contact, rigid)
+    bodies = Movable(groups_in_contact(scene), scene.body_names, partial(motion_size, scene.bodies))
     return undetermined_of(problem, solution, seen, bodies)
 
 

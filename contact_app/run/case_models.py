@@ -161,7 +161,7 @@ class CaseModels:
                 self._outlines = outlines_of_cases(self._scene, self._comm, timings)
             outline = self._outline(scene, timings)
         others = scene.decomposition != self._scene.decomposition
-        others |= is_undecomposed(scene) != is_undecomposed(self._scene)
+        others |= is_undecomposed(scene.solver) != is_undecomposed(self._scene.solver)
         if outline is None or scene.rigid_bodies or others:
             return build_model(scene, self._comm, timings, needed, report)
         with timings.measure("setup"):

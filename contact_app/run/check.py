@@ -42,7 +42,7 @@ def report(scene: Scene, comm: MPI.Intracomm = MPI.COMM_WORLD) -> None:
     lines = describe(scene, outline)
     for name, of_case in outlines.items():
         label = f"case {name}" if scene.cases else name
-        lines += [f"{label}: {line}" for line in loads_on_bodies(scene, of_case)]
+        lines += [f"{label}: {line}" for line in loads_on_bodies(scene.bodies, of_case)]
     if scene.symmetry:
         lines = [*halving.notes, "", *lines]
     elif halving.scene.mirrors:
@@ -51,7 +51,7 @@ def report(scene: Scene, comm: MPI.Intracomm = MPI.COMM_WORLD) -> None:
     if scene.guaranteed:
         lines.append(
             "guaranteed error bound: its stresses take about "
-            f"{stress_bytes(scene) / 1e9:.2g} GB in addition, and more time"
+            f"{stress_bytes(scene.bodies) / 1e9:.2g} GB in addition, and more time"
         )
     if comm.rank == 0:
         console = Console(highlight=False, markup=False, soft_wrap=True)

@@ -48,7 +48,7 @@ class Cost:
 def estimate(scene: Scene, outline: Outline) -> Cost:
     """The cost of a run by the formulas of this module and of `memory` (collective)."""
     partition, d = outline.partition, scene.dimension
-    gluing, groups = gluing_rows(scene, outline), groups_of(scene, outline)
+    gluing, groups = gluing_rows(outline), groups_of(scene, outline)
     contact = partition.comm.allreduce(len(outline.contact.gaps))
     held = partition.comm.allreduce(int(outline.held.held.sum()))
     rows = gluing + contact + (0 if outline.eliminated.all() else held)
@@ -124,11 +124,13 @@ def _reflections(scene: Scene, outline: Outline, s: Subdomain) -> int:
     return 2**scene.dimension if s.reference.cell in ("quadrilateral", "hexahedron") else 2
 
 
-def gluing_rows(scene: Scene, outline: Outline) -> int:
+def gluing_rows(outline: Outline) -> int:
     """Number of gluing rows of B: one less than the copies of each shared unknown."""
     comm = outline.partition.comm
     distinct = comm.allreduce(len(distinct_nodes(outline, [outline.surface.nodes])))
-    return int((comm.allreduce(len(outline.surface.nodes)) - distinct) * scene.dimension)
+    return int(
+        (comm.allreduce(len(outline.surface.nodes)) - distinct) * outline.partition.dimension
+    )
 
 
 def distinct_nodes(outline: Outline, nodes: list[NDArray[np.int64]]) -> NDArray[np.int64]:

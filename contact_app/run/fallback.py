@@ -16,6 +16,7 @@ stopped it or limited its iterations.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -24,6 +25,7 @@ from mpi4py import MPI
 from contact_app.errors import CouldNotRunError
 from contact_app.machine.memory import available_bytes, factor_bytes, needed_bytes
 from contact_app.model.model import Model
+from contact_app.scene.bodies import Body
 from contact_app.scene.scene import Decomposition, Scene
 from solver import Reason
 from solver.contact.solution import Solution
@@ -100,13 +102,16 @@ def fewest_subdomains(scene: Scene, count: int | None, comm: MPI.Intracomm) -> S
     fewest = max(len(scene.bodies), comm.size)
     if (count is not None and count <= fewest) or scene.decomposition.subdomains == fewest:
         return None
-    return replace(scene, decomposition=Decomposition(fewest)) if _fits(scene, comm) else None
+    return (
+        replace(scene, decomposition=Decomposition(fewest)) if _fits(scene.bodies, comm) else None
+    )
 
 
-def _fits(scene: Scene, comm: MPI.Intracomm) -> bool:
+def _fits(bodies: Sequence[Body], comm: MPI.Intracomm) -> bool:
     """Whether there is memory for one factor of each body (collective)."""
-    sizes = [scene.dimension * body.nodes for body in scene.bodies]
-    factors = tuple((size, scene.dimension) for size in sizes)
+    d = bodies[0].mesh.dimension
+    sizes = [d * body.nodes for body in bodies]
+    factors = tuple((size, d) for size in sizes)
     needed = needed_bytes(sum(sizes), rows=0, factors=factors)
     return needed <= float(comm.allreduce(available_bytes(), op=MPI.MIN))
 
@@ -153,15 +158,15 @@ def _has_room(problem: DualProblem, dofs: int) -> bool:
     return factor <= float(problem.comm.allreduce(available_bytes(), op=MPI.SUM))
 
 
-def cause(scene: Scene) -> str:
+def cause(bodies: Sequence[Body]) -> str:
     """The cause of rounding errors in a scene, as a phrase in parentheses; may be empty."""
     notes = []
-    for body in scene.bodies:
+    for body in bodies:
         extent = np.subtract(body.mesh.upper, body.mesh.lower)
         slender = float(extent.max() / extent.min())
         if slender >= SLENDER:
             notes.append(f"{body.name} is {slender:.0f} times as long as thick")
-    moduli = [m.young for body in scene.bodies for m in body.materials]
+    moduli = [m.young for body in bodies for m in body.materials]
     if max(moduli) >= CONTRAST * min(moduli):
         notes.append(f"Young's moduli differ by a factor of {max(moduli) / min(moduli):.1g}")
     return f" ({'; '.join(notes)})" if notes else ""

@@ -57,7 +57,7 @@ def write_run(
     for note in without_repetitions(solved.model.notes, bodies):
         log.info("%s", note)
     files = [directory / name for name in ("summary.json", "history.csv", "run.log")]
-    if file_names(solved.model.scene):
+    if file_names(solved.model.scene.output):
         progress.stage("writing")
         with solved.timings.measure("output"):
             files = [*write_fields(solved.model, solved.fields, directory), *files]
@@ -76,7 +76,7 @@ def write_run(
 def log_model_that_fits(scene: Scene, outline: Outline, directory: Path) -> None:
     """Run `log_model`, and refuse a result that will not fit on the disk (collective)."""
     log_model(scene, outline)
-    names = file_names(scene)
+    names = file_names(scene.output)
     if names:
         images = 2 ** len(scene.mirrors)
         sizes = images * outline.partition.nodes, images * outline.partition.cells

@@ -122,7 +122,9 @@ class IncrementModels:
             The scene of an answer.
         """
         equal = solved.decomposition == scene.decomposition
-        if not self._rough or (equal and is_undecomposed(solved) == is_undecomposed(scene)):
+        if not self._rough or (
+            equal and is_undecomposed(solved.solver) == is_undecomposed(scene.solver)
+        ):
             return scene
         method = solved.solver.method
         options = replace(scene.solver, method="active-set" if method == "auto" else method)

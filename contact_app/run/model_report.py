@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 from mpi4py import MPI
@@ -24,6 +25,7 @@ from contact_app.model.method import (
 from contact_app.model.outline import Outline, left_out_notes
 from contact_app.results.repeated_sentences import without_repetitions
 from contact_app.run.cost import distinct_nodes, gluing_rows, groups_of
+from contact_app.scene.bodies import Body
 from contact_app.scene.conditions import (
     BodyContact,
     BodyForce,
@@ -68,7 +70,7 @@ def modelled_lines(scene: Scene, outline: Outline) -> list[str]:
 def _modelled(scene: Scene, outline: Outline) -> list[str]:
     """Lines on bodies, conditions and contacts (collective)."""
     kind = {"strain": "2D, plane strain", "stress": "2D, plane stress", None: "3D"}[scene.plane]
-    partition = outline.partition
+    partition, on = outline.partition, partial(_on, scene.bodies)
     dofs = partition.nodes * scene.dimension
     lines = [
         f"{scene.title or scene.source.name} ({kind})",
@@ -93,18 +95,18 @@ def _modelled(scene: Scene, outline: Outline) -> list[str]:
     lines += _held(scene, outline)
     for traction in scene.tractions:
         lines.append(
-            f"{_name(traction)}: {_on(scene, traction)} loaded by {_vector(traction.vector)} per "
-            f"area {_facets(scene, outline, traction)}"
+            f"{_name(traction)}: {on(traction)} loaded by "
+            f"{_vector(traction.vector)} per area {_facets(scene, outline, traction)}"
         )
     for pressure in scene.pressures:
         lines.append(
-            f"{_name(pressure)}: {_on(scene, pressure)} under a pressure of {pressure.value:g} "
-            f"{_facets(scene, outline, pressure)}"
+            f"{_name(pressure)}: {on(pressure)} under a pressure of "
+            f"{pressure.value:g} {_facets(scene, outline, pressure)}"
         )
     for load, linear in zip(scene.total_loads, outline.linear, strict=True):
         lines.append(
-            f"{_name(load)}: {_on(scene, load)} loaded by a total force {_vector(load.force)}"
-            f"{_moment(scene, load)} on an area of {linear.area:.4g}"
+            f"{_name(load)}: {on(load)} loaded by a total force "
+            f"{_vector(load.force)}{_moment(scene, load)} on an area of {linear.area:.4g}"
         )
     for force in scene.forces:
         lines.append(
@@ -121,25 +123,25 @@ def _modelled(scene: Scene, outline: Outline) -> list[str]:
         obstacle = contact.obstacle.describe(scene.dimension)
         whose = "" if contact.rigid is None else f"{scene.rigid_bodies[contact.rigid].name}, a "
         lines.append(
-            f"{contact.source}: {_on(scene, contact)} may touch {whose or 'the '}{obstacle} "
-            f"({_candidates(outline, i, _count_nodes(scene, outline, contact))})"
+            f"{contact.source}: {on(contact)} may touch {whose or 'the '}{obstacle} "
+            f"({_candidates(outline, i, _count_nodes(scene.bodies, outline, contact))})"
             f"{_friction(contact)}{_interference(contact)}"
         )
     gaps, sources = outline.candidates
-    hints = far_obstacle_hints(scene, gaps, sources, partition.comm)
+    hints = far_obstacle_hints(scene.bodies, scene.contacts, gaps, sources, partition.comm)
     lines += [f"warning: {hint}" for hint in hints]
     for i, pair in enumerate(scene.pairs, start=len(scene.contacts)):
         other = f"{scene.bodies[pair.other].name}.{pair.other_boundary}"
         lines.append(
-            f"{pair.source}: {_on(scene, pair)} may touch {other}, by a mortar method "
+            f"{pair.source}: {on(pair)} may touch {other}, by a mortar method "
             f"({_candidates(outline, i)}){_friction(pair)}{_interference(pair)}"
         )
     for tie in scene.ties:
         other = f"{scene.bodies[tie.other].name}.{tie.other_boundary}"
-        lines.append(f"{tie.source}: {_on(scene, tie)} is tied to {other}, by a mortar method")
+        lines.append(f"{tie.source}: {on(tie)} is tied to {other}, by a mortar method")
     for glued in scene.rigid_ties:
         name = scene.rigid_bodies[glued.rigid].name
-        lines.append(f"{glued.source}: {_on(scene, glued)} moves with {name}, which is rigid")
+        lines.append(f"{glued.source}: {on(glued)} moves with {name}, which is rigid")
     lines += [f"warning: {note}" for note in outline.tied.notes]
     return lines
 
@@ -150,8 +152,8 @@ def _held(scene: Scene, outline: Outline) -> list[str]:
     for condition in scene.displacements:
         held = _components("xyz", condition.values)
         lines.append(
-            f"{_name(condition)}: {_on(scene, condition)} displaced by {held} "
-            f"({_count_nodes(scene, outline, condition):,} nodes)"
+            f"{_name(condition)}: {_on(scene.bodies, condition)} displaced by {held} "
+            f"({_count_nodes(scene.bodies, outline, condition):,} nodes)"
         )
     return lines
 
@@ -217,12 +219,12 @@ def _cases(scene: Scene) -> list[str]:
     return lines
 
 
-def loads_on_bodies(scene: Scene, outline: Outline) -> list[str]:
+def loads_on_bodies(bodies: Sequence[Body], outline: Outline) -> list[str]:
     """The total load on each body of a case (collective)."""
-    d = scene.dimension
+    d = outline.partition.dimension
     return [
         f"total load on {body.name} {_vector(_resultant(outline, i, d))}"
-        for i, body in enumerate(scene.bodies)
+        for i, body in enumerate(bodies)
     ]
 
 
@@ -231,7 +233,7 @@ def _decomposed(scene: Scene, outline: Outline) -> list[str]:
     partition = outline.partition
     groups = groups_of(scene, outline)
     many = partition.count > 1
-    if is_undecomposed(scene):
+    if is_undecomposed(scene.solver):
         why = "on thick bodies from mesh files its iterations hardly grow with the size"
         return [
             f"method: primal, multigrid on the undecomposed bodies; {why}; one subdomain for each "
@@ -240,7 +242,7 @@ def _decomposed(scene: Scene, outline: Outline) -> list[str]:
     lines = [
         f"decomposition: {partition.count} subdomain{'s' * many} of about "
         f"{partition.nodes * scene.dimension / partition.count:,.0f} unknowns, {len(groups)} of "
-        f"them different on this process: one factor each; {gluing_rows(scene, outline):,} rows "
+        f"them different on this process: one factor each; {gluing_rows(outline):,} rows "
         "glue them"
     ]
     obstacles = [body.name for body in scene.rigid_bodies if body.name not in scene.body_names]
@@ -282,7 +284,7 @@ def _decomposed(scene: Scene, outline: Outline) -> list[str]:
 
 def _left_out(scene: Scene, outline: Outline) -> list[str]:
     """Lines on what the model leaves out (collective)."""
-    notes = [*left_out_notes(scene, outline), *_repeated(scene)]
+    notes = [*left_out_notes(scene.touching, outline), *_repeated(scene.contacts)]
     notes += [] if scene.loadings else _unloaded(scene, outline)
     notes = without_repetitions(notes, [body.name for body in scene.bodies])
     lines = ["left out:", *(f"  {sentence}" for sentence in notes)]
@@ -305,9 +307,8 @@ def _left_out(scene: Scene, outline: Outline) -> list[str]:
     return lines
 
 
-def _repeated(scene: Scene) -> list[str]:
+def _repeated(contacts: Sequence[Contact]) -> list[str]:
     """Contacts that add no rows because an earlier contact has them."""
-    contacts = scene.contacts
     return [
         f"{later.source}: repeats {earlier.source} and adds no rows"
         for j, later in enumerate(contacts)
@@ -341,8 +342,10 @@ def _unloaded(scene: Scene, outline: Outline) -> list[str]:
     ]
 
 
-def _count_nodes(scene: Scene, outline: Outline, condition: DisplacementCondition | Contact) -> int:
-    body = scene.bodies[condition.body]
+def _count_nodes(
+    bodies: Sequence[Body], outline: Outline, condition: DisplacementCondition | Contact
+) -> int:
+    body = bodies[condition.body]
     nodes = [
         s.nodes[boundary_nodes(s, body, condition.boundary)]
         for s in outline.partition.subdomains
@@ -352,7 +355,7 @@ def _count_nodes(scene: Scene, outline: Outline, condition: DisplacementConditio
 
 
 def _facets(scene: Scene, outline: Outline, load: Traction | Pressure) -> str:
-    count, area = loaded_facets(scene, outline.partition, load)
+    count, area = loaded_facets(scene.bodies, outline.partition, load)
     return f"({count:,} facets, area {area:.4g})"
 
 
@@ -394,8 +397,8 @@ Named = (
 """Conditions and contacts on a boundary of a body."""
 
 
-def _on(scene: Scene, item: Named) -> str:
-    return f"{scene.bodies[item.body].name}.{item.boundary}"
+def _on(bodies: Sequence[Body], item: Named) -> str:
+    return f"{bodies[item.body].name}.{item.boundary}"
 
 
 def _vector(vector: tuple[float, ...]) -> str:

@@ -251,8 +251,8 @@ def _straddled_facets(answer: SolvedScene) -> Iterator[str]:
     scene, partition = answer.model.scene, answer.model.partition
     loads: list[Traction | Pressure] = [*scene.tractions, *scene.pressures]
     for load in loads:
-        left = straddled_area(scene, partition, load)
-        area = loaded_facets(scene, partition, load)[1] if left > 0.0 else 0.0
+        left = straddled_area(scene.bodies, partition, load)
+        area = loaded_facets(scene.bodies, partition, load)[1] if left > 0.0 else 0.0
         if left > STRADDLED * area:
             yield (
                 f"{load.source}: facets that straddle the edge of {load.boundary} carry no load: "
@@ -338,7 +338,7 @@ def _loaded_holds(answer: SolvedScene) -> Iterator[str]:
         number = numbers[record["on"]]
         length = body_frame(scene.bodies[number])[1]
         turns = np.eye(MOTIONS[scene.dimension])[scene.dimension :]
-        levers = [length * motion_size(scene, number, turn) for turn in turns]
+        levers = [length * motion_size(scene.bodies, number, turn) for turn in turns]
         force, moment = (float(np.linalg.norm(record[key])) for key in ("force", "moment"))
         turning = float(np.linalg.norm(np.divide(record["moment"], levers)))
         if max(force, turning) > HELD_LOAD * loads[number]:

@@ -295,14 +295,15 @@ def _solution_of(
     except FAILURES as error:
         why = failure_text(error)
     fewest = model.partition.count <= max(len(scene.bodies), model.comm.size)
-    if fewest and not is_undecomposed(scene) and not scene.has_friction:
+    if fewest and not is_undecomposed(scene.solver) and not scene.has_friction:
         direct = solve_directly(
             model.problem, model.dofs, options.least_tolerance, solution, request.monitor
         )
         if direct is not None and (solution is None or direct.converged):
             return direct, (
-                f"the dual problem could not be solved to a certificate ({why}){cause(scene)}: "
-                "solved for the displacements by Newton's method instead, which takes longer"
+                f"the dual problem could not be solved to a certificate "
+                f"({why}){cause(scene.bodies)}: solved for the displacements by Newton's "
+                "method instead, which takes longer"
             )
     if solution is None:
         raise NoAnswerError(why, model.partition.count)

@@ -93,7 +93,7 @@ class _Files:
         solved, directory = increment.solved, self.directory
         self.series.begin(increment.place.time)
         paths: list[Path] = []
-        if file_names(solved.model.scene):
+        if file_names(solved.model.scene.output):
             with solved.timings.measure("output"):
                 paths = write_fields(solved.model, solved.fields, directory, self.series)
         self.records.append(record_of(increment))

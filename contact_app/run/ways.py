@@ -101,8 +101,8 @@ def ways_to(scene: Scene, keeps_subdomains: bool = False) -> Iterator[Way]:
     instead = ""
     stalls = may_stall(scene) and not keeps_subdomains
     jumps = may_jump(scene)
-    tried = stalls or jumps or may_peel(scene) or is_undecomposed(scene)
-    if is_undecomposed(scene):
+    tried = stalls or jumps or may_peel(scene) or is_undecomposed(scene.solver)
+    if is_undecomposed(scene.solver):
         yield Way(scene, None if scene.has_friction else PATIENCE_OF_MULTIGRID)
         if keeps_subdomains:
             return
@@ -200,7 +200,10 @@ class _Failure:
             "in its subdomains" if self.subdomains is None else f"in {self.subdomains} subdomains"
         )
         return text.format(
-            why=self.why, where=where, cause=cause(scene), fewest=scene.decomposition.subdomains
+            why=self.why,
+            where=where,
+            cause=cause(scene.bodies),
+            fewest=scene.decomposition.subdomains,
         )
 
 

@@ -267,6 +267,11 @@ class Scene:
         return loaded.placed_as_held()
 
     @property
+    def unknowns(self) -> int:
+        """Displacement components at the nodes of all bodies."""
+        return self.dimension * sum(body.nodes for body in self.bodies)
+
+    @property
     def loadings(self) -> tuple[LoadCase, ...]:
         """The load cases, or the ends of the steps; empty if all conditions act in full."""
         ends = tuple(self.loading_at(number, 1.0) for number in range(len(self.steps)))

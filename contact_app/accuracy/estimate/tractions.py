@@ -23,8 +23,8 @@ from contact_app.accuracy.estimate.patches import Cells
 from contact_app.accuracy.estimate.touching import Touching
 from contact_app.model.boundaries import boundary_facets
 from contact_app.model.model import Model
-from contact_app.scene.conditions import BodyContact, Contact
-from contact_app.scene.scene import Scene
+from contact_app.scene.bodies import Body
+from contact_app.scene.conditions import BodyContact, Contact, RigidTie, Tie
 from meshes import Subdomain
 
 Array = NDArray[np.float64]
@@ -41,10 +41,10 @@ SHEARS = ((0, 1), (1, 2), (0, 2))
 """Shear components of a stress in space; in the plane only the first."""
 
 
-def tied_sides(scene: Scene) -> list[tuple[int, str]]:
+def tied_sides(ties: Sequence[Tie | RigidTie]) -> list[tuple[int, str]]:
     """Body and boundary of each tied side, where tractions are unknown."""
-    sides = [(tie.body, tie.boundary) for tie in scene.all_ties]
-    return sides + [(tie.other, tie.other_boundary) for tie in scene.ties]
+    sides = [(tie.body, tie.boundary) for tie in ties]
+    return sides + [(tie.other, tie.other_boundary) for tie in ties if isinstance(tie, Tie)]
 
 
 class Surface:
@@ -203,8 +203,8 @@ def _known_tractions(
             rows = rows_on(boundary)
             n = normal[rows[pushed[rows]]]
             directions[rows[pushed[rows]]] = np.eye(d) - n[..., :, None] * n[..., None, :]
-    _meet_friction(scene, subdomain, normal, touch, (directions, load))
-    for body, boundary in tied_sides(scene):
+    _meet_friction(scene.bodies, scene.touching, subdomain, normal, touch, (directions, load))
+    for body, boundary in tied_sides(scene.all_ties):
         if body == number:
             directions[rows_on(boundary)] = 0.0
     for condition in scene.displacements:
@@ -244,7 +244,8 @@ def _sides(touching: Contact | BodyContact, body: int) -> list[str]:
 
 
 def _meet_friction(
-    scene: Scene,
+    bodies: Sequence[Body],
+    touching: Sequence[Contact | BodyContact],
     subdomain: Subdomain,
     normal: Array,
     touch: OnSubdomain,
@@ -258,18 +259,18 @@ def _meet_friction(
     directions, load = prescribed
     facets, stuck = subdomain.reference.facets, []
     for number, sticks, forces in touch.friction:
-        touching = scene.touching[number]
-        assert touching.friction is not None
-        for boundary in _sides(touching, subdomain.body):
-            rows = boundary_facets(subdomain, scene.bodies[subdomain.body], boundary)
+        contact = touching[number]
+        assert contact.friction is not None
+        for boundary in _sides(contact, subdomain.body):
+            rows = boundary_facets(subdomain, bodies[subdomain.body], boundary)
             held = sticks[facets[rows]].any(axis=1)
             stuck.append(rows[held])
             slides = rows[~held & forces[facets[rows]].any(axis=(1, 2))]
             along = _directions(forces[facets[slides]], normal[slides])
-            if touching.friction.tresca is not None:
-                load[slides] += touching.friction.tresca * along
+            if contact.friction.tresca is not None:
+                load[slides] += contact.friction.tresca * along
             else:
-                mu = touching.friction.coulomb or 0.0
+                mu = contact.friction.coulomb or 0.0
                 directions[slides] += mu * along[..., :, None] * normal[slides][..., None, :]
     for rows in stuck:
         n = normal[rows]

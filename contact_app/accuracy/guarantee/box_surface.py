@@ -9,7 +9,7 @@ gaps or data inside a facet do not follow from the values at its nodes.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -272,7 +272,7 @@ def refuse_unguaranteed(scene: Scene, partition: Partition, memory: float | None
         held = [body.name for body in scene.bodies if body.hold]
         if held:
             raise NoAdmissibleStressError(f"`hold` keeps {held[0]} in place in the mean only")
-        needed = stress_bytes(scene)
+        needed = stress_bytes(scene.bodies)
         available = partition.comm.allreduce(memory or available_bytes(), op=MPI.MIN)
         if needed > available:
             raise NoAdmissibleStressError(
@@ -288,7 +288,7 @@ def refuse_unguaranteed(scene: Scene, partition: Partition, memory: float | None
         ) from error
 
 
-def stress_bytes(scene: Scene) -> float:
+def stress_bytes(bodies: Sequence[Body]) -> float:
     """Memory that the stresses of the largest body take on one rank.
 
     Raises
@@ -296,7 +296,7 @@ def stress_bytes(scene: Scene) -> float:
     NoAdmissibleStressError
         A body is not a box.
     """
-    cells = [math.prod(len(x) - 1 for x in grid_lines(body)) for body in scene.bodies]
+    cells = [math.prod(len(x) - 1 for x in grid_lines(body)) for body in bodies]
     return BYTES_PER_CELL * max(cells)
 
 

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from contact_app.accuracy.refine.grading import axis_evenness, graded
-from contact_app.scene.bodies import Box
+from contact_app.scene.bodies import Body, Box
 from contact_app.scene.scene import Decomposition, Scene
 from meshes.graded import graded_box
 
@@ -125,10 +125,10 @@ def evenness_exponent(before: float, even: float, step: float, after: float, deg
     return max(math.log(left) / math.log(even), SMALLEST_EXPONENT)
 
 
-def has_free_degree(scene: Scene) -> bool:
+def has_free_degree(bodies: Sequence[Body]) -> bool:
     """Whether the degree is left to the refinement."""
-    averaged = any(body.mean_dilatation for body in scene.bodies)
-    return not averaged and not any(body.degree_given for body in scene.bodies)
+    averaged = any(body.mean_dilatation for body in bodies)
+    return not averaged and not any(body.degree_given for body in bodies)
 
 
 def quadratic(scene: Scene) -> Scene:
@@ -136,11 +136,9 @@ def quadratic(scene: Scene) -> Scene:
     return replace(scene, bodies=tuple(replace(body, degree=2) for body in scene.bodies))
 
 
-def has_even_cells(scene: Scene) -> bool:
+def has_even_cells(bodies: Sequence[Body]) -> bool:
     """Whether all boxes have an even number of cells along every edge: half of it has its nodes."""
-    return all(
-        n % 2 == 0 for body in scene.bodies if isinstance(body.mesh, Box) for n in body.mesh.cells
-    )
+    return all(n % 2 == 0 for body in bodies if isinstance(body.mesh, Box) for n in body.mesh.cells)
 
 
 def refined(scene: Scene, factor: float) -> Scene:
@@ -153,10 +151,10 @@ def refined(scene: Scene, factor: float) -> Scene:
     return replace(scene, bodies=tuple(bodies))
 
 
-def equal_lines(scene: Scene) -> Grids:
+def equal_lines(bodies: Sequence[Body]) -> Grids:
     """Grid coordinates of boxes of equal cells, by body and axis."""
     grids = []
-    for body in scene.bodies:
+    for body in bodies:
         assert isinstance(body.mesh, Box)
         box = body.mesh
         corners = zip(box.lower, box.upper, box.cells, strict=True)
@@ -170,7 +168,7 @@ def regraded(scene: Scene, squares: Grids, grids: Grids, factor: float) -> tuple
     The number of cells follows from the factor, rounded up to whole layers. The factor that results
     from this rounding is returned as well.
     """
-    starts = equal_lines(scene)
+    starts = equal_lines(scene.bodies)
     keeps_lines = needs_multiples(scene)
     result, made = [], factor
     for body, lines, errors, start in zip(scene.bodies, grids, squares, starts, strict=True):

@@ -41,7 +41,7 @@ from mpi4py import MPI
 from contact_app.accuracy.agreement import Measured, Verdict
 from contact_app.accuracy.contact_limits import UNPRESSED_DEPTH, coarse_contact, slipped_through
 from contact_app.accuracy.faceted_curves import polygon_solved
-from contact_app.accuracy.judge import Judge, coarser, measured
+from contact_app.accuracy.judge import Judge, coarser, lowest_degree, measured
 from contact_app.accuracy.refine.grading import evenness, layer_errors
 from contact_app.accuracy.refine.levels import Level, Refined, comparable, level_of
 from contact_app.accuracy.refine.local_refinement import locally_refined
@@ -156,7 +156,7 @@ def solve_to_accuracy(
         if stop is not None and stop():
             return levels.refined(assessed.solved, "the run was interrupted")
         following = levels.following(current, assessed)
-        missed = _no_room(following, assessed, limits.memory)
+        missed = _no_room(following.unknowns, assessed, limits.memory)
         if missed:
             return levels.refined(assessed.solved, missed)
         current, start = following, LastLevel.of(assessed.solved)
@@ -298,10 +298,10 @@ class _Levels:
         if self._files:
             factor = self._last
             scene = locally_refined(current, assessed.solved, target / level.error)
-        elif self._degree(current) == 1 and has_free_degree(self._scene):
+        elif lowest_degree(current.bodies) == 1 and has_free_degree(self._scene.bodies):
             self._scene = quadratic(self._scene)
             self._report("cells of degree 2 from here on")
-            finest = self._integer or bool(doubt) or not has_even_cells(current)
+            finest = self._integer or bool(doubt) or not has_even_cells(current.bodies)
             factor = self._last if finest else 0.5 * self._last
             self.factors, scene = [], refined(self._scene, factor)
         else:
@@ -310,22 +310,17 @@ class _Levels:
         self._last = factor
         return scene
 
-    @staticmethod
-    def _degree(scene: Scene) -> int:
-        """The lowest degree of the bodies."""
-        return min(body.degree for body in scene.bodies)
-
     def _finer_box(self, current: Scene, solved: SolvedScene, target: float) -> tuple[float, Scene]:
         """Refinement factor, and the scene with more cells in boxes, equal or graded."""
-        degree, scene = self._degree(current), self._scene
+        degree, scene = lowest_degree(current.bodies), self._scene
         factors = self.factors
         errors = comparable(self.levels[-len(factors) :]) if factors else []
-        lines = equal_lines(current) if self._grids is None else self._grids
+        lines = equal_lines(current.bodies) if self._grids is None else self._grids
         squares = layer_errors(solved, lines)
         slow = len(factors) > 1 and rate_of(factors, errors, degree) < SINGULAR[degree]
         if self._grids is None and (slow or degree == 2 and evenness(squares) < UNEVEN):
             self._report("the error is concentrated: cells are graded from here on")
-            self._grids, self._last = lines, layers_for_one(lines, equal_lines(scene))
+            self._grids, self._last = lines, layers_for_one(lines, equal_lines(scene.bodies))
         if self._grids is None:
             factor = next_factor(factors, errors, target, self._integer, degree)
             return factor, refined(scene, factor)
@@ -349,9 +344,11 @@ class _Levels:
         return factor, on_lines(scene, self._grids, solved.model.comm.size)
 
 
-def _no_room(following: Scene, assessed: _AssessedLevel, memory: float | None) -> str:
-    """Message that the next mesh exceeds the memory; empty if it fits (collective)."""
-    dofs = sum(body.nodes for body in following.bodies) * following.dimension
+def _no_room(dofs: int, assessed: _AssessedLevel, memory: float | None) -> str:
+    """Message that the next mesh, of so many unknowns, exceeds the memory; empty if it fits.
+
+    Collective.
+    """
     needed = needed_bytes(dofs)
     available = assessed.solved.model.comm.allreduce(memory or available_bytes(), op=MPI.MIN)
     if needed <= available:
@@ -376,7 +373,7 @@ def _measured(solved: SolvedScene) -> Measured:
     energy, scene = solved.solution.measures.energy, solved.model.scene
     if scene.has_friction:
         energy += dissipated_work(solved.model.problem, solved.solution)
-    return measured(solved.accuracy, energy, scene)
+    return measured(solved.accuracy, energy, scene.bodies)
 
 
 def _crossed(solved: SolvedScene) -> float:

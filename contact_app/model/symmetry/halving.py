@@ -14,7 +14,7 @@ boundary and its image may differ. A note gives the reason why a scene is not cu
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -133,7 +133,9 @@ def _cut(scene: Scene, axis: int) -> Scene:
         return parts[body, boundary]
 
     for loaded in [scene.under(case) for case in scene.loadings] or [scene]:
-        _refuse_uneven_heat(loaded, mirror, [half.number for half in halves])
+        _refuse_uneven_heat(
+            loaded.bodies, loaded.temperatures, mirror, [half.number for half in halves]
+        )
 
     def factors(item: Item) -> tuple[float, ...]:
         if isinstance(item, Contact | BodyContact):
@@ -150,7 +152,7 @@ def _cut(scene: Scene, axis: int) -> Scene:
             replace(item, **{key: int(number[getattr(item, key)]) for key in ("body", "other")
                              if hasattr(item, key)})
             for item in items
-            if _acts_on_solved_part(item, scene, halves, part)
+            if _acts_on_solved_part(item, scene.bodies, halves, part)
         )  # fmt: skip
 
     parts_of: dict[str, Any] = {
@@ -181,7 +183,7 @@ def _cut(scene: Scene, axis: int) -> Scene:
             *scene.mirrors,
             replace(
                 mirror,
-                partners=_partners(scene, mirror, described),
+                partners=_partners(scene.displacements, scene.touching, mirror, described),
                 contacts=scene.contact_names,
                 conditions=scene.condition_names,
             ),
@@ -203,14 +205,16 @@ def _refuse_unpaired(scene: Scene, mirror: Mirror, described: Descriptions) -> N
             raise AsymmetryError(f"{item.source} has no mirror image")
 
 
-def _refuse_uneven_heat(scene: Scene, mirror: Mirror, numbers: list[int]) -> None:
+def _refuse_uneven_heat(
+    bodies: Sequence[Body], temperatures: Sequence[Temperature], mirror: Mirror, numbers: list[int]
+) -> None:
     """Refuse temperatures that differ at the mirror images of nodes and middles of cells."""
-    for item in scene.temperatures:
+    for item in temperatures:
         partners = [k for k, number in enumerate(numbers) if number == numbers[item.body]]
         image = next((k for k in partners if k != item.body), item.body)
-        points = _nodes_and_middles(scene.bodies[item.body])
+        points = _nodes_and_middles(bodies[item.body])
         values, image_values = (
-            sum((t.rise(x) for t in scene.temperatures if t.body == body), np.zeros(len(x)))
+            sum((t.rise(x) for t in temperatures if t.body == body), np.zeros(len(x)))
             for body, x in ((item.body, points), (image, mirror.image(points)))
         )
         if not np.allclose(values, image_values, rtol=0.0, atol=SAME * float(np.abs(values).max())):
@@ -237,10 +241,15 @@ def _boundaries(item: Item) -> list[tuple[int, str]]:
     return [*first, (item.other, item.other_boundary)] if isinstance(item, BodyContact) else first
 
 
-def _partners(scene: Scene, mirror: Mirror, described: Descriptions) -> tuple[tuple[str, str], ...]:
+def _partners(
+    displacements: Sequence[DisplacementCondition],
+    touching: Sequence[Contact | BodyContact],
+    mirror: Mirror,
+    described: Descriptions,
+) -> tuple[tuple[str, str], ...]:
     """Contacts and displacement conditions whose mirror images are other ones."""
-    of_file = [c for c in scene.displacements if not c.source.startswith(AT_CUT)]
-    items: list[Item] = [*scene.touching, *of_file]
+    of_file = [c for c in displacements if not c.source.startswith(AT_CUT)]
+    items: list[Item] = [*touching, *of_file]
     records = {item.source: described(item) for item in items}
     partners = []
     for item in items:
@@ -253,13 +262,13 @@ def _partners(scene: Scene, mirror: Mirror, described: Descriptions) -> tuple[tu
 
 
 def _acts_on_solved_part(
-    item: Item, scene: Scene, halves: list[Half], part: Callable[[int, str], BoundaryPart]
+    item: Item, bodies: Sequence[Body], halves: list[Half], part: Callable[[int, str], BoundaryPart]
 ) -> bool:
     """Whether an item acts on the part that is solved."""
     if isinstance(item, BodyForce | Temperature):
         return halves[item.body].body is not None
     by_facets = isinstance(item, Traction | Pressure | BodyContact)
-    by_facets |= isinstance(item, Contact) and has_averaged_rows(scene.bodies[item.body])
+    by_facets |= isinstance(item, Contact) and has_averaged_rows(bodies[item.body])
     return all(part(*where).on_lower_side(by_facets) for where in _boundaries(item))
 
 

@@ -29,8 +29,8 @@ def test_an_edge_on_grid_lines_leaves_nothing_out(cell: str, kind: str) -> None:
     scene = scenes.build(half_loaded(cell, "x < 0.5001", kind=kind), 2)
     partition = partition_scene(scene, MPI.COMM_SELF)
     (load,) = (*scene.tractions, *scene.pressures)
-    assert loaded_facets(scene, partition, load)[1] == pytest.approx(0.5)
-    assert straddled_area(scene, partition, load) == 0.0
+    assert loaded_facets(scene.bodies, partition, load)[1] == pytest.approx(0.5)
+    assert straddled_area(scene.bodies, partition, load) == 0.0
     warnings = solve_scene(scene).summary["certificate"]["warnings"]
     assert not any("straddle" in text for text in warnings)
 
@@ -39,8 +39,10 @@ def test_an_edge_on_grid_lines_leaves_nothing_out(cell: str, kind: str) -> None:
 def test_facets_that_straddle_the_edge_cause_a_warning(cell: str) -> None:
     scene = scenes.build(half_loaded(cell, "x < 0.625"), 2)
     partition = partition_scene(scene, MPI.COMM_SELF)
-    assert loaded_facets(scene, partition, scene.tractions[0])[1] == pytest.approx(0.5)
-    assert straddled_area(scene, partition, scene.tractions[0]) == pytest.approx(0.125, rel=0.15)
+    assert loaded_facets(scene.bodies, partition, scene.tractions[0])[1] == pytest.approx(0.5)
+    assert straddled_area(scene.bodies, partition, scene.tractions[0]) == pytest.approx(
+        0.125, rel=0.15
+    )
     warnings = solve_scene(scene).summary["certificate"]["warnings"]
     (told,) = [text for text in warnings if "straddle" in text]
     assert "conditions[1]: facets that straddle the edge of part carry no load" in told
@@ -56,5 +58,5 @@ def test_check_reports_the_area() -> None:
 def test_boundaries_of_the_mesh_are_not_sampled() -> None:
     scene = scenes.build(scenes.wall("hexahedron", 3))
     partition = partition_scene(scene, MPI.COMM_SELF)
-    assert straddled_area(scene, partition, scene.tractions[0]) == 0.0
-    assert loaded_facets(scene, partition, scene.tractions[0])[1] == pytest.approx(1.0)
+    assert straddled_area(scene.bodies, partition, scene.tractions[0]) == 0.0
+    assert loaded_facets(scene.bodies, partition, scene.tractions[0])[1] == pytest.approx(1.0)
