@@ -7,6 +7,7 @@ position along the boundary. In space it has a patch for each connected piece of
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -16,6 +17,7 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import dijkstra
 
 from contact_app.errors import ContactError
+from contact_app.results.plot.arrangement import of_patches
 from contact_app.results.plot.stored import Stored
 from meshes.connected import connected
 
@@ -62,11 +64,8 @@ def draw_contact(
         )
     if not (pressure > 0.0).any():
         raise NothingPressedError("no contact pressure: nothing touches in this result")
-    from matplotlib.figure import Figure
-
-    figure = Figure(figsize=(8.0, 5.0), layout="constrained")
-    draw = _lines if stored.plane else _patches
-    draw(figure, stored, pressure, name.replace("_", " "))
+    draw = pressure_lines if stored.plane else _patches
+    figure = draw(stored, pressure, name.replace("_", " "))
     if title:
         figure.suptitle(title)
     figure.savefig(target, dpi=150, format="png")
@@ -130,35 +129,94 @@ def sides_in_contact(
     return sides[may if (may & pressed).any() else pressed]
 
 
-def _lines(figure: Any, stored: Stored, pressure: NDArray[np.float64], label: str) -> None:
-    axes = figure.subplots()
+def pressure_lines(stored: Stored, pressure: NDArray[np.float64], label: str) -> Any:
+    """Figure of the pressure along the boundary, from one end of the contact to the other."""
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(8.0, 5.0), layout="constrained")
+    axes, pressed = figure.subplots(), []
     for nodes, position in profiles(stored, pressure):
+        around = np.flatnonzero(pressure[nodes] > 0.0)[[0, -1]] + [-1, 1]
+        pressed.append(position[np.clip(around, 0, len(nodes) - 1)])
         start, end = stored.points[nodes[[0, -1]]][:, :2]
         ends = f"from ({start[0]:.3g}, {start[1]:.3g}) to ({end[0]:.3g}, {end[1]:.3g})"
         axes.plot(position, pressure[nodes], marker=".", markersize=4, linewidth=1.2, label=ends)
+    low, high = np.min(pressed), np.max(pressed)
+    room = MARGIN * (high - low)
+    axes.set_xlim(low - room, high + room)
     axes.set(xlabel="position along the boundary", ylabel=label)
     axes.set_ylim(bottom=0.0)
     axes.ticklabel_format(axis="y", scilimits=(-3, 4))
     axes.grid(alpha=0.3)
     axes.legend(fontsize=8)
+    return figure
 
 
-def _patches(figure: Any, stored: Stored, pressure: NDArray[np.float64], label: str) -> None:
-    """Draw the pressure on each patch of facets, laid flat, with one colour bar."""
-    pieces = patches(stored, pressure)
+def _patches(stored: Stored, pressure: NDArray[np.float64], label: str) -> Any:
+    """Figure of the pressure on each patch of facets, laid flat, with one colour bar."""
     high = float(pressure.max())
-    flat = []
-    for axes, piece in zip(np.ravel(figure.subplots(1, len(pieces))), pieces, strict=True):
-        pressed = (pressure[piece] > 0.0).any(axis=1)
-        across, shown, names = flattened(stored.points, piece, pressed)
+    figure, flat = flat_patches(stored, pressure)
+    for axes, patch in flat:
         shades = axes.tripcolor(
-            across[:, 0], across[:, 1], piece[shown], pressure,
-            shading="gouraud", cmap="magma_r", vmin=0.0, vmax=high,
+            *patch.across.T, patch.seen, pressure, shading="gouraud", cmap="magma_r",
+            vmin=0.0, vmax=high,
         )  # fmt: skip
-        zoom(axes, across[piece[pressed & shown]], names)
-        flat.append(axes)
-    bar = figure.colorbar(shades, ax=flat, label=label, shrink=0.8)
+    bar = figure.colorbar(shades, ax=[axes for axes, _ in flat], label=label, shrink=0.8)
     bar.formatter.set_powerlimits((-3, 4))
+    return figure
+
+
+@dataclass(frozen=True, eq=False)
+class Patch:
+    """A connected piece of surface, laid flat.
+
+    Attributes
+    ----------
+    across : (n, 2)
+        Coordinates of all points of the result.
+    seen, pressed : (m, 3), (k, 3)
+        Triangles that are shown, and those in contact among them.
+    names
+        Names of the coordinates.
+    """
+
+    across: NDArray[np.float64]
+    seen: NDArray[np.int64]
+    pressed: NDArray[np.int64]
+    names: tuple[str, str]
+
+    @classmethod
+    def of(cls, stored: Stored, piece: NDArray[np.int64], acting: NDArray[np.float64]) -> Patch:
+        """A piece (m, 3), in contact where a field (n,) is positive."""
+        pressed = (acting[piece] > 0.0).any(axis=1)
+        across, shown, names = flattened(stored.points, piece, pressed)
+        return cls(across, piece[shown], piece[pressed & shown], names)
+
+    @property
+    def box(self) -> NDArray[np.float64]:
+        """Lower and upper corner (2, 2) of the surroundings of the part in contact."""
+        corners = self.across[self.pressed.ravel()]
+        low, top = corners.min(axis=0), corners.max(axis=0)
+        room = MARGIN * (top - low).max()
+        return np.stack([low - room, top + room])
+
+
+def flat_patches(
+    stored: Stored, acting: NDArray[np.float64]
+) -> tuple[Any, list[tuple[Any, Patch]]]:
+    """A figure with axes for each patch that is partly in contact, zoomed to that part."""
+    from matplotlib.figure import Figure
+
+    flat = [Patch.of(stored, piece, acting) for piece in patches(stored, acting)]
+    shape, inches = of_patches([np.ptp(patch.box, axis=0) for patch in flat])
+    figure = Figure(figsize=inches, layout="compressed")
+    places = np.ravel(figure.subplots(*shape))
+    for axes in places[len(flat) :]:
+        axes.set_axis_off()
+    for axes, patch in zip(places, flat, strict=False):
+        axes.set(xlim=patch.box[:, 0], ylim=patch.box[:, 1], aspect="equal")
+        axes.set(xlabel=patch.names[0], ylabel=patch.names[1])
+    return figure, list(zip(places, flat, strict=False))
 
 
 def patches(stored: Stored, acting: NDArray[np.float64]) -> list[NDArray[np.int64]]:
@@ -168,16 +226,6 @@ def patches(stored: Stored, acting: NDArray[np.float64]) -> list[NDArray[np.int6
     )
     pieces = connected_sides(sides_in_contact(stored, corners, acting), len(stored.points))
     return [piece for piece in pieces if (acting[piece] > 0.0).any()]
-
-
-def zoom(axes: Any, corners: NDArray[np.float64], names: tuple[str, str]) -> None:
-    """Limit the axes to the surroundings of triangles (m, 3, 2) of a flattened piece."""
-    low, top = corners.min(axis=(0, 1)), corners.max(axis=(0, 1))
-    room = MARGIN * (top - low).max()
-    axes.set_xlim(low[0] - room, top[0] + room)
-    axes.set_ylim(low[1] - room, top[1] + room)
-    axes.set_aspect("equal")
-    axes.set(xlabel=names[0], ylabel=names[1])
 
 
 def flattened(

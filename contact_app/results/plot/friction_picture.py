@@ -17,11 +17,9 @@ from numpy.typing import NDArray
 from contact_app.results.plot.contact_picture import (
     STATUS,
     NothingPressedError,
-    flattened,
-    patches,
+    flat_patches,
     profiles,
     touchable,
-    zoom,
 )
 from contact_app.results.plot.stored import Stored
 
@@ -48,12 +46,10 @@ def draw_friction(stored: Stored, target: Path, title: str = "") -> Path:
     status = status_shown(stored)
     if not (status > 0.0).any():
         raise NothingPressedError("no node sticks or slips: nothing touches in this result")
-    from matplotlib.figure import Figure
     from matplotlib.patches import Patch
 
-    figure = Figure(figsize=(8.0, 5.0), layout="constrained")
     draw = _strips if stored.plane else _zones
-    draw(figure, stored, status)
+    figure = draw(stored, status)
     names = [Patch(color=colour, label=name) for name, colour in COLOURS.items()]
     figure.legend(handles=names, loc="outside lower center", ncols=len(names))
     if title:
@@ -105,10 +101,13 @@ def laid_flat(
     return np.asarray(np.einsum("mij,mjk,mk->mi", flat, np.linalg.pinv(edges), means))
 
 
-def _strips(figure: Any, stored: Stored, status: NDArray[np.float64]) -> None:
-    """Draw status and traction along each boundary in the plane, one strip for each."""
+def _strips(stored: Stored, status: NDArray[np.float64]) -> Any:
+    """Figure of status and traction along each boundary in the plane, one strip for each."""
+    from matplotlib.figure import Figure
+
     strips = profiles(stored, np.nan_to_num(status))
     traction = stored.point_data.get("friction_traction")
+    figure = Figure(figsize=(8.0, 1.5 + 3.5 * len(strips)), layout="constrained")
     places = np.ravel(figure.subplots(len(strips), 1))
     for axes, (nodes, position) in zip(places, strips, strict=True):
         ends = np.r_[position[0], 0.5 * (position[1:] + position[:-1]), position[-1]]
@@ -135,31 +134,27 @@ def _strips(figure: Any, stored: Stored, status: NDArray[np.float64]) -> None:
         axes.set_ylabel("friction traction along the boundary")
         axes.ticklabel_format(axis="y", scilimits=(-3, 4))
         axes.grid(alpha=0.3)
+    return figure
 
 
-def _zones(figure: Any, stored: Stored, status: NDArray[np.float64]) -> None:
-    """Draw status and traction on each patch of facets in space, laid flat."""
+def _zones(stored: Stored, status: NDArray[np.float64]) -> Any:
+    """Figure of status and traction on each patch of facets in space, laid flat."""
     from matplotlib.collections import PolyCollection
 
-    acting = np.nan_to_num(status)
-    pieces = patches(stored, acting)
     traction = stored.point_data.get("friction_traction")
-    for axes, piece in zip(np.ravel(figure.subplots(1, len(pieces))), pieces, strict=True):
-        touching = (acting[piece] > 0.0).any(axis=1)
-        across, shown, names = flattened(stored.points, piece, touching)
-        seen = piece[shown]
-        has_status = np.isfinite(status[seen])
-        colour = [_colour(value) for value in status[seen][has_status]]
-        parts = parts_of_nodes(across, seen)[has_status]
+    figure, flat = flat_patches(stored, np.nan_to_num(status))
+    for axes, patch in flat:
+        has_status = np.isfinite(status[patch.seen])
+        colour = [_colour(value) for value in status[patch.seen][has_status]]
+        parts = parts_of_nodes(patch.across, patch.seen)[has_status]
         axes.add_collection(PolyCollection(parts, facecolors=colour, edgecolors="face", lw=0.3))
-        zoom(axes, across[piece[touching & shown]], names)
         if traction is not None:
-            some = piece[touching & shown]
-            some = some[:: max(len(some) // ARROWS, 1)]
-            arrows = laid_flat(stored.points, across, some, traction)
-            middle = across[some].mean(axis=1)
+            some = patch.pressed[:: max(len(patch.pressed) // ARROWS, 1)]
+            arrows = laid_flat(stored.points, patch.across, some, traction)
+            middle = patch.across[some].mean(axis=1)
             axes.quiver(*middle.T, *arrows.T, color="black", pivot="mid", width=0.003)
             axes.set_title("arrows: friction traction", fontsize=9)
+    return figure
 
 
 def _colour(status: float) -> str:

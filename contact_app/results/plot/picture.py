@@ -98,14 +98,14 @@ def plot(
         f"left out: {name}: the result does not hold it, only {', '.join(sorted(names))}"
         for name in unknown
     ]
-    shown = tuple(name for name in fields if name in names)
+    shown = tuple(name for name in fields if name in names and acts(stored, name))
+    shown = shown or tuple(name for name in fields if name in names)
     target = Path(output) if output is not None else directory
     target.mkdir(parents=True, exist_ok=True)
     factor = exaggeration if exaggeration is not None else round_exaggeration(stored)
     summary = _summary(directory)
-    title = str(summary.get("scene", {}).get("title", ""))
+    title, bodies = str(summary.get("scene", {}).get("title", "")), target / "bodies.png"
     caption = f"{title}\ndisplacements × {factor:g}".strip()
-    bodies = target / "bodies.png"
     with atomic(bodies) as part:
         if stored.plane:
             draw_plane(stored, shown, LABELS, factor, part, caption)
@@ -128,6 +128,11 @@ def plot(
         except NothingPressedError as error:
             remarks.append(f"left out: {name}: {error}")
     return [*pictures, *_of_history(directory, target, title)], remarks
+
+
+def acts(stored: Stored, name: str) -> bool:
+    """Whether a field is something else than a contact pressure that is zero everywhere."""
+    return not name.endswith("contact_pressure") or bool((stored.point_data[name] > 0.0).any())
 
 
 def _of_history(directory: Path, target: Path, title: str) -> list[Path]:

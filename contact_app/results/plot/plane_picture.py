@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from contact_app.results.plot.arrangement import of_bodies
 from contact_app.results.plot.contact_picture import sides_in_contact
 from contact_app.results.plot.node_values import (
     copies,
@@ -32,16 +33,15 @@ def draw_plane(
 ) -> Path:
     """Draw a panel for each field, the outline of the undeformed bodies behind."""
     from matplotlib.collections import LineCollection
-    from matplotlib.figure import Figure
 
     size = np.ptp(stored.points[:, :2], axis=0)
-    tall = min(max(size[1] / max(size[0], 1e-300), 0.4), 2.0)
-    figure = Figure(figsize=(6.0 * len(fields), 6.0 * tall + 1.4), layout="constrained")
+    ratio = float(np.clip(size[1] / max(size[0], 1e-300), 0.1, 2.0))
+    figure, places, _ = of_bodies(len(fields), ratio)
     moved = stored.points[:, :2] + exaggeration * _moves(stored)
     triangles, rows = stored.triangles()
     (sides,) = stored.boundary()
     outline, rim = stored.points[sides][:, :, :2], moved[sides]
-    for axes, name in zip(np.ravel(figure.subplots(1, len(fields))), fields, strict=True):
+    for axes, name in zip(places, fields, strict=True):
         axes.add_collection(LineCollection(outline, colors="grey", linewidths=0.8))
         if name.endswith("contact_pressure"):
             pressure = stored.point_data[name]
@@ -58,7 +58,6 @@ def draw_plane(
             axes.add_collection(LineCollection(rim, colors="black", linewidths=0.5))
         axes.set_aspect("equal")
         axes.autoscale_view()
-        axes.set_axis_off()
         bar = figure.colorbar(
             shades, ax=axes, location="bottom", label=labels.get(name, name), shrink=0.8
         )

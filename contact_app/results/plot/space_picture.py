@@ -12,6 +12,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from contact_app.results.plot.arrangement import of_bodies
 from contact_app.results.plot.contact_picture import touchable
 from contact_app.results.plot.curved import finer
 from contact_app.results.plot.node_values import (
@@ -39,8 +40,6 @@ SHARP = 50.0
 EXTREME = 0.01
 #: Pixels along the picture in the test for hidden parts.
 COARSE = 300
-#: Width of a panel in inches.
-WIDTH = 6.0
 #: Dots an inch: twice those of the picture, which smooths edges.
 SHARPNESS = 300
 #: Light that falls on every face, and what comes from one side.
@@ -153,7 +152,6 @@ def draw_space(
     """
     from matplotlib.cm import ScalarMappable
     from matplotlib.colors import Normalize
-    from matplotlib.figure import Figure
 
     stored = finer(stored)
     skin = stored.skin()
@@ -170,15 +168,12 @@ def draw_space(
         panel_of(stored, name, labels.get(name, name), faces, rows, inside) for name in fields
     ]
 
-    wide = WIDTH
-    tall = min(max(wide * view.half[1] / view.half[0], 0.35 * wide), 1.6 * wide)
-    frame = Frame.of(view, (wide, tall), SHARPNESS)
+    ratio = float(np.clip(view.half[1] / view.half[0], 0.1, 1.6))
+    figure, places, wide = of_bodies(len(panels), ratio)
+    frame = Frame.of(view, (wide, wide * ratio), SHARPNESS)
     images = [_image(moved, faces, outline, panel, frame, stored.drawn) for panel in panels]
-    figure = Figure(figsize=(wide * len(panels), tall + 1.3), layout="constrained")
-    places = np.ravel(figure.subplots(1, len(panels)))
-    for number, (axes, panel) in enumerate(zip(places, panels, strict=True)):
-        axes.imshow(images[number], interpolation="antialiased")
-        axes.set_axis_off()
+    for image, axes, panel in zip(images, places, panels, strict=True):
+        axes.imshow(image, interpolation="antialiased")
         shades = ScalarMappable(Normalize(*panel.limits), panel.colours)
         bar = figure.colorbar(
             shades, ax=axes, location="bottom", label=panel.label, shrink=0.75, aspect=30,

@@ -11,10 +11,12 @@ from typer.testing import CliRunner
 
 from contact_app.cli import app
 from contact_app.results.plot import node_values, picture, space_picture
+from contact_app.results.plot.arrangement import columns, of_patches
 from contact_app.results.plot.contact_picture import (
     NothingPressedError,
     draw_contact,
     flattened,
+    pressure_lines,
     profiles,
 )
 from contact_app.results.plot.stored import Stored, StoredError, read
@@ -292,6 +294,49 @@ def test_pressure_on_an_edge_alone_is_drawn(tmp_path: Path) -> None:
     stored.point_data["gap"][:] = np.where(edge, 0.0, np.nan)
     stored.point_data["contact_pressure"][:] = np.where(edge, 3.0, 0.0)
     assert not plain(draw_contact(stored, tmp_path / "edge.png"))
+
+
+@pytest.mark.parametrize(
+    ("count", "ratio", "wanted", "expected"),
+    [(1, 1.0, 1.6, 1), (2, 0.9, 3.0, 2), (2, 0.05, 3.0, 1), (2, 2.0, 3.0, 2), (8, 1.0, 1.6, 4)],
+)
+def test_panels_are_arranged_by_their_shape(
+    count: int, ratio: float, wanted: float, expected: int
+) -> None:
+    """Slender bodies stand above each other, many patches in rows."""
+    assert columns(count, ratio, wanted) == expected
+
+
+def test_patches_fill_their_picture(tmp_path: Path) -> None:
+    """A patch is drawn from the left to the right."""
+    block(tmp_path)
+    image = matplotlib.image.imread(draw_contact(read(tmp_path), tmp_path / "patch.png"))
+    inked = np.flatnonzero((image[:, :, :3] < 0.99).any(axis=(0, 2)))
+    assert inked[0] < 0.1 * image.shape[1]
+    assert inked[-1] > 0.9 * image.shape[1]
+    assert of_patches([np.array([1.0, 4.0])])[1][0] < 5.0
+
+
+def test_the_line_of_the_pressure_shows_the_part_in_contact(tmp_path: Path) -> None:
+    points = np.stack([np.repeat(np.arange(41.0), 2), np.tile([0.0, 1.0], 41), np.zeros(82)], 1)
+    first = 2 * np.arange(40)[:, None]
+    cells = first + np.array([0, 2, 3, 1])
+    pressure = np.where((points[:, 1] == 0.0) & (points[:, 0] < 3.5), 4.0 - points[:, 0], 0.0)
+    gap = np.where(points[:, 1] == 0.0, 0.0, np.nan)
+    data = {"contact_pressure": pressure, "gap": gap}
+    stored = Stored(points, {"quadrilateral": cells}, {"quadrilateral": np.arange(40)}, data, {})
+    (axes,) = pressure_lines(stored, pressure, "pressure").axes
+    assert axes.get_xlim() == pytest.approx((-0.6, 4.6))
+
+
+def test_bodies_that_nothing_presses_have_no_panel_of_the_pressure(tmp_path: Path) -> None:
+    drawn = []
+    for pressure in (5.0, 0.0):
+        square(tmp_path)
+        stored = read(tmp_path)
+        stored.point_data["contact_pressure"][:] = pressure
+        drawn.append([picture.acts(stored, name) for name in ("von_mises", "contact_pressure")])
+    assert drawn == [[True, True], [True, False]]
 
 
 def test_a_result_without_contact_has_no_pressure_to_draw(tmp_path: Path) -> None:
