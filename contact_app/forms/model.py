@@ -30,6 +30,7 @@ from contact_app.forms.locking import Moduli
 from contact_app.forms.parts import Parts, parts_of
 from contact_app.forms.rows import rows_of
 from contact_app.forms.sides import Sides, sides_of
+from contact_app.forms.stress_loads import stress_loads
 from contact_app.forms.subdomains import Subdomains, subdomains_of
 from contact_app.forms.uniform import in_cylindrical_coordinates
 from meshes.ties import MeanJumps
@@ -105,6 +106,24 @@ class FormModel:
         return np.concatenate([np.zeros((0, d)), *at_nodes])
 
 
+@dataclass(frozen=True, eq=False)
+class _Loads:
+    """f of each subdomain, (n,), and its part that acts on strains only; None without.
+
+    As heat does, that part balances itself.
+    """
+
+    total: list[Array]
+    thermal: list[Array] | None
+
+    @classmethod
+    def of(cls, subdomains: Subdomains, form: Any) -> _Loads:
+        """The loads of a linear form (collective)."""
+        terms = stress_loads(form)
+        thermal = None if terms is None else subdomains.loads(terms)
+        return cls(subdomains.loads(form), thermal)
+
+
 def build_model(
     space: Any,
     forms: tuple[Any, Any],
@@ -137,7 +156,7 @@ def build_model(
     with measure("assembly"):
         parts = parts_of(space, grid)
         subdomains = subdomains_of(parts, grid)
-        stiffness, loads = subdomains.stiffness(forms[0]), subdomains.loads(forms[1])
+        stiffness, acting = subdomains.stiffness(forms[0]), _Loads.of(subdomains, forms[1])
     classes = congruent(subdomains, stiffness, grid is not None)
     if grid is not None:
         kinds = parts.comm.allreduce(max((c.number + 1 for c in classes), default=0), op=MPI.MAX)
@@ -147,7 +166,7 @@ def build_model(
         for member in cls.members:
             stiffness[member] = cls.stiffness
     with together(parts.comm):
-        check_matrices([cls.stiffness for cls in classes], loads)
+        check_matrices([cls.stiffness for cls in classes], acting.total)
     exchange = NodeExchange(parts.comm, subdomains.numbers, parts.nodes)
     sides = tuple(sides_of(parts, contact, i) for i, contact in enumerate(contacts))
     held, contact, merged = rows_of(parts, exchange, bcs, contacts, sides)
@@ -157,7 +176,7 @@ def build_model(
     bodies = bodies_of(subdomains, exchange)
     groups = groups_of(bodies, exchange, contact)
     resisting = Resisting(held, contact, groups, friction)
-    state = holding(subdomains, bodies, exchange, stiffness, loads, resisting)
+    state = holding(subdomains, bodies, exchange, stiffness, acting.total, resisting)
     eliminated = state.held & (bodies.sizes == 1) & (friction is None)
     first = parts.comm.exscan(subdomains.count) or 0
     numbers = np.repeat(first + np.arange(subdomains.count), np.diff(subdomains.starts))
@@ -171,7 +190,7 @@ def build_model(
     lifted = _lifted(exchange, held)
     with together(parts.comm):
         pieces = [
-            _subdomain(subdomains, bodies, eliminated, loads, lifted, cls, not options.factored)
+            _subdomain(subdomains, bodies, eliminated, acting, lifted, cls, not options.factored)
             for cls in classes
         ]
     system = build_system(
@@ -220,20 +239,21 @@ def with_new_loads(
     if not all_equal(parts.comm, fingerprint_of_rows(held, contact), model.of_rows):
         return None
     with measure("assembly"):
-        loads = model.subdomains.loads(forms[1])
+        acting = _Loads.of(model.subdomains, forms[1])
     with together(parts.comm):
-        check_matrices([], loads)
+        check_matrices([], acting.total)
     stiffness = [problem.classes[cls].stiffness for cls, _ in model.place]
     groups = problem.bodies.groups
     sides = model.sides, model.jumps
     friction = friction_rows(parts, exchange, model.contacts, sides, held, (contact, merged))
     resisting = Resisting(held, contact, groups, friction)
-    holding(model.subdomains, model.bodies, exchange, stiffness, loads, resisting)
-    forces = [np.zeros_like(values) for values in problem.forces]
+    holding(model.subdomains, model.bodies, exchange, stiffness, acting.total, resisting)
+    forces, heat = ([np.zeros_like(values) for values in problem.forces] for _ in range(2))
     lifting = [np.zeros_like(values) for values in problem.lifting]
     value = _lifted(exchange, held)[1].ravel()
     for number, (cls, column) in enumerate(model.place):
-        forces[cls][:, column] = loads[number]
+        forces[cls][:, column] = acting.total[number]
+        heat[cls][:, column] = 0.0 if acting.thermal is None else acting.thermal[number]
         lifting[cls][:, column] = value[model.subdomains.unknowns(number)]
     for lift, values in zip(lifting, problem.classes, strict=True):
         lift[values.free] = 0.0  # what is held there is held by rows
@@ -245,7 +265,7 @@ def with_new_loads(
     c[problem.inequality] = contact.gaps * problem.contact.spread
     if friction is not None:
         c[problem.tangential] = friction.rows.gaps * problem.spread[problem.tangential]
-    case = problem.with_loads(forces, lifting, c)
+    case = problem.with_loads(forces, lifting, c, [h if h.any() else None for h in heat])
     return replace(model, problem=case, merged=merged)
 
 
@@ -263,7 +283,7 @@ def _subdomain(
     subdomains: Subdomains,
     bodies: Bodies,
     eliminated: NDArray[np.bool_],
-    loads: list[Array],
+    acting: _Loads,
     lifted: tuple[NDArray[np.bool_], Array],
     alike: Congruent,
     levels: bool,
@@ -287,12 +307,16 @@ def _subdomain(
     elif kernel.shape[1] == 0:
         fixed = np.zeros(0, np.int64)
     starts = np.array([member.start for member in of_members], np.int64)
+    heat = None
+    if acting.thermal is not None:
+        heat = np.asfortranarray(np.stack([acting.thermal[k] for k in members], axis=1))
     return CongruentSubdomains(
         stiffness=K,
         points=points,
         nodes=nodes,
         copies=starts[:, None] + nodes[None],
-        forces=np.asfortranarray(np.stack([loads[number] for number in members], axis=1)),
+        forces=np.asfortranarray(np.stack([acting.total[k] for k in members], axis=1)),
+        thermal=heat if heat is not None and heat.any() else None,
         lifting=lift,
         eliminated=fixed,
         bodies=bodies.of_subdomain[members],

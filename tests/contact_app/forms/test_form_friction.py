@@ -14,6 +14,8 @@ from mpi4py import MPI
 import contact_app
 from contact_app import Contact, ContactProblem, Plane
 from contact_app.errors import NoEquilibriumError
+from contact_app.forms.stress_loads import stress_loads
+from meshes import dolfinx_compat
 from tests import form_problems as problems
 
 CELLS, SIZE, PUSH = (5, 4, 3), (1.0, 0.6, 0.5), (0.08, -0.5, 0.03)
@@ -134,3 +136,56 @@ def test_where_the_dual_methods_fail_displacements_are_solved_for() -> None:
     assert "Newton" in found.certificate.warnings[0]
     energies = [p.summary["solution"]["energy"] for p in (found, known)]
     assert energies[0] == pytest.approx(energies[1], rel=1e-6)
+
+
+def test_prestress_between_clamps_does_not_loosen_the_certificate() -> None:
+    """A bar between two clamps is pressed on a rough floor, without and with a stress along it.
+
+    Uniform stress between clamps moves nothing. Measured by the reactions to it, displacements were
+    certified at 1e-6 that were 4.7 % off, and pressures that were 3.2 % off.
+    """
+    mesh = problems.box("triangle", (16, 6), (4.0, 1.0), MPI.COMM_WORLD)
+    V = problems.vector_space(mesh, 1)
+    tags = problems.facet_tags(mesh, {1: problems.bottom, 2: lambda x: np.isclose(x[1], 1.0)})
+    u, v = ufl.TrialFunction(V), ufl.TestFunction(V)
+    ds = ufl.Measure("ds", domain=mesh, subdomain_data=tags)
+    push, stress = fem.Constant(mesh, (0.3, -1.0)), fem.Constant(mesh, np.zeros((2, 2)))
+    problem = ContactProblem(
+        ufl.inner(problems.isotropic(u, 1000.0, 0.3), problems.strain(v)) * ufl.dx,
+        ufl.inner(push, v) * ds(2) + ufl.inner(stress, problems.strain(v)) * ufl.dx,
+        [problems.held(V, lambda x: np.isclose(x[0], 0.0) | np.isclose(x[0], 4.0))],
+        [Contact(tags, 1, Plane((0, -1e-4), (0, 1)), friction={"coulomb": 0.3})],
+        tolerance=1e-6,
+    )
+    answers = []
+    for size in (0.0, 1e6):
+        stress.value[0, 0] = size
+        problem.solve()
+        assert problem.certificate.passed
+        answers.append((problem.u.x.array.copy(), problem.contact_pressure.x.array.copy()))
+    for plain, stressed in zip(*answers, strict=True):
+        assert stressed == pytest.approx(plain, abs=1e-4 * np.nanmax(np.abs(plain)), nan_ok=True)
+    problem = ContactProblem(problem.a, problem.L, problem.bcs, problem.contacts)
+    problem.solve()
+    scale = np.abs(answers[0][0]).max()
+    assert problem.u.x.array == pytest.approx(answers[0][0], abs=1e-4 * scale), "built with stress"
+
+
+def test_terms_with_derivatives_of_the_argument_are_stress_loads() -> None:
+    mesh = problems.box("triangle", (2, 2), (1.0, 1.0), MPI.COMM_SELF)
+    V = problems.vector_space(mesh, 1)
+    v, x = ufl.TestFunction(V), ufl.SpatialCoordinate(mesh)
+    force, stress = ufl.as_vector((x[1], 1.0)), ufl.as_matrix(((1.0, x[0]), (x[0], 2.0)))
+
+    def loads(form: Any) -> Any:
+        return fem.assemble_vector(dolfinx_compat.compile_form(form)).array
+
+    acting = ufl.inner(force, v) * ufl.dx + ufl.dot(force, v) * ufl.ds
+    on_strains = ufl.inner(stress, problems.strain(v)) * ufl.dx
+    assert stress_loads(acting) is None
+    mixed = (ufl.inner(force, v) + ufl.inner(stress, problems.strain(v))) * ufl.dx
+    for form in (on_strains, acting + on_strains, mixed):
+        assert loads(stress_loads(form)) == pytest.approx(loads(on_strains), abs=1e-15)
+    of_product = ufl.div(x[0] * v) * ufl.dx  # x div v + v_x
+    expected = loads(x[0] * ufl.div(v) * ufl.dx)
+    assert loads(stress_loads(of_product)) == pytest.approx(expected, abs=1e-15)
