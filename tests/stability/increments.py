@@ -3,7 +3,7 @@
 Each random scene of `friction_scenes` is loaded in one, two and twelve increments. Beside the share
 of the points with Coulomb friction that close or open under the load stand the changes of friction
 forces, over their limits, and of displacements, over the largest, from one increment to two and to
-twelve. The constants of `contact_app.run.coarse_increments` and of
+twelve. The constants of `contact_app.run.path_dependence`, `contact_app.run.other_increments` and
 `contact_app.run.model_warnings` rest on these numbers.
 """
 

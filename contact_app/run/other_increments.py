@@ -1,0 +1,196 @@
+"""The answer of a load increment in increments of another length, and how much it differs."""
+
+from __future__ import annotations
+
+import logging
+from dataclasses import dataclass, replace
+
+import numpy as np
+from mpi4py import MPI
+from numpy.typing import NDArray
+
+from contact_app.accuracy.solved_scene import SolvedScene
+from contact_app.machine.timings import Timings
+from contact_app.results.percent import percent
+from contact_app.run.increment_models import IncrementModels
+from contact_app.run.progress import together
+from contact_app.scene.scene import Scene
+from solver.contact.options import SolverOptions
+from solver.contact.solution import Solution
+from solver.driver import solve
+from solver.qp.result import Monitor, Step
+from solver.tfeti.dual import DualProblem
+
+FORCES, MOVED = 0.05, 0.01
+"""Smallest changes by halving that cause a warning.
+
+Of friction forces over their limits, and of displacements over the largest.
+"""
+
+TOLERANCE = 1e-3
+"""Tolerance of the other increments: it only has to show changes of a hundredth."""
+
+LEAST, TIMES = 60, 1.5
+"""Iterations that both halves, or one increment of twice the length, may take.
+
+The larger of this number and this factor times those of the increment.
+"""
+
+log = logging.getLogger("contact_app")
+
+
+@dataclass(frozen=True)
+class Change:
+    """The change by halving an increment.
+
+    Attributes
+    ----------
+    forces
+        Sum of the changes of friction forces over that of their limits.
+    displacements
+        Largest change of a component over the largest.
+    """
+
+    forces: float
+    displacements: float
+
+    def __str__(self) -> str:
+        return (
+            f"friction forces by {percent(self.forces)} of their limits and displacements by "
+            f"{percent(self.displacements)} of the largest"
+        )
+
+    @property
+    def matters(self) -> bool:
+        """Whether the change causes a warning."""
+        return self.forces > FORCES or self.displacements > MOVED
+
+
+def in_twice_the_length(
+    models: IncrementModels,
+    before: tuple[Scene | None, list[NDArray[np.float64]] | None],
+    now: SolvedScene,
+    monitor: Monitor | None,
+) -> Solution | None:
+    """The answer of one increment in place of the last two; None if it is unknown (collective).
+
+    Parameters
+    ----------
+    before
+        Scene and displacements at the begin of the two; None before the first load.
+    now
+        The last of them.
+    """
+    scene, begin = before
+    if begin is None:
+        begin = [np.zeros_like(u) for u in now.solution.displacements]
+    problem = _problem_from(models, scene, begin, now)
+    if problem is None:
+        return None
+    answer = solve(problem, *_loosely(now, monitor), start=now.solution.multiplier)
+    return answer if answer.converged else None
+
+
+def halved(
+    models: IncrementModels, middle: Scene, now: SolvedScene, monitor: Monitor | None
+) -> Change | None:
+    """The change by solving an increment in two halves; None if it is unknown (collective).
+
+    Parameters
+    ----------
+    middle
+        The scene with the loads half-way through the increment.
+    """
+    model_now, comm = now.model, now.model.comm
+    halfway = replace(
+        middle, solver=model_now.scene.solver, decomposition=model_now.scene.decomposition
+    )
+    rigid = bool(middle.rigid_bodies)  # each of their placements has a model of its own
+    model = models.model(halfway, Timings(), "all" if rigid else model_now.needed, None)
+    same = rigid or model.problem.B is model_now.problem.B
+    if not comm.allreduce(int(same), op=MPI.MIN):
+        return None
+    options, limited = _loosely(now, monitor)
+    first = solve(model.problem, options, limited, start=models.on(model))
+    if not first.converged:
+        return None
+    problem = _problem_from(models, halfway, first.displacements, now)
+    if problem is None:
+        return None
+    second = solve(problem, options, limited, start=now.solution.multiplier)
+    if not second.converged:
+        return None
+    change = change_to(now, second.multiplier, second.displacements)
+    if comm.rank == 0:
+        log.info(
+            "%s in halves, %d Hessian multiplications: changes %s",
+            now.model.scene.case, first.counts.hessian + second.counts.hessian, change,
+        )  # fmt: skip
+    return change
+
+
+def _problem_from(
+    models: IncrementModels,
+    scene: Scene | None,
+    begin: list[NDArray[np.float64]],
+    now: SolvedScene,
+) -> DualProblem | None:
+    """The problem of an increment that begins elsewhere; None if its rows differ (collective).
+
+    Parameters
+    ----------
+    scene, begin
+        Scene, None before the first load, and displacements at its begin.
+    now
+        The increment.
+    """
+    model = now.model
+    if model.scene.rigid_bodies:
+        after = models.after(scene, begin)
+        problem = after.model(model.scene, Timings(), model.needed, None).problem
+    else:
+        problem = model.problem.with_slip_from(begin)
+    same = model.comm.allreduce(int(problem.size == model.problem.size), op=MPI.MIN)
+    return problem if same else None
+
+
+def _loosely(now: SolvedScene, monitor: Monitor | None) -> tuple[SolverOptions, Monitor | None]:
+    """Options with the tolerance of the test, and a monitor with its limit of iterations."""
+    options = replace(now.model.scene.solver, tolerance=max(TOLERANCE, now.solution.tolerance))
+    iterations = max(LEAST, int(TIMES * now.solution.counts.hessian))
+    return options, together(monitor, _Patience(iterations))
+
+
+class _Patience:
+    """A monitor that stops solves after a total number of iterations."""
+
+    def __init__(self, iterations: int) -> None:
+        self._left = iterations
+
+    def __call__(self, step: Step) -> bool:
+        self._left -= 1
+        return self._left < 0
+
+
+def change_to(
+    now: SolvedScene, multiplier: NDArray[np.float64], displacements: list[NDArray[np.float64]]
+) -> Change:
+    """Difference between two answers with the same rows."""
+    comm, points, solution = now.model.comm, now.model.problem.friction, now.solution
+    sums = np.zeros(2)
+    if points is not None:
+        forces = points.forces(multiplier) - points.forces(solution.multiplier)
+        sums[:] = points.sizes(forces).sum(), points.slip_limits(solution.multiplier).sum()
+    moved, limits = comm.allreduce(sums)
+    pairs = list(zip(displacements, solution.displacements, strict=True))
+    slipped = np.array(
+        [
+            max((float(np.abs(a - b).max(initial=0.0)) for a, b in pairs), default=0.0),
+            max((float(np.abs(b).max(initial=0.0)) for _, b in pairs), default=0.0),
+        ]
+    )
+    change, largest = np.max(comm.allgather(slipped), axis=0)
+    return Change(
+        float(moved / limits) if limits > 0.0 else 0.0,
+        float(change / largest) if largest > 0.0 else 0.0,
+    )
