@@ -34,6 +34,12 @@ def in_order_of(known: reference.Reference, solution: Any) -> np.ndarray:
     return np.asarray(u)[index]
 
 
+def same_displacement(known: reference.Reference, solved: Any, part: float = 1e-7) -> None:
+    """Hold an answer against a reference, to a part of the largest displacement at each node."""
+    u = in_order_of(known, solved)
+    np.testing.assert_allclose(u, known.u, rtol=0, atol=part * np.abs(known.u).max())
+
+
 def solve(made: scenes.Config, subdomains: int | list[int] | None = None, **options: Any) -> Any:
     """Solve a configuration with the application, with some solver options replaced."""
     from contact_app.run.solve import solve_scene

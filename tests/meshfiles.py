@@ -148,11 +148,19 @@ SECOND = {
 """meshio's names of the cells of second order."""
 
 
-def bend(x: np.ndarray) -> np.ndarray:
-    """Bend the unit block (n, 3) into an eighth of a ring of radii 1 to 2 about the z axis."""
-    angle = 0.25 * np.pi * x[:, 1]
-    radius = 1.0 + x[:, 0]
-    return np.column_stack([radius * np.cos(angle), radius * np.sin(angle), x[:, 2]])
+def ring(
+    inner: float, outer: float, high: float = 1.0, angle: float = 0.5 * np.pi
+) -> Callable[[np.ndarray], np.ndarray]:
+    """Function that bends the unit block (n, 3) into a sector of a ring about the z axis."""
+
+    def bent(x: np.ndarray) -> np.ndarray:
+        radius, turn = inner + (outer - inner) * x[:, 0], angle * x[:, 1]
+        return np.column_stack([radius * np.cos(turn), radius * np.sin(turn), high * x[:, 2]])
+
+    return bent
+
+
+bend = ring(1.0, 2.0, angle=0.25 * np.pi)
 
 
 def second_order(

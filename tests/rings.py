@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from pathlib import Path
 
-import numpy as np
-
 from tests import meshfiles, scenes
 
 YOUNG, POISSON = 2.0e5, 0.3
@@ -17,11 +15,7 @@ def quarter(path: Path, inner: float, outer: float, counts: int = 6, straight: b
 
     Its quadrilaterals have round edges, or straight ones.
     """
-
-    def bent(x: np.ndarray) -> np.ndarray:
-        radius, angle = inner + (outer - inner) * x[:, 0], 0.5 * np.pi * x[:, 1]
-        return np.column_stack([radius * np.cos(angle), radius * np.sin(angle), 0.0 * x[:, 2]])
-
+    bent = meshfiles.ring(inner, outer)
     block = meshfiles.block("quadrilateral", counts, 0.0)
     if straight:
         block.points = bent(block.points)

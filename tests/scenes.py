@@ -67,6 +67,41 @@ def block(
     return body
 
 
+def quadratic(made: Config) -> Config:
+    """The same scene with every body of degree 2."""
+    return {**made, "bodies": [{**body, "degree": 2} for body in made["bodies"]]}
+
+
+def rollers(cell: str, sides: str = "-", body: str = "block", axes: str = "xyz") -> list[Config]:
+    """Conditions that hold the sides of a body across some axes, each in its normal component."""
+    d = dimension(cell)
+    return [
+        {"on": f"{body}.{axis}{side}", "displacement": [0.0 if k == i else None for k in range(d)]}
+        for i, axis in enumerate(axes[:d])
+        for side in sides
+    ]
+
+
+def on_floor(cell: str, body: str = "block", height: float = 0.0) -> Config:
+    """The contact of the bottom of a body with a floor."""
+    return {"on": f"{body}.{down(cell)}", "obstacle": plane(cell, (0, 0, height), (0, 0, 1))}
+
+
+def on_top(cell: str, x: float, y: float, z: float) -> Config:
+    """A traction on the top of the block."""
+    return {"on": f"block.{up(cell)}", "traction": vector(cell, x, y, z)}
+
+
+def weight(cell: str, x: float, y: float, z: float) -> Config:
+    """A force per volume on the block."""
+    return {"in": "block", "force": vector(cell, x, y, z)}
+
+
+def ball(cell: str, center: tuple[float, float, float], radius: float, **hollow: bool) -> Config:
+    """A sphere as obstacle, a circle in the plane."""
+    return {"sphere": {"center": vector(cell, *center), "radius": radius, **hollow}}
+
+
 def plane(cell: str, point: tuple[float, ...], normal: tuple[float, ...]) -> Config:
     """A plane obstacle; 3-vectors whose y is dropped in 2D."""
     return {"plane": {"point": vector(cell, *point), "normal": vector(cell, *normal)}}
@@ -98,150 +133,70 @@ def clamp(cell: str, on: str) -> Config:
 
 def wall(cell: str, n: int) -> Config:
     """The paper's cube: foot clamped, top loaded, right face beside a wall (held wall nodes)."""
-    return config(
-        cell,
-        [block(cell, n)],
-        [
-            clamp(cell, f"block.{down(cell)}"),
-            {"on": f"block.{up(cell)}", "traction": vector(cell, 0, 0, -50)},
-        ],
-        [{"on": "block.x+", "obstacle": plane(cell, (1, 0, 0), (-1, 0, 0))}],
-    )
+    conditions = [clamp(cell, f"block.{down(cell)}"), on_top(cell, 0, 0, -50)]
+    beside = {"on": "block.x+", "obstacle": plane(cell, (1, 0, 0), (-1, 0, 0))}
+    return config(cell, [block(cell, n)], conditions, [beside])
 
 
 def tilted_plane(cell: str, n: int) -> Config:
     """A cantilever that bends down onto a tilted plane some way below it."""
-    return config(
-        cell,
-        [block(cell, n)],
-        [
-            clamp(cell, "block.x-"),
-            {"on": f"block.{up(cell)}", "traction": vector(cell, 5, 0, -60)},
-        ],
-        [
-            {
-                "on": f"block.{down(cell)}",
-                "obstacle": plane(cell, (1, 0, -0.01), (-0.05, 0.02, 1)),
-            }
-        ],
-    )
+    slope = plane(cell, (1, 0, -0.01), (-0.05, 0.02, 1))
+    conditions = [clamp(cell, "block.x-"), on_top(cell, 5, 0, -60)]
+    contacts = [{"on": f"block.{down(cell)}", "obstacle": slope}]
+    return config(cell, [block(cell, n)], conditions, contacts)
 
 
 def sphere(cell: str, n: int) -> Config:
     """The foot is pushed up (non-zero displacement) until the top meets a sphere."""
-    return config(
-        cell,
-        [block(cell, n)],
-        [
-            {"on": f"block.{down(cell)}", "displacement": vector(cell, 0.0, 0.0, 0.04)},
-        ],
-        [
-            {
-                "on": f"block.{up(cell)}",
-                "obstacle": {"sphere": {"center": vector(cell, 0.45, 0.55, 2.01), "radius": 1.0}},
-            }
-        ],
-    )
+    push = {"on": f"block.{down(cell)}", "displacement": vector(cell, 0.0, 0.0, 0.04)}
+    above = {"on": f"block.{up(cell)}", "obstacle": ball(cell, (0.45, 0.55, 2.01), 1.0)}
+    return config(cell, [block(cell, n)], [push], [above])
 
 
 def hollow_sphere(cell: str, n: int) -> Config:
     """A block clamped on its left is pulled against the inside of a sphere around it."""
-    return config(
-        cell,
-        [block(cell, n, lower=(-0.5, -0.5, -0.5), upper=(0.5, 0.5, 0.5))],
-        [
-            clamp(cell, "block.x-"),
-            {"on": f"block.{up(cell)}", "traction": vector(cell, 40, 10, 60)},
-        ],
-        [
-            {
-                "on": f"block.{face}",
-                "obstacle": {
-                    "sphere": {
-                        "center": vector(cell, 0.0, 0.0, 0.0),
-                        "radius": 0.89 if dimension(cell) == 3 else 0.72,
-                        "hollow": True,
-                    }
-                },
-            }
-            for face in (up(cell), "x+")
-        ],
-    )
+    body = block(cell, n, lower=(-0.5, -0.5, -0.5), upper=(0.5, 0.5, 0.5))
+    cavity = ball(cell, (0.0, 0.0, 0.0), 0.89 if dimension(cell) == 3 else 0.72, hollow=True)
+    contacts = [{"on": f"block.{face}", "obstacle": cavity} for face in (up(cell), "x+")]
+    conditions = [clamp(cell, "block.x-"), on_top(cell, 40, 10, 60)]
+    return config(cell, [body], conditions, copy.deepcopy(contacts))
 
 
 def cylinder(cell: str, n: int) -> Config:
     """A block on a foundation is pressed against a roller above it (3D only)."""
-    return config(
-        cell,
-        [block(cell, n)],
-        [
-            clamp(cell, f"block.{down(cell)}"),
-            {"in": "block", "force": vector(cell, 0, 0, 80)},
-        ],
-        [
-            {
-                "on": f"block.{up(cell)}",
-                "obstacle": {
-                    "cylinder": {"point": [0.4, 0, 2.505], "axis": [0.1, 1, 0], "radius": 1.5}
-                },
-            }
-        ],
-    )
+    roller = {"cylinder": {"point": [0.4, 0, 2.505], "axis": [0.1, 1, 0], "radius": 1.5}}
+    conditions = [clamp(cell, f"block.{down(cell)}"), weight(cell, 0, 0, 80)]
+    contacts = [{"on": f"block.{up(cell)}", "obstacle": roller}]
+    return config(cell, [block(cell, n)], conditions, contacts)
 
 
 def hollow_cylinder(cell: str, n: int) -> Config:
     """A block held at one end in a pipe sags onto it (3D only)."""
-    return config(
-        cell,
-        [block(cell, n, lower=(-0.5, 0.0, -0.5), upper=(0.5, 1.0, 0.5))],
-        [
-            clamp(cell, "block.y-"),
-            {"in": "block", "force": vector(cell, 0, 0, -120)},
-        ],
-        [
-            {
-                "on": f"block.{down(cell)}",
-                "obstacle": {
-                    "cylinder": {
-                        "point": [0, 0, 0],
-                        "axis": [0, 2, 0],
-                        "radius": 0.71,
-                        "hollow": True,
-                    }
-                },
-            }
-        ],
-    )
+    body = block(cell, n, lower=(-0.5, 0.0, -0.5), upper=(0.5, 1.0, 0.5))
+    pipe = {"point": [0, 0, 0], "axis": [0, 2, 0], "radius": 0.71, "hollow": True}
+    conditions = [clamp(cell, "block.y-"), weight(cell, 0, 0, -120)]
+    contacts = [{"on": f"block.{down(cell)}", "obstacle": {"cylinder": pipe}}]
+    return config(cell, [body], conditions, contacts)
 
 
 def pushed(cell: str, n: int) -> Config:
-    """The top is moved by a given displacement onto a floor with a gap."""
-    return config(
-        cell,
-        [block(cell, n)],
-        [{"on": f"block.{up(cell)}", "displacement": vector(cell, 0.01, 0.005, -0.03)}],
-        [{"on": f"block.{down(cell)}", "obstacle": plane(cell, (0, 0, -0.005), (0, 0, 2))}],
-    )
+    """The top is moved by a given displacement onto a floor with a gap; the normal has length 2."""
+    push = {"on": f"block.{up(cell)}", "displacement": vector(cell, 0.01, 0.005, -0.03)}
+    floor = {"on": f"block.{down(cell)}", "obstacle": plane(cell, (0, 0, -0.005), (0, 0, 2))}
+    return config(cell, [block(cell, n)], [push], [floor])
 
 
 def floating_in_corner(cell: str, n: int) -> Config:
     """A free body kept by nothing but the floor and the walls it is pushed against."""
     walls = [
-        {"on": f"block.{down(cell)}", "obstacle": plane(cell, (0, 0, -0.001), (0, 0, 1))},
+        on_floor(cell, height=-0.001),
         {"on": "block.x-", "obstacle": plane(cell, (0, 0, 0), (1, 0, 0))},
     ]
     if dimension(cell) == 3:
         walls.append({"on": "block.y-", "obstacle": plane(cell, (0, -0.002, 0), (0, 1, 0))})
-    return config(
-        cell,
-        [block(cell, n)],
-        [
-            {"on": f"block.{up(cell)}", "traction": vector(cell, 0, 0, -30)},
-            {"on": "block.x+", "traction": vector(cell, -10, 0, -25)},
-            {"in": "block", "force": vector(cell, -2, -4, -8)},
-        ],
-        walls,
-    )
+    side = {"on": "block.x+", "traction": vector(cell, -10, 0, -25)}
+    conditions = [on_top(cell, 0, 0, -30), side, weight(cell, -2, -4, -8)]
+    return config(cell, [block(cell, n)], conditions, walls)
 
 
 def two_bodies(cell: str, n: int) -> Config:
@@ -258,7 +213,7 @@ def two_bodies(cell: str, n: int) -> Config:
     ]
     contacts = [
         *(_renamed(c, "block", "soft") for c in first["contacts"]),
-        {"on": f"stiff.{down(cell)}", "obstacle": plane(cell, (0, 0, 0.19), (0, 0, 1))},
+        on_floor(cell, "stiff", 0.19),
         {"on": "stiff.x-", "obstacle": plane(cell, (2, 0, 0), (1, 0, 0))},
     ]
     if dimension(cell) == 3:
@@ -276,19 +231,9 @@ def _renamed(item: Config, old: str, new: str) -> Config:
 
 def rollers_and_floor(cell: str, n: int) -> Config:
     """Nodes that are held in one component and in contact in the other."""
-    sides = [{"on": "block.x-", "displacement": vector(cell, 0.0, None, None)}]
-    if dimension(cell) == 3:
-        sides.append({"on": "block.y-", "displacement": [None, 0.0, None]})
-    return config(
-        cell,
-        [block(cell, n)],
-        [
-            *sides,
-            {"on": f"block.{up(cell)}", "pressure": 40},
-            {"on": "block.x+", "pressure": 15},
-        ],
-        [{"on": f"block.{down(cell)}", "obstacle": plane(cell, (0, 0, 0), (0, 0, 1))}],
-    )
+    sides = rollers(cell, axes="xy"[: dimension(cell) - 1])
+    pressures = [{"on": f"block.{up(cell)}", "pressure": 40}, {"on": "block.x+", "pressure": 15}]
+    return config(cell, [block(cell, n)], [*sides, *pressures], [on_floor(cell)])
 
 
 def moved_rollers_on_a_slope(cell: str, n: int) -> Config:
@@ -302,18 +247,9 @@ def moved_rollers_on_a_slope(cell: str, n: int) -> Config:
 
 def two_planes(cell: str, n: int) -> Config:
     """A clamped block that is pressed into a wedge: nodes of an edge lie on two planes."""
-    return config(
-        cell,
-        [block(cell, n)],
-        [
-            clamp(cell, "block.x-"),
-            {"on": f"block.{up(cell)}", "traction": vector(cell, 30, 0, -80)},
-        ],
-        [
-            {"on": f"block.{down(cell)}", "obstacle": plane(cell, (0, 0, -0.002), (0, 0, 1))},
-            {"on": "block.x+", "obstacle": plane(cell, (1.004, 0, 0), (-1, 0, 0))},
-        ],
-    )
+    conditions = [clamp(cell, "block.x-"), on_top(cell, 30, 0, -80)]
+    beside = {"on": "block.x+", "obstacle": plane(cell, (1.004, 0, 0), (-1, 0, 0))}
+    return config(cell, [block(cell, n)], conditions, [on_floor(cell, height=-0.002), beside])
 
 
 def duplicate_obstacles(cell: str, n: int) -> Config:
@@ -329,36 +265,16 @@ def duplicate_obstacles(cell: str, n: int) -> Config:
 
 def sliding(cell: str, n: int) -> Config:
     """A block pressed straight down on a frictionless floor: free to slide."""
-    return config(
-        cell,
-        [block(cell, n)],
-        [
-            {"on": f"block.{up(cell)}", "traction": vector(cell, 0, 0, -50)},
-            {"in": "block", "force": vector(cell, 0, 0, -20)},
-        ],
-        [{"on": f"block.{down(cell)}", "obstacle": plane(cell, (0, 0, 0), (0, 0, 1))}],
-    )
+    conditions = [on_top(cell, 0, 0, -50), weight(cell, 0, 0, -20)]
+    return config(cell, [block(cell, n)], conditions, [on_floor(cell)])
 
 
 def rolling_in_hollow_sphere(cell: str, n: int) -> Config:
     """A free block at the bottom of a hollow sphere, which may turn about its centre."""
-    return config(
-        cell,
-        [block(cell, n, lower=(-0.5, -0.5, -0.5), upper=(0.5, 0.5, 0.5))],
-        [{"in": "block", "force": vector(cell, 0, 0, -20)}],
-        [
-            {
-                "on": f"block.{down(cell)}",
-                "obstacle": {
-                    "sphere": {
-                        "center": vector(cell, 0.0, 0.0, 0.0),
-                        "radius": 0.9,
-                        "hollow": True,
-                    }
-                },
-            }
-        ],
-    )
+    body = block(cell, n, lower=(-0.5, -0.5, -0.5), upper=(0.5, 0.5, 0.5))
+    cavity = ball(cell, (0.0, 0.0, 0.0), 0.9, hollow=True)
+    contacts = [{"on": f"block.{down(cell)}", "obstacle": cavity}]
+    return config(cell, [body], [weight(cell, 0, 0, -20)], contacts)
 
 
 def heavy(cell: str, n: int) -> Config:
@@ -370,7 +286,7 @@ def heavy(cell: str, n: int) -> Config:
     return config(
         cell,
         [body],
-        [clamp(cell, "block.back"), {"in": "block", "force": vector(cell, 0, 0, -90)}],
+        [clamp(cell, "block.back"), weight(cell, 0, 0, -90)],
         [{"on": "block.near", "obstacle": plane(cell, (0, 0, -0.004), (0, 0, 1))}],
     )
 
@@ -392,15 +308,10 @@ def far_obstacle(cell: str, n: int) -> Config:
 
 def bar(cell: str, n: int) -> Config:
     """EA = L = F = 1 and ν = 0, pulled over a gap of 0.4 against a wall."""
-    return config(
-        cell,
-        [block(cell, n, young=1.0, poisson=0.0)],
-        [
-            clamp(cell, "block.x-"),
-            {"on": "block.x+", "traction": vector(cell, 1, 0, 0)},
-        ],
-        [{"on": "block.x+", "obstacle": plane(cell, (1.4, 0, 0), (-1, 0, 0))}],
-    )
+    pull = {"on": "block.x+", "traction": vector(cell, 1, 0, 0)}
+    beside = {"on": "block.x+", "obstacle": plane(cell, (1.4, 0, 0), (-1, 0, 0))}
+    body = block(cell, n, young=1.0, poisson=0.0)
+    return config(cell, [body], [clamp(cell, "block.x-"), pull], [beside])
 
 
 def patch(cell: str, n: int, assumption: str = "strain") -> Config:

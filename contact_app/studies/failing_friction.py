@@ -15,12 +15,16 @@ import numpy as np
 from mpi4py import MPI
 
 from contact_app.studies.failing_scenes import (
+    FLOOR,
     REFUSED,
     Case,
     Config,
     box_body,
+    moved,
     plane_contact,
+    pulled,
     scene_of,
+    square,
 )
 from contact_app.studies.outcomes import OURS, WHOLE, Outcome, built, shortened
 
@@ -34,22 +38,13 @@ PRESS, LIMIT = 10.0, 0.4
 
 
 def _floor(coefficient: float) -> Config:
-    return {
-        **plane_contact("block.y-", [0.0, 0.0], [0.0, 1.0]),
-        "friction": {"coulomb": coefficient},
-    }
+    return {**FLOOR, "friction": {"coulomb": coefficient}}
 
 
 def held(coefficient: float, n: int = 12, push: float = 30.0) -> Config:
     """A block held at one side, pressed and pushed on a floor."""
-    return scene_of(
-        [box_body("block", [0.0, 0.0], [1.0, 1.0], [n, n])],
-        [
-            {"on": "block.x-", "displacement": [0.0, 0.0]},
-            {"on": "block.y+", "traction": [push, -60.0]},
-        ],
-        [_floor(coefficient)],
-    )
+    conditions = [moved("block.x-", 0.0, 0.0), pulled("block.y+", push, -60.0)]
+    return scene_of([square(n)], conditions, [_floor(coefficient)])
 
 
 def smooth() -> Config:
@@ -61,11 +56,9 @@ def smooth() -> Config:
 
 def floating(share: float) -> Config:
     """A block held by friction alone, pushed by a share of the load at which it slides."""
-    return scene_of(
-        [box_body("block", [0.0, 0.0], [2.0, 0.25], [32, 4])],
-        [{"on": "block.y+", "traction": [share * LIMIT * PRESS, -PRESS]}],
-        [_floor(LIMIT)],
-    )
+    body = box_body("block", [0.0, 0.0], [2.0, 0.25], [32, 4])
+    load = pulled("block.y+", share * LIMIT * PRESS, -PRESS)
+    return scene_of([body], [load], [_floor(LIMIT)])
 
 
 def alternating() -> Config:
@@ -81,18 +74,15 @@ def alternating() -> Config:
 
 def two_floors(dimension: int) -> Config:
     """A clamped block pushed into a corner of two rough planes."""
-    flat, n = dimension == 2, 12 if dimension == 2 else 4
+    flat, n, axes = dimension == 2, 12 if dimension == 2 else 4, np.eye(dimension).tolist()
     down, up = ("y-", "y+") if flat else ("z-", "z+")
     load = [30.0, -60.0] if flat else [30.0, 10.0, -60.0]
-    axes = np.eye(dimension)
-    floor = plane_contact(f"block.{down}", [0.0] * dimension, axes[-1].tolist())
-    wall = plane_contact("block.x+", axes[0].tolist(), (-axes[0]).tolist())
+    floor = plane_contact(f"block.{down}", [0.0] * dimension, axes[-1])
+    wall = plane_contact("block.x+", axes[0], [-v for v in axes[0]])
+    body = box_body("block", [0.0] * dimension, [1.0] * dimension, [n] * dimension)
     return scene_of(
-        [box_body("block", [0.0] * dimension, [1.0] * dimension, [n] * dimension)],
-        [
-            {"on": "block.x-", "displacement": [0.0] * dimension},
-            {"on": f"block.{up}", "traction": load},
-        ],
+        [body],
+        [moved("block.x-", *[0.0] * dimension), pulled(f"block.{up}", *load)],
         [{**floor, "friction": {"coulomb": 0.3}}, {**wall, "friction": {"coulomb": 0.4}}],
     )
 

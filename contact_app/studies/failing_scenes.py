@@ -78,101 +78,85 @@ def scene_of(bodies: list[Any], conditions: list[Config], contacts: list[Config]
     }
 
 
+FLOOR = plane_contact("block.y-", [0.0, 0.0], [0.0, 1.0])
+
+
+def square(n: int, **more: Any) -> Config:
+    """The unit square of n × n cells."""
+    return box_body("block", [0.0, 0.0], [1.0, 1.0], [n, n], **more)
+
+
+def moved(on: str, *values: float | None) -> Config:
+    """A displacement condition."""
+    return {"on": on, "displacement": list(values)}
+
+
+def pulled(on: str, *values: float) -> Config:
+    """A traction."""
+    return {"on": on, "traction": list(values)}
+
+
+def pressed(on: str, pressure: float) -> Config:
+    """A pressure."""
+    return {"on": on, "pressure": pressure}
+
+
 def wall(n: int = 16, **more: Any) -> Config:
     """The paper's problem in the plane: foot clamped, top pressed, a wall at the right."""
-    return scene_of(
-        [box_body("block", [0.0, 0.0], [1.0, 1.0], [n, n], **more)],
-        [
-            {"on": "block.y-", "displacement": [0.0, 0.0]},
-            {"on": "block.y+", "traction": [0.0, -50.0]},
-        ],
-        [plane_contact("block.x+", [1.0, 0.0], [-1.0, 0.0])],
-    )
+    conditions = [moved("block.y-", 0.0, 0.0), pulled("block.y+", 0.0, -50.0)]
+    beside = plane_contact("block.x+", [1.0, 0.0], [-1.0, 0.0])
+    return scene_of([square(n, **more)], conditions, [beside])
 
 
 def grazing() -> Config:
     """The top moves down by exactly the gap below the foot."""
     gap = 0.015625
-    return scene_of(
-        [box_body("block", [0.0, 0.0], [1.0, 1.0], [8, 8], poisson=0.0)],
-        [{"on": "block.y+", "displacement": [0.0, -gap]}],
-        [plane_contact("block.y-", [0.0, -gap], [0.0, 1.0])],
-    )
+    below = plane_contact("block.y-", [0.0, -gap], [0.0, 1.0])
+    return scene_of([square(8, poisson=0.0)], [moved("block.y+", 0.0, -gap)], [below])
 
 
 def weakly_active() -> Config:
     """A bar with EA = L = F = 1 that just reaches its wall: rows touch without force."""
-    return scene_of(
-        [box_body("bar", [0.0, 0.0], [1.0, 1.0], [16, 16], young=1.0, poisson=0.0)],
-        [
-            {"on": "bar.x-", "displacement": [0.0, 0.0]},
-            {"on": "bar.x+", "traction": [1.0, 0.0]},
-        ],
-        [plane_contact("bar.x+", [2.0, 0.0], [-1.0, 0.0])],
-    )
+    conditions = [moved("block.x-", 0.0, 0.0), pulled("block.x+", 1.0, 0.0)]
+    beside = plane_contact("block.x+", [2.0, 0.0], [-1.0, 0.0])
+    return scene_of([square(16, young=1.0, poisson=0.0)], conditions, [beside])
 
 
 def quadratic_patch(degree: int = 2) -> Config:
     """A block on a floor under uniform pressure."""
-    return scene_of(
-        [box_body("block", [0.0, 0.0], [1.0, 1.0], [4, 4], degree=degree)],
-        [
-            {"on": "block.x-", "displacement": [0.0, None]},
-            {"on": "block.y+", "pressure": 10.0},
-        ],
-        [plane_contact("block.y-", [0.0, 0.0], [0.0, 1.0])],
-    )
+    conditions = [moved("block.x-", 0.0, None), pressed("block.y+", 10.0)]
+    return scene_of([square(4, degree=degree)], conditions, [FLOOR])
 
 
 def eccentric(reach: float) -> Config:
     """A free block on a support over 0 ≤ x ≤ reach; the load acts at x = 0.75."""
-    body = box_body(
-        "block", [0.0, 0.0], [1.0, 1.0], [50, 8],
-        boundaries={
-            "support": {"where": f"y < 1e-9 and x < {reach} + 1e-9"},
-            "right": {"where": "y > 1 - 1e-9 and x > 0.5 - 1e-9"},
-        },
-    )  # fmt: skip
-    return scene_of(
-        [body],
-        [{"on": "block.right", "traction": [0.0, -50.0]}],
-        [plane_contact("block.support", [0.0, 0.0], [0.0, 1.0])],
-    )
+    boundaries = {
+        "support": {"where": f"y < 1e-9 and x < {reach} + 1e-9"},
+        "right": {"where": "y > 1 - 1e-9 and x > 0.5 - 1e-9"},
+    }
+    body = box_body("block", [0.0, 0.0], [1.0, 1.0], [50, 8], boundaries=boundaries)
+    below = plane_contact("block.support", [0.0, 0.0], [0.0, 1.0])
+    return scene_of([body], [pulled("block.right", 0.0, -50.0)], [below])
 
 
-def floating(load: list[float]) -> Config:
+def floating(*load: float) -> Config:
     """A free block on a frictionless floor."""
-    return scene_of(
-        [box_body("block", [0.0, 0.0], [1.0, 1.0], [8, 8])],
-        [{"on": "block.y+", "traction": load}],
-        [plane_contact("block.y-", [0.0, 0.0], [0.0, 1.0])],
-    )
+    return scene_of([square(8)], [pulled("block.y+", *load)], [FLOOR])
 
 
 def held_and_touching() -> Config:
     """Nodes held in one component and in contact in the other, on an oblique plane."""
-    return scene_of(
-        [box_body("block", [0.0, 0.0], [1.0, 1.0], [12, 12])],
-        [
-            {"on": "block.x-", "displacement": [0.0, None]},
-            {"on": "block.y+", "pressure": 40.0},
-        ],
-        [plane_contact("block.y-", [0.0, 0.0], [0.3, 1.0])],
-    )
+    conditions = [moved("block.x-", 0.0, None), pressed("block.y+", 40.0)]
+    slope = plane_contact("block.y-", [0.0, 0.0], [0.3, 1.0])
+    return scene_of([square(12)], conditions, [slope])
 
 
 def two_planes() -> Config:
     """A clamped block pressed into a corner: one node touches both planes."""
-    made = wall(12)
-    made["conditions"] = [
-        {"on": "block.x-", "displacement": [0.0, 0.0]},
-        {"on": "block.y+", "traction": [30.0, -80.0]},
-    ]
-    made["contacts"] = [
-        plane_contact("block.y-", [0.0, -0.002], [0.0, 1.0]),
-        plane_contact("block.x+", [1.004, 0.0], [-1.0, 0.0]),
-    ]
-    return made
+    below = plane_contact("block.y-", [0.0, -0.002], [0.0, 1.0])
+    beside = plane_contact("block.x+", [1.004, 0.0], [-1.0, 0.0])
+    conditions = [moved("block.x-", 0.0, 0.0), pulled("block.y+", 30.0, -80.0)]
+    return scene_of([square(12)], conditions, [below, beside])
 
 
 def same_plane_thrice() -> Config:
@@ -194,30 +178,20 @@ def held_inside() -> Config:
 
 def squeezed() -> Config:
     """A foot on rollers, one node of which two oblique planes push both ways."""
-    made = wall(8)
-    made["bodies"][0]["boundaries"] = {"middle": {"where": "y < 1e-9 and abs(x - 0.5) < 0.01"}}
-    made["conditions"] = [
-        {"on": "block.y-", "displacement": [None, 0.0]},
-        {"on": "block.y+", "traction": [5.0, -5.0]},
-    ]
-    made["contacts"] = [
+    middle = {"middle": {"where": "y < 1e-9 and abs(x - 0.5) < 0.01"}}
+    conditions = [moved("block.y-", None, 0.0), pulled("block.y+", 5.0, -5.0)]
+    contacts = [
         plane_contact("block.middle", [0.505, 0.0], [1.0, 0.5]),
         plane_contact("block.middle", [0.495, 0.0], [-1.0, 0.5]),
     ]
-    return made
+    return scene_of([square(8, boundaries=middle)], conditions, contacts)
 
 
 def slender(ratio: float, cells: list[int]) -> Config:
     """A cantilever that bends down onto a plane at a distance below it."""
-    length, height = 1.0, 1.0 / ratio
-    return scene_of(
-        [box_body("beam", [0.0, 0.0], [length, height], cells)],
-        [
-            {"on": "beam.x-", "displacement": [0.0, 0.0]},
-            {"on": "beam.y+", "pressure": 2000.0 / ratio**3},
-        ],
-        [plane_contact("beam.y-", [0.0, -0.02], [0.0, 1.0])],
-    )
+    beam = box_body("beam", [0.0, 0.0], [1.0, 1.0 / ratio], cells)
+    conditions = [moved("beam.x-", 0.0, 0.0), pressed("beam.y+", 2000.0 / ratio**3)]
+    return scene_of([beam], conditions, [plane_contact("beam.y-", [0.0, -0.02], [0.0, 1.0])])
 
 
 def slivers(cells: list[int]) -> Config:
@@ -229,18 +203,11 @@ def slivers(cells: list[int]) -> Config:
 
 def contrast(ratio: float) -> Config:
     """A block pressed onto another one that is stiffer, with meshes that do not match."""
-    return scene_of(
-        [
-            box_body("lower", [0.0, 0.0], [1.0, 1.0], [6, 6], young=1000.0 * ratio),
-            box_body("upper", [0.2, 1.0], [0.8, 1.5], [5, 5]),
-        ],
-        [
-            {"on": "lower.y-", "displacement": [0.0, 0.0]},
-            {"on": "upper.x-", "displacement": [0.0, None]},
-            {"on": "upper.y+", "pressure": 10.0},
-        ],
-        [{"on": "upper.y-", "against": "lower.y+"}],
-    )
+    lower = box_body("lower", [0.0, 0.0], [1.0, 1.0], [6, 6], young=1000.0 * ratio)
+    upper = box_body("upper", [0.2, 1.0], [0.8, 1.5], [5, 5])
+    holds = [moved("lower.y-", 0.0, 0.0), moved("upper.x-", 0.0, None)]
+    contacts = [{"on": "upper.y-", "against": "lower.y+"}]
+    return scene_of([lower, upper], [*holds, pressed("upper.y+", 10.0)], contacts)
 
 
 def weak_beside_strong(ratio: float) -> Config:
@@ -248,59 +215,38 @@ def weak_beside_strong(ratio: float) -> Config:
 
     Loads and gap of the cantilever are proportional to a ratio; those of the block are not.
     """
-    return scene_of(
-        [
-            box_body("strong", [0.0, 0.0], [1.0, 1.0], [8, 8]),
-            box_body("weak", [3.0, 0.0], [7.0, 1.0], [24, 6]),
-        ],
-        [
-            {"on": "strong.y-", "displacement": [0.0, 0.0]},
-            {"on": "strong.y+", "traction": [0.0, 10.0]},
-            {"on": "weak.x-", "displacement": [0.0, 0.0]},
-            {"on": "weak.y+", "traction": [0.0, -10.0 * ratio]},
-        ],
-        [plane_contact("weak.y-", [0.0, -0.1 * ratio], [0.0, 1.0])],
-    )
+    strong = box_body("strong", [0.0, 0.0], [1.0, 1.0], [8, 8])
+    weak = box_body("weak", [3.0, 0.0], [7.0, 1.0], [24, 6])
+    conditions = [
+        moved("strong.y-", 0.0, 0.0),
+        pulled("strong.y+", 0.0, 10.0),
+        moved("weak.x-", 0.0, 0.0),
+        pulled("weak.y+", 0.0, -10.0 * ratio),
+    ]
+    below = plane_contact("weak.y-", [0.0, -0.1 * ratio], [0.0, 1.0])
+    return scene_of([strong, weak], conditions, [below])
 
 
 def between_walls(contrast: float) -> Config:
     """A block between frictionless walls, pressed onto a softer, broader one."""
-    return scene_of(
-        [
-            box_body("rubber", [-1.0, -1.0], [3.0, 0.0], [12, 4], young=1.0, poisson=0.4),
-            box_body("steel", [0.0, 0.0], [2.0, 2.0], [10, 10], young=contrast),
-        ],
-        [
-            {"on": "rubber.y-", "displacement": [0.0, 0.0]},
-            {"on": "steel.y+", "traction": [0.0, -0.01]},
-        ],
-        [
-            plane_contact("steel.x-", [0.0, 0.0], [1.0, 0.0]),
-            plane_contact("steel.x+", [2.0, 0.0], [-1.0, 0.0]),
-            {"on": "steel.y-", "against": "rubber.y+"},
-        ],
-    )
+    rubber = box_body("rubber", [-1.0, -1.0], [3.0, 0.0], [12, 4], young=1.0, poisson=0.4)
+    steel = box_body("steel", [0.0, 0.0], [2.0, 2.0], [10, 10], young=contrast)
+    contacts = [
+        plane_contact("steel.x-", [0.0, 0.0], [1.0, 0.0]),
+        plane_contact("steel.x+", [2.0, 0.0], [-1.0, 0.0]),
+        {"on": "steel.y-", "against": "rubber.y+"},
+    ]
+    conditions = [moved("rubber.y-", 0.0, 0.0), pulled("steel.y+", 0.0, -0.01)]
+    return scene_of([rubber, steel], conditions, contacts)
 
 
 def overlapping_cells() -> Config:
     """The wall from a mesh file in which one node was pulled through its neighbours."""
-    made = wall()
-    material = made["bodies"][0]["material"]
-    made["bodies"] = [
-        {
-            "name": "block",
-            "mesh": {"file": str(_tangled())},
-            "material": material,
-            "boundaries": {
-                "foot": {"where": "y < 1e-9"},
-                "top": {"where": "y > 1 - 1e-9"},
-                "right": {"where": "x > 1 - 1e-9"},
-            },
-        }
-    ]
-    names = {"y-": "foot", "y+": "top", "x+": "right"}
-    for item in (*made["conditions"], *made["contacts"]):
-        item["on"] = f"block.{names[item['on'].removeprefix('block.')]}"
+    made, faces = wall(), {"y-": "y < 1e-9", "y+": "y > 1 - 1e-9", "x+": "x > 1 - 1e-9"}
+    made["bodies"][0] |= {
+        "mesh": {"file": str(_tangled())},
+        "boundaries": {name: {"where": where} for name, where in faces.items()},
+    }
     return made
 
 
@@ -343,20 +289,8 @@ def far_away(distance: float) -> Config:
 
 def overlap() -> Config:
     """A body without loads whose obstacle starts inside it."""
-    made = wall(12)
-    made["conditions"] = [{"on": "block.x-", "displacement": [0.0, 0.0]}]
-    made["contacts"] = [plane_contact("block.x+", [0.99, 0.0], [-1.0, 0.05])]
-    return made
-
-
-def many_parts() -> Config:
-    """Triangles cut into parts of a few cells each."""
-    return wall(8, cell="triangle")
-
-
-def locking(poisson: float) -> Config:
-    """The wall in a material that hardly changes its volume."""
-    return wall(16, poisson=poisson)
+    inside = plane_contact("block.x+", [0.99, 0.0], [-1.0, 0.05])
+    return scene_of([square(12)], [moved("block.x-", 0.0, 0.0)], [inside])
 
 
 _PATCH_ENERGY = -0.5 * 10.0 * 10.0 * (1.0 - 0.3**2) / 1000.0
@@ -368,11 +302,11 @@ CASES = (
     Case("eccentric load inside the support", lambda: eccentric(1.0)),
     Case("load at the edge of the support", lambda: eccentric(0.76), mild=lambda: eccentric(1.0)),
     Case("load outside the support", lambda: eccentric(0.74), expected=REFUSED),
-    Case("pulled off", lambda: floating([0.0, 10.0]), expected=REFUSED),
-    Case("pushed along a frictionless floor", lambda: floating([1.0, -50.0]), expected=REFUSED),
+    Case("pulled off", lambda: floating(0.0, 10.0), expected=REFUSED),
+    Case("pushed along a frictionless floor", lambda: floating(1.0, -50.0), expected=REFUSED),
     Case(
         "free to slide",
-        lambda: floating([0.0, -50.0]),
+        lambda: floating(0.0, -50.0),
         energy=-0.5 * 50.0 * 50.0 * (1.0 - 0.3**2) / 1000.0,
     ),
     Case("held and touching at one node", held_and_touching),
@@ -380,8 +314,13 @@ CASES = (
     Case("the same plane thrice", same_plane_thrice, mild=wall),
     Case("held nodes inside an obstacle", held_inside, expected=REFUSED),
     Case("squeezed between two obstacles", squeezed, expected=REFUSED),
-    Case("parts of a few cells", many_parts, subdomains=24, mild=lambda: wall(8)),
-    Case("nearly incompressible, ν = 0.4999", lambda: locking(0.4999), mild=wall),
+    Case(
+        "parts of a few cells",
+        lambda: wall(8, cell="triangle"),
+        subdomains=24,
+        mild=lambda: wall(8),
+    ),
+    Case("nearly incompressible, ν = 0.4999", lambda: wall(poisson=0.4999), mild=wall),
     Case("stiffness contrast 1e6", lambda: contrast(1e6), subdomains=8, mild=lambda: contrast(1.0)),
     Case(
         "weak body beside a strong one",

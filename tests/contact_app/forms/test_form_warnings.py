@@ -65,8 +65,7 @@ def test_a_body_that_moves_farther_than_it_is_large_causes_a_warning() -> None:
 def quarter_ring(inner: float, outer: float, cells: int) -> tuple[np.ndarray, np.ndarray]:
     """Points and triangles with straight edges of a quarter of a ring about the origin."""
     block = meshfiles.block("triangle", cells, 0.0)
-    radius, angle = inner + (outer - inner) * block.points[:, 0], 0.5 * np.pi * block.points[:, 1]
-    points = np.column_stack([radius * np.cos(angle), radius * np.sin(angle)])
+    points = meshfiles.ring(inner, outer)(block.points)[:, :2]
     return points, block.cells_dict["triangle"].astype(np.int64)
 
 

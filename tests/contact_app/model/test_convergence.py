@@ -15,24 +15,9 @@ from tests.comparison import solve
 
 def column(cell: str, n: int, young: float = 1000.0, poisson: float = 0.3) -> scenes.Config:
     """A column between rollers on all sides, standing on a floor that it may leave."""
-    d = scenes.dimension(cell)
-    holds = [[0.0 if i == axis else None for i in range(d)] for axis in range(d - 1)]
-    sides = [
-        {"on": f"block.{'xyz'[axis]}{side}", "displacement": hold}
-        for axis, hold in enumerate(holds)
-        for side in "+-"
-    ]
-    return scenes.config(
-        cell,
-        [scenes.block(cell, n, young=young, poisson=poisson)],
-        sides,
-        [
-            {
-                "on": f"block.{scenes.down(cell)}",
-                "obstacle": scenes.plane(cell, (0, 0, 0), (0, 0, 1)),
-            }
-        ],
-    )
+    sides = scenes.rollers(cell, "+-", axes="xy"[: scenes.dimension(cell) - 1])
+    block = scenes.block(cell, n, young=young, poisson=poisson)
+    return scenes.config(cell, [block], sides, [scenes.on_floor(cell)])
 
 
 def confined_modulus(young: float, poisson: float) -> float:

@@ -18,7 +18,7 @@ from contact_app.scene.material import Material
 from contact_app.scene.yaml_reader import read
 from meshes import BoxShape, decompose
 from tests import meshfiles, reference, scenes
-from tests.comparison import in_order_of, in_space, solve
+from tests.comparison import in_space, same_displacement, solve
 from tests.contact_app.model.test_meshes_from_files import patch
 from tests.contact_app.model.test_two_bodies import PAIRS, PRESSURE, patch_displacement, stack
 from tests.rows import covering
@@ -27,14 +27,9 @@ from tests.scenes_on_ranks import summary_of
 CELLS = (*scenes.CELLS_2D, *scenes.CELLS_3D)
 
 
-def quadratic(made: scenes.Config) -> scenes.Config:
-    """The same scene with every body of degree 2."""
-    return {**made, "bodies": [{**body, "degree": 2} for body in made["bodies"]]}
-
-
 @pytest.mark.parametrize(("name", "cell"), covering(["wall", "floating_in_corner"], CELLS))
 def test_the_undecomposed_answer(name: str, cell: str) -> None:
-    made = quadratic(scenes.ALL[name](cell, 3))
+    made = scenes.quadratic(scenes.ALL[name](cell, 3))
     known = reference.solve(scenes.build(made))
     scale = max(abs(known.energy), 0.5 * abs(known.u.ravel() @ known.system.load))
     d = scenes.dimension(cell)
@@ -44,8 +39,7 @@ def test_the_undecomposed_answer(name: str, cell: str) -> None:
         assert summary["certificate"]["passed"], summary["certificate"]
         assert summary["mesh"]["nodes"] == known.points.shape[0] == 7**d
         assert summary["solution"]["energy"] == pytest.approx(known.energy, rel=0, abs=1e-8 * scale)
-        u = in_order_of(known, solution)
-        np.testing.assert_allclose(u, known.u, rtol=0, atol=1e-7 * np.abs(known.u).max())
+        same_displacement(known, solution)
         np.testing.assert_allclose(
             summary["solution"]["contact_force"], in_space(known.contact_force),
             rtol=0, atol=1e-6 * np.abs(known.system.load).sum(),
@@ -57,20 +51,13 @@ def test_the_undecomposed_answer(name: str, cell: str) -> None:
 def test_a_constant_pressure_is_constant(cell: str, subdomains: int) -> None:
     """Patch test: a block on a floor under a pressure q; σ = -q e⊗e, exact on any mesh."""
     q, E, nu, d = 100.0, 900.0, 0.25, scenes.dimension(cell)
-    down, up = scenes.down(cell), scenes.up(cell)
-    made = quadratic(
+    up = scenes.up(cell)
+    made = scenes.quadratic(
         scenes.config(
             cell,
             [scenes.block(cell, 3, young=E, poisson=nu)],
-            [
-                {
-                    "on": f"block.{side}-",
-                    "displacement": [0.0 if i == k else None for i in range(d)],
-                }
-                for k, side in enumerate("xy"[: d - 1])
-            ]
-            + [{"on": f"block.{up}", "pressure": q}],
-            [{"on": f"block.{down}", "obstacle": scenes.plane(cell, (0, 0, 0), (0, 0, 1))}],
+            [*scenes.rollers(cell, axes="xy"[: d - 1]), {"on": f"block.{up}", "pressure": q}],
+            [scenes.on_floor(cell)],
         )
     )
     solution = solve(made, subdomains)
@@ -94,7 +81,7 @@ def test_a_constant_pressure_is_constant(cell: str, subdomains: int) -> None:
 @pytest.mark.parametrize("cell", ["triangle", "tetrahedron"])
 def test_a_pressure_that_varies_is_never_negative(cell: str) -> None:
     """A tilted load: the multiplier's field is linear on faces and has the load's moment."""
-    made = quadratic(scenes.ALL["tilted_plane"](cell, 3))
+    made = scenes.quadratic(scenes.ALL["tilted_plane"](cell, 3))
     solution = solve(made, 3)
     assert solution.summary["certificate"]["passed"]
     assert solution.nodes.contact_pressure.min() >= 0.0
@@ -106,17 +93,9 @@ def press(cell: str, n: int, poisson: float, **options: object) -> scenes.Config
     d = scenes.dimension(cell)
     left = f"{'z' if d == 3 else 'y'} > 1 - 1e-9 and x < 0.5 + 1e-9"
     block = scenes.block(cell, n, young=1.0, poisson=poisson, boundaries={"left": left})
-    sides = [(k, side + end) for k, side in enumerate("xy"[: d - 1]) for end in "-+"]
-    held = [
-        {"on": f"block.{name}", "displacement": [0.0 if i == k else None for i in range(d)]}
-        for k, name in sides
-    ]
-    floor = {
-        "on": f"block.{scenes.down(cell)}",
-        "obstacle": scenes.plane(cell, (0, 0, 0), (0, 0, 1)),
-    }
+    held = scenes.rollers(cell, "-+", axes="xy"[: d - 1])
     push = {"on": "block.left", "pressure": 0.01}
-    return scenes.config(cell, [{**block, **options}], [*held, push], [floor])
+    return scenes.config(cell, [{**block, **options}], [*held, push], [scenes.on_floor(cell)])
 
 
 def sinking(made: scenes.Config) -> float:
@@ -170,7 +149,7 @@ def test_slender_beam(cell: str) -> None:
     beam, _ = read(path)
     beam["bodies"][0]["mesh"]["box"]["cell"] = cell
     first = solve(beam, 1, tolerance=1e-6).summary
-    second = solve(quadratic(beam), 1, tolerance=1e-6).summary
+    second = solve(scenes.quadratic(beam), 1, tolerance=1e-6).summary
     assert first["solution"]["max_displacement"] < 0.15 * exact
     assert second["solution"]["max_displacement"] == pytest.approx(exact, rel=1e-3)
     assert second["certificate"]["passed"]
@@ -181,7 +160,7 @@ def test_slender_beam(cell: str) -> None:
 @pytest.mark.parametrize("cell", CELLS)
 def test_a_repeated_obstacle_adds_no_rows(cell: str) -> None:
     """Only the tightest of parallel rows is used, at nodes or in the mean; no node is squeezed."""
-    made = quadratic(scenes.wall(cell, 2))
+    made = scenes.quadratic(scenes.wall(cell, 2))
     known = solve(made, 3).summary
     looser = {"on": "block.x+", "obstacle": scenes.plane(cell, (1.01, 0, 0), (-2, 0, 0))}
     for contacts in ([*made["contacts"], looser], [looser, *made["contacts"]]):
@@ -193,7 +172,7 @@ def test_a_repeated_obstacle_adds_no_rows(cell: str) -> None:
 
 def test_two_obstacles_without_room() -> None:
     cell = "tetrahedron"
-    made = quadratic(scenes.wall(cell, 2))
+    made = scenes.quadratic(scenes.wall(cell, 2))
     behind = {"on": "block.x+", "obstacle": scenes.plane(cell, (1.1, 0, 0), (1, 0, 0))}
     with pytest.raises(NoEquilibriumError, match="overlap by 0.1 "):
         solve({**made, "contacts": [*made["contacts"], behind]}, 2)
@@ -204,7 +183,7 @@ def test_meshes_from_files(cell: str, tmp_path: Path) -> None:
     """Distorted or cut anyhow: constant stress and constant pressure come out exactly."""
     file = meshfiles.write(meshfiles.block(cell, 4), tmp_path / "block.msh")
     d = scenes.dimension(cell)
-    made = quadratic(patch(cell, file))
+    made = scenes.quadratic(patch(cell, file))
     for subdomains in (1, 6):
         solution = solve(made, subdomains)
         assert solution.summary["certificate"]["passed"]
@@ -224,7 +203,7 @@ def test_meshes_from_files(cell: str, tmp_path: Path) -> None:
     "cell", ["tetrahedron", pytest.param("hexahedron", marks=pytest.mark.slow)]
 )
 def test_two_ranks(cell: str, tmp_path: Path) -> None:
-    made = quadratic(scenes.wall(cell, 3))
+    made = scenes.quadratic(scenes.wall(cell, 3))
     made["decomposition"] = {"subdomains": 5}
     one, two = (summary_of(made, tmp_path, ranks) for ranks in (1, 2))
     assert two["environment"]["ranks"] == 2
@@ -249,7 +228,7 @@ def test_degrees_may_differ_between_bodies(cell: str) -> None:
     )
     both = solve(made, [2, 2]).summary["solution"]["energy"]
     alone = scenes.wall(cell, 3)
-    parts = [solve(m, 1).summary["solution"]["energy"] for m in (alone, quadratic(alone))]
+    parts = [solve(m, 1).summary["solution"]["energy"] for m in (alone, scenes.quadratic(alone))]
     assert both == pytest.approx(sum(parts), rel=1e-8)
 
 

@@ -89,12 +89,8 @@ def test_the_total_is_the_same_on_every_mesh_of_a_where_boundary() -> None:
 
 
 def test_curved_cells_from_a_file(tmp_path: Path) -> None:
-    def bent(x: np.ndarray) -> np.ndarray:
-        radius, angle = 2.0 + x[:, 0], 0.5 * np.pi * x[:, 1]
-        return np.column_stack([radius * np.cos(angle), radius * np.sin(angle), 0.0 * angle])
-
     mesh = meshfiles.second_order(meshfiles.block("quadrilateral", 3, 0.0), "quadrilateral",
-                                  "quad8", bent)  # fmt: skip
+                                  "quad8", meshfiles.ring(2.0, 3.0))  # fmt: skip
     file = meshfiles.write(mesh, tmp_path / "ring.msh")
     made = beam("quadrilateral", {"total_force": [1.0, 2.0], "total_moment": 3.0, "at": [0.5, 9.0]})
     made["bodies"][0]["mesh"] = {"file": str(file)}

@@ -27,11 +27,7 @@ def halves(cell: str, level: float = 0.0) -> dict[str, str]:
 
 def rollers(cell: str, body: str) -> list[scenes.Config]:
     """Conditions that leave a body its own width."""
-    d = scenes.dimension(cell)
-    return [
-        {"on": f"{body}.{'xyz'[k]}-", "displacement": [0 if a == k else None for a in range(d)]}
-        for k in range(d - 1)
-    ]
+    return scenes.rollers(cell, body=body, axes="xy"[: scenes.dimension(cell) - 1])
 
 
 def on_floors(cell: str, degree: int, n: int = 4) -> scenes.Config:

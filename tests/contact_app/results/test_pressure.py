@@ -158,7 +158,7 @@ def test_flat_faces_are_as_accurate_as_degree_1_on_as_many_nodes() -> None:
 def test_the_resultant_is_that_of_the_forces(cell: str, subdomains: int) -> None:
     """∫ p over the contact is the contact force; no pressure where nothing touches."""
     made = scenes.ALL["tilted_plane"](cell, 3)
-    made = {**made, "bodies": [{**body, "degree": 2} for body in made["bodies"]]}
+    made = scenes.quadratic(made)
     solution = solve(made, subdomains)
     nodes = solution.nodes
     assert nodes.contact_pressure.min() >= 0.0

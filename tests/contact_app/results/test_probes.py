@@ -69,20 +69,20 @@ def test_the_mirror_image_has_probes() -> None:
     assert whole["left"]["displacement"][0] == pytest.approx(-whole["right"]["displacement"][0])
 
 
-def test_curved_cells(tmp_path: Path) -> None:
-    def bent(x: np.ndarray) -> np.ndarray:
-        radius, angle = 1.0 + x[:, 0], 0.5 * np.pi * x[:, 1]
-        return np.column_stack([radius * np.cos(angle), radius * np.sin(angle), 0.0 * angle])
-
-    mesh = meshfiles.second_order(
-        meshfiles.block("quadrilateral", 2, 0.0), "quadrilateral", "quad8", bent
-    )
-    made = stretched("quadrilateral", 2)
-    made["bodies"][0]["mesh"] = {"file": str(meshfiles.write(mesh, tmp_path / "ring.msh"))}
+def pressed_ring(cell: str, name: str, directory: Path) -> scenes.Config:
+    """A quarter of a ring with curved cells of degree 2 under a pressure inside."""
+    block, ring = meshfiles.block(cell, 2, 0.0), meshfiles.ring(1.0, 2.0)
+    made, mesh = stretched(cell, 2), meshfiles.second_order(block, cell, name, ring)
+    made["bodies"][0]["mesh"] = {"file": str(meshfiles.write(mesh, directory / "ring.msh"))}
     made["conditions"] = [
         {"on": "block.y-", "displacement": [0.0, 0.0]},
         {"on": "block.x-", "pressure": 0.01},
     ]
+    return made
+
+
+def test_curved_cells(tmp_path: Path) -> None:
+    made = pressed_ring("quadrilateral", "quad8", tmp_path)
     angle = 0.3
     place = [1.999 * np.cos(angle), 1.999 * np.sin(angle)]  # beyond the chord of the outer edge
     made["output"] = {"probes": {"rim": place}}
@@ -94,24 +94,11 @@ def test_curved_cells(tmp_path: Path) -> None:
 
 def test_every_place_of_a_curved_body_is_found(tmp_path: Path) -> None:
     """Curved cells lie in the convex hulls of their neighbours, too: the right one is taken."""
-
-    def bent(x: np.ndarray) -> np.ndarray:
-        radius, angle = 1.0 + x[:, 0], 0.5 * np.pi * x[:, 1]
-        return np.column_stack([radius * np.cos(angle), radius * np.sin(angle), 0.0 * angle])
-
-    mesh = meshfiles.second_order(
-        meshfiles.block("triangle", 2, 0.0), "triangle", "triangle6", bent
-    )
-    made = stretched("triangle", 2)
-    made["bodies"][0]["mesh"] = {"file": str(meshfiles.write(mesh, tmp_path / "ring.msh"))}
+    made = pressed_ring("triangle", "triangle6", tmp_path)
     rng = np.random.default_rng(5)
     radius, angle = rng.uniform(1.02, 1.98, 200), rng.uniform(0.02, 1.55, 200)
     places = np.column_stack([radius * np.cos(angle), radius * np.sin(angle)])
     made["output"] = {"probes": {f"p{i}": list(map(float, x)) for i, x in enumerate(places)}}
-    made["conditions"] = [
-        {"on": "block.y-", "displacement": [0.0, 0.0]},
-        {"on": "block.x-", "pressure": 0.01},
-    ]
     scene = scenes.build(made)
     partition = partition_scene(scene, MPI.COMM_SELF)
     for probe, place in zip(locate_probes(scene, partition), places, strict=True):
