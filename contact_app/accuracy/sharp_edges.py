@@ -41,6 +41,9 @@ BLUNT = np.radians(80.0)
 """Angle between normals below which an edge on an obstacle has an infinite pressure. At a right
 angle it is finite; the rest is for planes of symmetry through coarse facets."""
 
+EXCHANGE = "the side of {} as `on` resolves it better"
+"""Advice where the pressure is a field on a side that goes on beyond the edge."""
+
 SOFTER = 0.1
 """Ratio of Young's moduli below which a body presses as on an obstacle."""
 
@@ -209,27 +212,31 @@ def sharp_edge(point: Array, sides: Sequence[Skin | None], end: str) -> str:
     across = other.joints
     opposite = across.sharp & (across.distances(point) <= 1.01 * facet)
     close = on.joints.sharp & (away <= 1.01 * facet)
-    of_own = ~_parallel(on.joints.ends[sharp], across.ends[opposite]).any(axis=1)
-    of_other = ~_parallel(on.joints.ends[close], across.ends[opposite]).any(axis=0)
+    reach = NEAR * facet
+    of_own = ~_together(on.joints.ends[sharp], across.ends[opposite], reach).any(axis=1)
+    of_other = ~_together(on.joints.ends[close], across.ends[opposite], reach).any(axis=0)
     alone = of_own.any(), of_other.any()  # an edge along which the other body does not end
     if not any(alone):
         return ""
     pressing, pressed = (other, on) if alone[1] else (on, other)
     if pressing.stiffness < SOFTER * pressed.stiffness:
         return ""
-    return f"at a sharp edge of {pressing.name}"
+    hint = "" if pressing is on else f" ({EXCHANGE.format(pressing.name)})"
+    return f"at a sharp edge of {pressing.name}{hint}"
 
 
-def _parallel(one: Array, two: Array) -> NDArray[np.bool_]:
-    """Mask (n, m) of pairs of edges with ends (n, d - 1, 3) and (m, d - 1, 3) that are parallel.
+def _together(one: Array, two: Array, reach: float) -> NDArray[np.bool_]:
+    """Mask (n, m) of pairs of edges with ends (n, d - 1, 3) and (m, d - 1, 3) that go together.
 
-    Edges in the plane are points, which are.
+    They are parallel, which points in the plane are, and their lines lie within a distance.
     """
-    if one.shape[1] == 1:
-        return np.ones((len(one), len(two)), bool)
     along = [ends[:, -1] - ends[:, 0] for ends in (one, two)]
     lengths = [np.linalg.norm(direction, axis=1) for direction in along]
-    return np.asarray(np.abs(along[0] @ along[1].T) > np.cos(SHARP) * np.outer(*lengths))
+    parallel = np.abs(along[0] @ along[1].T) >= np.cos(SHARP) * np.outer(*lengths)
+    unit = along[0] / np.where(lengths[0] > 0.0, lengths[0], 1.0)[:, None]
+    offset = two.mean(axis=1)[None] - one.mean(axis=1)[:, None]
+    offset -= np.einsum("nmi,ni->nm", offset, unit)[..., None] * unit[:, None]
+    return np.asarray(parallel & (np.linalg.norm(offset, axis=2) <= reach))
 
 
 def skin_near(model: Model, body: int, boundary: str, point: Array, reach: float) -> Skin | None:

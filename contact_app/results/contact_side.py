@@ -59,9 +59,11 @@ from solver.tfeti.constraints.exchange import NodeExchange
 
 Array = NDArray[np.float64]
 
-STRIP = 0.12
-"""Covered share of the area about a vertex of degree 2 up to which it has the mean. A corner of a
-body at a vertex, whose facets are covered completely or not at all, covers more."""
+STRIP = {2: 0.25, 3: 0.12}
+"""Covered share of the area about a vertex of degree 2 up to which it has the mean, by dimension. A
+body whose end or corner lies at a vertex, so that facets are covered completely or not at all,
+covers more. With 0.12 in the plane, the pressure of a plate under a block that covers no facet
+completely is up to 1.7 times that with exchanged sides, with 0.25 it is 0.7 to 1.3 times."""
 
 STRONG = 0.05
 """Alternation over pressure, both in the mean, from which on averages about vertices are used."""
@@ -171,12 +173,12 @@ class ContactSide:
         quotients : (n, c)
             Forces over areas at the nodes of rows; those without a force remain.
         """
-        sums, areas = self._at_nodes(rows, columns), self.shares
+        sums, most = self._at_nodes(rows, columns), np.full(len(self.owned), np.inf)
         sums[self.facets_of_node == 0.0] = 0.0
-        partial = sums[:, 0] > 0.0
         if self.degree == 2:
             sums = np.stack([self._at_vertices(column) for column in sums.T], axis=1)
-            partial &= sums[:, 0] < STRIP * self._at_vertices(areas)
+            most = STRIP[self.dimension] * self._at_vertices(self.shares)
+        partial = (sums[:, 0] > 0.0) & (sums[:, 0] < most)
         result = quotients.copy()
         result[partial] = sums[partial, 1:] / sums[partial, :1]
         return np.where(quotients != 0.0, result, 0.0)

@@ -8,7 +8,7 @@ from __future__ import annotations
 import re
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, ClassVar, Literal
 
 from pydantic import (
     Discriminator,
@@ -25,7 +25,7 @@ from contact_app.errors import ConfigurationError
 from contact_app.scene import yaml_reader
 from contact_app.scene.key_messages import message, where
 from contact_app.scene.overrides import override
-from contact_app.scene.schema.base import Model, Number, not_allowed
+from contact_app.scene.schema.base import WEIGHT, Model, Number, not_allowed
 from contact_app.scene.schema.bodies import Body, RigidBody, body_form
 from contact_app.scene.schema.conditions import Condition, Contact, Step
 from contact_app.scene.schema.options import Certificate, Output, Solver, Split
@@ -39,8 +39,17 @@ SPACES = {
 }
 
 
+AXISYMMETRIC = (
+    "; a body of revolution is drawn in 3D, a quarter of it between two planes of symmetry, or "
+    "solved with forms of your own in Python (ContactProblem)"
+)
+"""Advice for a dimension that scenes do not have."""
+
+
 class Configuration(Model):
     """A contact scene."""
+
+    why_absent: ClassVar[dict[str, str]] = dict.fromkeys(("weight", "gravity"), WEIGHT)
 
     title: str = Field("", max_length=200, description="One line for reports.")
     dimension: Annotated[
@@ -143,7 +152,8 @@ def _space(value: Any) -> tuple[int, str | None]:
     if len(words) == 2 and words[0] == "2":
         words = words[1:]
     if len(words) != 1 or words[0] not in SPACES:
-        raise not_allowed(value, "3, 2, plane_strain, plane_stress")
+        remedy = AXISYMMETRIC if text.startswith(("axi", "cylindric", "rotation")) else ""
+        raise not_allowed(value, f"3, 2, plane_strain, plane_stress{remedy}")
     return SPACES[words[0]]
 
 

@@ -85,6 +85,16 @@ SCENES = {
         ),
         (1.0, -1.0), (1.0, 1.0),
     ),
+    "flange": Loaded(
+        "configs/bolted_flange.yaml", 6.0,
+        (
+            {"on": "upper.upper_washers", "total_force": [0, 0, -60000]},
+            {"on": "lower.lower_washers", "total_force": [0, 0, 60000]},
+            {"name": "pull", "on": "upper.pull", "total_force": [0, 0, 24000]},
+            {"name": "tilt", "on": "upper.pull", "total_moment": [0, 2.0e5, 0]},
+        ),
+        (0.0, 0.0), (1.0, 1.0),
+    ),
 }  # fmt: skip
 
 

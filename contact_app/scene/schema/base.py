@@ -19,6 +19,10 @@ Numbers = Annotated[list[Number], Field(min_length=1, max_length=3)]
 Counts = Annotated[list[Annotated[int, Field(ge=1)]], Field(min_length=1, max_length=3)]
 
 
+WEIGHT = "the weight of a body is a condition {in: body, force: [0, 0, -ρg]}, a force per volume"
+"""Advice for those who look for weight, gravity or density."""
+
+
 class Model(BaseModel):
     """Base of all sections: unknown keys are errors that suggest the nearest key."""
 

@@ -7,7 +7,7 @@ from typing import Annotated, Any, ClassVar, Literal
 
 from pydantic import Discriminator, Field, Tag, field_validator
 
-from contact_app.scene.schema.base import Counts, Model, Number, Numbers, Positive, checked
+from contact_app.scene.schema.base import WEIGHT, Counts, Model, Number, Numbers, Positive, checked
 
 MOST_REFINEMENTS = 6
 
@@ -64,6 +64,8 @@ class Mesh(Model):
 
 class Material(Model):
     """Isotropic linear elasticity."""
+
+    why_absent: ClassVar[dict[str, str]] = {"density": WEIGHT}
 
     young: Positive = Field(description="Young's modulus (force per area), above 0.")
     poisson: Number = Field(description="Poisson's ratio, -1 < ν < 0.5.")

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Annotated, Any
+from typing import Annotated, Any, ClassVar
 
 from pydantic import ConfigDict, Field, field_validator, model_validator
 
-from contact_app.scene.schema.base import Model, NotNegative, Number, Numbers, checked
+from contact_app.scene.schema.base import WEIGHT, Model, NotNegative, Number, Numbers, checked
 from contact_app.scene.schema.bodies import Obstacle
 
 MOST_INCREMENTS = 10_000
@@ -15,6 +15,8 @@ MOST_INCREMENTS = 10_000
 
 class Condition(Model):
     """A displacement or a load."""
+
+    why_absent: ClassVar[dict[str, str]] = dict.fromkeys(("weight", "gravity"), WEIGHT)
 
     name: Annotated[str, Field(min_length=1, max_length=100)] | None = Field(
         None,

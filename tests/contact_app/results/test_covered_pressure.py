@@ -72,6 +72,21 @@ def test_sides_may_be_exchanged(cell: str, degree: int, covered: float) -> None:
         assert block[key] / 1.7 < plate[key] < limit * block[key]
 
 
+@pytest.mark.parametrize("cell", ["triangle", "quadrilateral", "tetrahedron"])
+@pytest.mark.parametrize("covered", [0.24, 0.35])
+def test_sides_may_be_exchanged_where_no_facet_of_degree_2_is_covered_completely(
+    cell: str, covered: float
+) -> None:
+    """Integrals of the functions of corners over a narrow strip are negative."""
+    m = 3 if cell == "tetrahedron" else 4
+    plate, block = (
+        solve(block_on_plate(cell, 6, m, covered, on, 2)).summary["contacts"][0]
+        for on in ("plate", "block")
+    )
+    for key in ("max_pressure", "max_smoothed_pressure"):
+        assert block[key] / 1.9 < plate[key] < 1.3 * block[key]
+
+
 @pytest.mark.parametrize("cell", CELLS)
 def test_aligned_meshes_have_one_pressure_on_both_sides(cell: str) -> None:
     """The edges of the block lie on those of facets; the plate has nodes beyond them."""
