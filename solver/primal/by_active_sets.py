@@ -22,7 +22,7 @@ from solver.primal.recovery import recover
 from solver.qp.outer_state import Restart
 from solver.qp.result import Counts, Reason
 from solver.tfeti.certify import certify, friction_residual
-from solver.tfeti.methods.by_active_sets import SURE, contact_law, options_of
+from solver.tfeti.contact_law import SURE, contact_law, options_of
 from solver.tfeti.methods.task import Task
 
 METHOD = "primal"

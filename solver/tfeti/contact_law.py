@@ -1,0 +1,62 @@
+"""The contact law of a decomposed problem, and the options of active sets that go with it."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from solver.contact.active_set_options import ActiveSetOptions
+from solver.contact.friction_law import Friction
+from solver.contact.law import ContactLaw, Frictionless
+from solver.contact.slip_front import SlipFront
+from solver.tfeti.dual import DualProblem
+from solver.tfeti.winkler import FLAT
+from solver.vectors import largest_magnitude
+
+PATIENCE = 12
+"""Number of sets with friction after which sets are solved more accurately: six took 5 % more
+operator applications (`contact_app.studies.friction_cost`)."""
+
+STICKING_COMPLIANCE = 0.03
+"""Compliance of a point that sticks while its node is closed in another contact, over that of the
+node: slips fall to about this share in each set."""
+
+LARGEST_ERROR = 0.3
+"""Error above which the answer on a set with friction does not change the set: sliding rows with
+small limits have large compliances, so that a small residual leaves a large error."""
+
+SURE = 0.3
+"""Share of the tolerance that the friction numbers have to meet before an answer is certified: at
+1e-6 displacements are then right to 9e-7, and to 3e-6 with a share of one."""
+
+
+def options_of(problem: DualProblem, options: ActiveSetOptions) -> ActiveSetOptions:
+    """The options of the loop, changed for problems with friction."""
+    if problem.friction is None:
+        return options
+    return replace(options, patience=PATIENCE, largest_error=LARGEST_ERROR)
+
+
+def contact_law(problem: DualProblem) -> ContactLaw:
+    """The law of the contacts of a problem."""
+    points = problem.friction
+    if points is None:
+        return Frictionless()
+    shared_compliance = None
+    if problem.comm.allreduce(len(points.shared)):
+        shared_compliance = STICKING_COMPLIANCE / problem.row_stiffness(problem.tangential)
+    held = problem.held_without_contact
+    front = SlipFront(points, problem.comm, held)
+    gaps = np.zeros(problem.size)
+    gaps[problem.inequality] = problem.contact.gaps
+    size = largest_magnitude(problem.comm, problem.contact.points)
+    has_gap = gaps[points.normals[points.first]] > FLAT * size
+    return Friction(
+        points=points,
+        comm=problem.comm,
+        shared_compliance=shared_compliance,
+        has_gap=has_gap,
+        front=front,
+        fades=held,
+    )
