@@ -4,7 +4,8 @@ A law is one object. The active-set loop asks the law which active normal rows m
 which open rows join them, and then for the statuses of all rows. The certificate measures the
 conditions of the law. A new law is a new class: Tresca's and Coulomb's laws
 (`solver.contact.friction_law`) keep active the tangential rows whose traction is below the slip
-limit and prescribe the slip traction of the others, a tied contact keeps every row active.
+limit and prescribe the slip traction of the others. Tied boundaries have no law: their rows hold
+with equality on every set, as gluing rows do (`docs/theory/active_sets.md`).
 """
 
 from __future__ import annotations
