@@ -9,8 +9,10 @@ from numpy.typing import NDArray
 Array = NDArray[np.float64]
 
 ACCURATE = 1e-10
-"""Slope at the end of a full step over that at its beginning, up to which the step is not changed.
-"""
+"""Slope over that at t = 0, below which it counts as zero."""
+
+LONGEST = 1e6
+"""Largest length that is tried: the function may fall for ever but for rounding errors."""
 
 
 def minimum_along(
@@ -18,7 +20,8 @@ def minimum_along(
 ) -> float:
     """The length t of least energy: the root of slope + curvature t + Σ q max(0, s + t r).
 
-    The function is piecewise linear and does not fall (collective).
+    The function is piecewise linear and does not fall. Newton's method from t = 1 finds the root
+    once it comes to the right piece; bisection leads there (collective).
 
     Parameters
     ----------
@@ -29,16 +32,26 @@ def minimum_along(
         elongation for t = 1.
     """
 
-    def rising(t: float) -> float:
-        push = float(comm.allreduce(float(image @ np.maximum(force + t * rate, 0.0))))
-        return slope + curvature * t + push
+    def derivatives(t: float) -> tuple[float, float]:
+        """Slope and curvature of the energy at t."""
+        push = force + t * rate
+        pressing = push > 0.0
+        sums = comm.allreduce(np.array([image @ np.where(pressing, push, 0.0),
+                                        (image * rate) @ pressing]))  # fmt: skip
+        return slope + curvature * t + float(sums[0]), curvature + float(sums[1])
 
-    low, high = 0.0, 1.0
-    while rising(high) < 0.0 and high < 1e6:
-        low, high = high, 4.0 * high
-    if low == 0.0 and abs(rising(1.0)) <= ACCURATE * abs(rising(0.0)):
-        return 1.0
+    small = ACCURATE * abs(derivatives(0.0)[0])
+    low, high, t = 0.0, np.inf, 1.0
     for _ in range(60):
-        middle = 0.5 * (low + high)
-        low, high = (middle, high) if rising(middle) < 0.0 else (low, middle)
-    return 0.5 * (low + high)
+        value, bend = derivatives(t)
+        if abs(value) <= small:
+            break
+        low, high = (t, high) if value < 0.0 else (low, t)
+        if low >= LONGEST:
+            break
+        newton = t - value / bend if bend > 0.0 else np.inf
+        if low < newton < min(high, LONGEST):
+            t = newton
+        else:
+            t = 0.5 * (low + high) if high < np.inf else 2.0 * t
+    return t

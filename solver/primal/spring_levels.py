@@ -28,6 +28,7 @@ from solver.primal.cholesky import factored
 from solver.primal.cycle import Cycle, CycleWithSprings
 from solver.primal.factor import with_springs
 from solver.primal.hierarchy import Hierarchy
+from solver.primal.line_search import minimum_along
 from solver.primal.merged import multiply, multiply_transposed
 from solver.tfeti.constraints.matrix import lent, local_rows
 
@@ -120,7 +121,7 @@ class Rows:
 
 
 class Level(ABC):
-    """Newton's method; the kinds of levels multiply and solve.
+    """Newton's method on one level; a subclass multiplies by A and Q and solves for a step.
 
     Parameters
     ----------
@@ -196,8 +197,8 @@ class Level(ABC):
             gradient = Ax - load + self.near * x
             step = self.newton_step(weights, -gradient - self.forces(weights * jump))
             image, product = self.images(step), self.stiffness(step)
-            slope, bent = float(step @ gradient), float(step @ (product + self.near * step))
-            length = self._length(jump, image, (slope, bent), faint)
+            along = float(step @ gradient), float(step @ (product + self.near * step))
+            length = self._length(jump, image, along, faint)
             x, jump, Ax = x + length * step, jump + length * image, Ax + length * product
             if self._settled(weights, self._weights(jump, faint), length, settled):
                 break
@@ -220,37 +221,19 @@ class Level(ABC):
         return self.rows.stiffness * np.where(stiff, 1.0, faint)
 
     def _length(self, jump: Array, image: Array, along: tuple[float, float], faint: float) -> float:
-        """The minimum along a step: the root of a piecewise linear, increasing function.
-
-        Newton's method finds it once it comes to the right piece; bisection leads there.
+        """The minimum along a step (collective).
 
         Parameters
         ----------
         along
             Slope and curvature along the step without springs, of this rank.
         """
-        slope, bent = (float(v) for v in self.comm.allreduce(np.array(along)))
-
-        def rising(t: float) -> tuple[float, float]:
-            """Value and slope."""
-            at = jump + t * image
-            pulls = self._weights(at, faint) * image
-            push, stiff = self.comm.allreduce(np.array([pulls @ at, pulls @ image]))
-            return slope + bent * t + float(push), bent + float(stiff)
-
-        small = 1e-9 * abs(rising(0.0)[0])
-        low, high, t = 0.0, np.inf, 1.0
-        for _ in range(60):
-            value, steep = rising(t)
-            if abs(value) <= small:
-                break
-            low, high = (t, high) if value < 0.0 else (low, t)
-            newton = t - value / steep if steep > 0.0 else np.inf
-            if low < newton < high and newton < 1e6:
-                t = newton
-            else:
-                t = 0.5 * (low + high) if high < np.inf else 2.0 * t
-        return t
+        always = self.rows.stiffness * np.where(self.rows.equality, 1.0, faint)  # press and pull
+        springs = np.array([(always * image) @ jump, (always * image) @ image])
+        slope, curvature = (float(v) for v in self.comm.allreduce(np.array(along) + springs))
+        normal = self.rows.normal
+        more, q = (1.0 - faint) * self.rows.stiffness[normal], image[normal]
+        return minimum_along(self.comm, slope, curvature, more * jump[normal], more * q, q)
 
 
 class SharedLevel(Level):
@@ -355,7 +338,7 @@ class DenseLevel(Level):
     """A small level on this rank alone, with a dense factor for each step.
 
     The Hessian of a coarse level is nearly full: on 1,080 unknowns of a pair CHOLMOD takes 53 ms,
-    this 21. Rows whose springs change change it.
+    this 21. From step to step only the rows whose springs change are added or taken out.
     """
 
     def __init__(
