@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from solver.backend import Statuses
 from solver.contact.bodies import body_lengths, largest
+from solver.errors import QPError
 from solver.primal.blocks import in_blocks
 from solver.primal.cycle import Cycle, CycleOnSets
 from solver.primal.factor import Factor, FactorOptions
@@ -52,6 +53,9 @@ UNKNOWN = 0.1
 
 STALLED = 500
 """Steps on one set after which the solve counts as stalled, by rounding errors or a poor cycle."""
+
+STALLED_WITH_FACTOR = 100
+"""The same with a factor, which takes a few steps where the active rows hold all bodies."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -293,16 +297,15 @@ class PrimalSet:
 
     def error(self, strained: float) -> float:
         """Estimate of the error in energy norm, over that of the strains (collective)."""
-        square = self._error_square()
+        square = self._error_square(self._iterate.free, self._iterate.z)
         return math.sqrt(square / strained) if strained > 0.0 else 1.0
 
-    def _error_square(self) -> float:
-        """rᵀ M⁻¹ r over the smallest eigenvalue of M⁻¹ K (collective).
+    def _error_square(self, r: Array, z: Array) -> float:
+        """rᵀ z over the smallest eigenvalue of M⁻¹ K, for z = M⁻¹ r (collective).
 
         It bounds rᵀ K⁻¹ r. A Ritz value bounds that eigenvalue from above.
         """
-        it = self._iterate
-        square = float(self._system.comm.allreduce(float(it.z @ it.free)))
+        square = float(self._system.comm.allreduce(float(z @ r)))
         return max(square, 0.0) / (SAFETY * self._smallest_eigenvalue())
 
     def _smallest_eigenvalue(self) -> float:
@@ -337,7 +340,11 @@ class PrimalSet:
                 it.evaluate()
                 self._lanczos = Lanczos(self._preconditioner.square)
                 self._backend.smallest_eigenvalue = UNKNOWN
-            self._stalls = it.counts.cg >= STALLED
+            self._stalls = it.counts.cg >= (
+                STALLED_WITH_FACTOR if self._backend.direct else STALLED
+            )
+            if self._stalls and it.projected_gradient_norm > self._first_norm:
+                raise QPError("the active rows hold a body so badly that rounding errors let it go")
             return Reason.ROUND_OFF if self._stalls else None
 
         self._iterate.watch = see
@@ -357,7 +364,6 @@ class PrimalSet:
     def state(self) -> PrimalState:
         """Present state of the solve (collective)."""
         backend, system, it = self._backend, self._system, self._iterate
-        problem = system.problem
         assert it.image is not None
         u, left = self._start + it.x, self._left - it.image
         left_without_rows = (
@@ -367,12 +373,44 @@ class PrimalSet:
         multiplier = self._prescribed.copy()
         multiplier[self._projector.rows] = self._projector.multipliers(left)
         multiplier[self._springs.rows] += self._springs.multipliers(u)
+        return self._state(u, left_without_rows, multiplier, (it.free, it.z))
+
+    def state_at(self, u: Array, left: Array, multiplier: Array) -> PrimalState:
+        """State of a displacement near that of this set (collective).
+
+        Parameters
+        ----------
+        u, left : (unknowns,)
+            The displacement and f - K u.
+        multiplier : (rows,)
+            λ of the rows that do not hold with equality; zero on the others.
+        """
+        system, held = self._system, self._projector
+        left_on_rows = left - multiply_transposed(system.C, multiplier)
+        forces = multiplier.copy()
+        forces[held.rows] = held.multipliers(left_on_rows)
+        residual, z = held.apply_transpose(left_on_rows), np.empty_like(u)
+        self._preconditioner.apply(residual, np.zeros(0, bool), z)
+        return self._state(u, left, forces, (residual, z))
+
+    def _state(
+        self, u: Array, left: Array, multiplier: Array, residual: tuple[Array, Array]
+    ) -> PrimalState:
+        """The state of a displacement with f - K u = left (collective).
+
+        Parameters
+        ----------
+        residual
+            f - K u - Cᵀ λ and its product with M⁻¹.
+        """
+        backend, system, r = self._backend, self._system, residual[0]
+        problem, turn = system.problem, self.statuses.turn
         jumps = multiply(system.C, u) - system.c
         moved = np.zeros(problem.bodies.count)
         np.maximum.at(moved, system.body, np.abs(u))
         lengths = body_lengths(problem.bodies, largest(system.comm, moved), problem.free_lengths)
-        square, turn = self._error_square(), self.statuses.turn
         forces, distances = system.stretch(multiplier), system.stretch(jumps)
+        square = self._error_square(*residual)
         return PrimalState(
             forces if turn is None else turn.back(forces),
             distances if turn is None else turn.back(distances),
@@ -380,16 +418,16 @@ class PrimalSet:
             lengths,
             u,
             self.statuses.holding,
-            backend.strained(u, left_without_rows),
+            backend.strained(u, left),
             square,
-            self._shares(square),
-            it.projected_gradient_norm,
+            self._shares(square, *residual),
+            math.sqrt(system.comm.allreduce(float(r @ r))),
         )
 
-    def _shares(self, square: float) -> Array:
+    def _shares(self, square: float, r: Array, z: Array) -> Array:
         """Share of each body in the squared error of its group, (bodies,) (collective)."""
-        bodies, it = self._system.problem.bodies, self._iterate
-        parts = bodies_alone(self._system, it.z * it.free)
+        bodies = self._system.problem.bodies
+        parts = bodies_alone(self._system, z * r)
         by_group = np.maximum(bodies.sum_by_group(parts), 0.0)
         total = float(by_group.sum())
         return np.asarray(square * (by_group / total if total > 0.0 else by_group))[bodies.groups]
