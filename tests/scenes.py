@@ -8,7 +8,7 @@ Lengths are about 1, Young's modulus is about 1000, displacements are a few hund
 from __future__ import annotations
 
 import copy
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -50,21 +50,28 @@ def block(
     boundaries: dict[str, str] | None = None,
 ) -> Config:
     """A box of n cells along each edge."""
-    body: Config = {
-        "name": name,
-        "mesh": {
-            "box": {
-                "lower": vector(cell, *lower),
-                "upper": vector(cell, *upper),
-                "cells": [n] * dimension(cell),
-                "cell": cell,
-            }
-        },
-        "material": {"young": young, "poisson": poisson},
-    }
+    low, up = vector(cell, *lower), vector(cell, *upper)
+    body = box(name, up, [n] * dimension(cell), low, cell, young, poisson)
     if boundaries:
         body["boundaries"] = {key: {"where": where} for key, where in boundaries.items()}
     return body
+
+
+def box(
+    name: str,
+    upper: Sequence[float | None],
+    cells: Sequence[int],
+    lower: Sequence[float | None] = (),
+    cell: str = "",
+    young: float = 1000.0,
+    poisson: float = 0.3,
+    **keys: Any,
+) -> Config:
+    """A body of a box in the coordinates of its own dimension, from the origin unless told."""
+    mesh: Config = {"lower": list(lower) or [0] * len(upper), "upper": list(upper)}
+    mesh |= {"cells": list(cells), **({"cell": cell} if cell else {})}
+    material = {"young": young, "poisson": poisson}
+    return {"name": name, "mesh": {"box": mesh}, "material": material, **keys}
 
 
 def quadratic(made: Config) -> Config:
@@ -376,9 +383,7 @@ def scaled(made: Config, factor: float) -> Config:
 
 def lifted_strip(length: float, cells: list[int], degree: int = 1, **solver: Any) -> Config:
     """A strip of thickness one; its weight lays it on a floor, from which one end is lifted."""
-    box = {"lower": [0, 0], "upper": [length, 1], "cells": cells}
-    material = {"young": 1e5, "poisson": 0.3}
-    body = {"name": "strip", "mesh": {"box": box}, "degree": degree, "material": material}
+    body = box("strip", [length, 1], cells, young=1e5, degree=degree)
     floor = {"on": "strip.y-", "obstacle": {"plane": {"point": [0, 0], "normal": [0, 1]}}}
     held = {"on": "strip.x-", "displacement": [0, 0.02]}
     made = config("quadrilateral", [body], [{"in": "strip", "force": [0, -1e-3]}, held], [floor])

@@ -7,6 +7,8 @@ import subprocess
 from pathlib import Path
 from typing import Any
 
+import pytest
+
 from tests import scenes
 from tests.ranks import execute, python
 
@@ -35,3 +37,21 @@ def summary_of(made: scenes.Config, directory: Path, ranks: int) -> dict[str, An
     execute(RUN, str(path), str(out), ranks=ranks)
     summary: dict[str, Any] = json.loads((out / "summary.json").read_text())
     return summary
+
+
+def one_and_two(
+    made: scenes.Config, directory: Path, subdomains: int | None = None
+) -> tuple[dict[str, Any], dict[str, Any]]:
+    """The summaries of a scene, in so many subdomains, on one rank and on two."""
+    if subdomains is not None:
+        made = {**made, "decomposition": {"subdomains": subdomains}}
+    one, two = (summary_of(made, directory, ranks) for ranks in (1, 2))
+    assert two["environment"]["ranks"] == 2
+    return one, two
+
+
+def same_solution(one: dict[str, Any], two: dict[str, Any], part: float) -> None:
+    """Hold the numbers of two answers against each other, to a part of each."""
+    for key, value in one["solution"].items():
+        if key != "pair_forces":
+            assert two["solution"][key] == pytest.approx(value, rel=part, abs=1e-8), key

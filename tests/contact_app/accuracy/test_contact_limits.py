@@ -21,21 +21,13 @@ def pushed_against_a_ball(cells: int, degree: int, above: float) -> scenes.Confi
     above
         Gap between the ball and the block at the nodes of the mesh of four by four.
     """
-    box = {"lower": [0, 0, 0], "upper": [2, 2, 1], "cells": [cells, cells, cells // 2]}
     middle = 0.75
     off = math.sqrt(2.0) * 0.25
     height = 1.0 + math.sqrt(RADIUS**2 - off**2) + above
     ball = {"sphere": {"center": [middle, middle, height], "radius": RADIUS}}
     return {
         "dimension": 3,
-        "bodies": [
-            {
-                "name": "b",
-                "mesh": {"box": {**box, "cell": "hexahedron"}},
-                "material": {"young": 1000.0, "poisson": 0.3},
-                "degree": degree,
-            }
-        ],
+        "bodies": [scenes.box("b", [2, 2, 1], [cells, cells, cells // 2], degree=degree)],
         "conditions": [
             {"on": "b.z-", "displacement": [0.0, 0.0, LIFT]},
             {"on": "b.x+", "displacement": [0.0, None, None]},

@@ -22,13 +22,10 @@ def test_own_weight_against_the_exact_solution(cell: str) -> None:
     """‖u - u_h‖² = 2 (J(u_h) - J(u)) with J(u) = -w²/(6 M): effectivity near 1, order 1."""
     weight = 20.0
     exact = -(weight**2) / (6 * confined_modulus(1000.0, 0.3))
-    vertical = scenes.dimension(cell) - 1
     estimates = []
     for n in (2, 4, 8):
-        made = column(cell, n)
-        force = scenes.vector(cell, 0, 0, -weight)
-        made["conditions"].append({"in": "block", "force": force})
-        solved = solve(made, [1, 2, 2][: vertical + 1])
+        made = column(cell, n, scenes.weight(cell, 0, 0, -weight))
+        solved = solve(made, [1, 2, 2][: scenes.dimension(cell)])
         norm = np.sqrt(-2 * solved.summary["solution"]["energy"])
         error = np.sqrt(2 * (solved.summary["solution"]["energy"] - exact)) / norm
         estimate = solved.accuracy.discretisation
@@ -40,9 +37,7 @@ def test_own_weight_against_the_exact_solution(cell: str) -> None:
 @pytest.mark.parametrize("cell", CELLS)
 def test_zero_where_the_mesh_is_exact(cell: str) -> None:
     """The contact patch: a constant stress, with rollers, a loaded and a touching side."""
-    made = column(cell, 3)
-    load = scenes.vector(cell, 0, 0, -30.0)
-    made["conditions"].append({"on": f"block.{scenes.up(cell)}", "traction": load})
+    made = column(cell, 3, scenes.on_top(cell, 0, 0, -30.0))
     solved = solve(made, [2] * scenes.dimension(cell), tolerance=1e-12)
     assert solved.summary["solution"]["max_contact_pressure"] == pytest.approx(30.0)
     assert solved.accuracy.discretisation < 1e-9
@@ -53,20 +48,15 @@ def test_zero_where_the_mesh_is_exact(cell: str) -> None:
 @pytest.mark.parametrize("cell", CELLS)
 def test_zero_where_a_body_one_cell_thick_is_exact(cell: str, degree: int) -> None:
     """The same patch on one cell: stresses across it must not be halved."""
-    made, d = column(cell, 3), scenes.dimension(cell)
-    made["bodies"][0]["mesh"]["box"]["cells"] = [1] + [3] * (d - 1)
-    made["bodies"][0]["degree"] = degree
-    load = scenes.vector(cell, 0, 0, -30.0)
-    made["conditions"].append({"on": f"block.{scenes.up(cell)}", "traction": load})
+    made = column(cell, 3, scenes.on_top(cell, 0, 0, -30.0), degree=degree)
+    made["bodies"][0]["mesh"]["box"]["cells"][0] = 1
     assert solve(made, tolerance=1e-10).accuracy.discretisation < 1e-8
 
 
 @pytest.mark.parametrize("cell", CELLS)
 def test_zero_where_degree_2_is_exact(cell: str) -> None:
     """A stress linear in height: a column under its own weight, on one and many subdomains."""
-    made = column(cell, 2)
-    made["bodies"][0]["degree"] = 2
-    made["conditions"].append({"in": "block", "force": scenes.vector(cell, 0, 0, -20.0)})
+    made = column(cell, 2, scenes.weight(cell, 0, 0, -20.0), degree=2)
     for parts in (1, [2] * scenes.dimension(cell)):
         solved = solve(made, parts, tolerance=1e-12)
         assert solved.summary["solution"]["max_contact_pressure"] > 10.0
@@ -75,11 +65,8 @@ def test_zero_where_degree_2_is_exact(cell: str) -> None:
 
 @pytest.mark.parametrize("cell", ["quadrilateral", "hexahedron"])
 def test_zero_where_the_mesh_is_exact_with_mean_dilatation(cell: str) -> None:
-    made = column(cell, 3)
-    made["bodies"][0]["mean_dilatation"] = True
+    made = column(cell, 3, scenes.on_top(cell, 0, 0, -30.0), mean_dilatation=True)
     made["bodies"][0]["material"]["poisson"] = 0.49
-    load = scenes.vector(cell, 0, 0, -30.0)
-    made["conditions"].append({"on": f"block.{scenes.up(cell)}", "traction": load})
     solved = solve(made, [2] * scenes.dimension(cell), tolerance=1e-12)
     assert solved.accuracy.discretisation < 1e-9
 
@@ -98,27 +85,19 @@ def test_zero_where_nothing_is_strained() -> None:
     assert set(solved.accuracy.as_dict().values()) == {0.0}
 
 
-@pytest.mark.parametrize(("cell", "name"), covering(CELLS, ["wall", "sphere"]))
+QUADRATIC = [(cell, "quadratic wall") for cell in CELLS]
+
+
+@pytest.mark.parametrize(("cell", "name"), [*covering(CELLS, ["wall", "sphere"]), *QUADRATIC])
 def test_independent_of_the_decomposition(name: str, cell: str) -> None:
-    made = scenes.ALL[name](cell, 4)
+    quadratic = name == "quadratic wall"
+    made = scenes.quadratic(scenes.wall(cell, 3)) if quadratic else scenes.ALL[name](cell, 4)
     whole = solve(made, 1, tolerance=1e-11).accuracy.discretisation
     assert 0.02 < whole < 1.0
-    for parts in ([2, 1, 2][: scenes.dimension(cell)], [3] * scenes.dimension(cell), 5):
-        assert solve(made, parts, tolerance=1e-11).accuracy.discretisation == pytest.approx(
-            whole, rel=1e-6
-        )
-
-
-@pytest.mark.parametrize("cell", CELLS)
-def test_independent_of_the_decomposition_with_degree_2(cell: str) -> None:
-    made = scenes.ALL["wall"](cell, 3)
-    made["bodies"][0]["degree"] = 2
-    whole = solve(made, 1, tolerance=1e-11).accuracy.discretisation
-    assert 0.02 < whole < 1.0
-    for parts in ([2, 1, 2][: scenes.dimension(cell)], 4):
-        assert solve(made, parts, tolerance=1e-11).accuracy.discretisation == pytest.approx(
-            whole, rel=1e-6
-        )
+    d = scenes.dimension(cell)
+    for parts in ([2, 1, 2][:d], *([4] if quadratic else [[3] * d, 5])):
+        found = solve(made, parts, tolerance=1e-11).accuracy.discretisation
+        assert found == pytest.approx(whole, rel=1e-6)
 
 
 @pytest.mark.parametrize("cell", ["hexahedron", "triangle"])

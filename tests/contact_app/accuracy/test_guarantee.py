@@ -41,9 +41,7 @@ def energy(solved: Any) -> float:
 @pytest.mark.parametrize("parts", [1, 2])
 def test_zero_where_the_mesh_is_exact(cell: str, parts: int) -> None:
     """The contact patch: a constant stress, with rollers, a loaded and a touching side."""
-    made = column(cell, 3)
-    load = scenes.vector(cell, 0, 0, -30.0)
-    made["conditions"].append({"on": f"block.{scenes.up(cell)}", "traction": load})
+    made = column(cell, 3, scenes.on_top(cell, 0, 0, -30.0))
     _, found = bounded(made, [parts] * scenes.dimension(cell), tolerance=1e-13)
     assert found.bound is not None
     assert found.bound < 1e-7  # rounding of a closed gap, of second order in the error
@@ -73,9 +71,7 @@ def test_own_weight_against_the_exact_solution(cell: str) -> None:
     weight, bounds = 20.0, []
     exact = -(weight**2) / (6 * confined_modulus(1000.0, 0.3))
     for n in (2, 4, 8):
-        made = column(cell, n)
-        made["conditions"].append({"in": "block", "force": scenes.vector(cell, 0, 0, -weight)})
-        solved, found = bounded(made)
+        solved, found = bounded(column(cell, n, scenes.weight(cell, 0, 0, -weight)))
         assert found.bound is not None
         error = (2 * (energy(solved) - exact) / found.norm**2) ** 0.5
         assert 1.0 <= found.bound / error < 2.0
@@ -105,18 +101,9 @@ def random_scene(seed: int, cells: int) -> scenes.Config:
     cell = [*scenes.CELLS_2D, *scenes.CELLS_3D][seed % 4]
     d = scenes.dimension(cell)
     sides = random.uniform(0.5, 2.0, d)
-    body = {
-        "name": "block",
-        "mesh": {
-            "box": {
-                "lower": [0.0] * d,
-                "upper": [float(v) for v in sides],
-                "cells": [int(k) * cells for k in random.integers(2, 4, d)],
-                "cell": cell,
-            }
-        },
-        "material": {"young": 1000.0, "poisson": float(random.uniform(-0.3, 0.48))},
-    }
+    counts = [int(k) * cells for k in random.integers(2, 4, d)]
+    poisson = float(random.uniform(-0.3, 0.48))
+    body = scenes.box("block", [float(v) for v in sides], counts, cell=cell, poisson=poisson)
     faces = [f"{'xyz'[k]}{end}" for k in range(d) for end in "-+"]
     held, pushed, *others = [str(f) for f in random.permutation(faces)]
     held_at = [float(v) for v in random.uniform(-0.02, 0.02, d)]

@@ -20,12 +20,11 @@ FINE = 48
 
 def tied_blocks(cells: tuple[int, int], warm: int) -> scenes.Config:
     """A stiff block tied onto a soft one that is held below; meshes do not match."""
-    bodies = []
-    for k, (name, young) in enumerate((("soft", 1e5), ("stiff", 5e5))):
-        box = {"lower": [0, k], "upper": [1, k + 1], "cells": [cells[k]] * 2}
-        material = {"young": young, "poisson": 0.3 - 0.1 * k}
-        bodies.append({"name": name, "mesh": {"box": box}, "material": material})
-    bodies[warm]["material"]["expansion"] = 1e-5  # type: ignore[index]
+    bodies = [
+        scenes.box(name, [1, k + 1], [cells[k]] * 2, [0, k], "", young, 0.3 - 0.1 * k)
+        for k, (name, young) in enumerate((("soft", 1e5), ("stiff", 5e5)))
+    ]
+    bodies[warm]["material"]["expansion"] = 1e-5
     return {
         "dimension": 2,
         "bodies": bodies,

@@ -88,8 +88,7 @@ def test_the_next_mesh(errors: list[float], target: float, whole: bool, expected
 
 
 def weight_config(cell: str, accuracy: float) -> scenes.Config:
-    made = column(cell, 2)
-    made["conditions"].append({"in": "block", "force": scenes.vector(cell, 0, 0, -20.0)})
+    made = column(cell, 2, scenes.weight(cell, 0, 0, -20.0))
     made["accuracy"] = accuracy
     del made["solver"]
     return made

@@ -65,13 +65,10 @@ def test_levels_of_a_slender_body_are_nested_and_even() -> None:
 
 def plate(degree: int) -> Config:
     """A strip of tetrahedra 60 times as long as thick on a floor."""
-    box = {"lower": [0, 0, 0], "upper": [60, 4, 1], "cells": [60, 4, 1], "cell": "tetrahedron"}
+    size, cell = [60, 4, 1], "tetrahedron"
     return {
         "dimension": 3,
-        "bodies": [
-            {"name": "strip", "mesh": {"box": box}, "degree": degree,
-             "material": {"young": 1e5, "poisson": 0.3}},
-        ],
+        "bodies": [scenes.box("strip", size, size, cell=cell, young=1e5, degree=degree)],
         "conditions": [
             {"on": "strip.x-", "displacement": [0, 0, 0.1]},
             {"in": "strip", "force": [0, 0, -1e-3]},

@@ -123,12 +123,10 @@ def test_a_strip_that_lifts_off_takes_few_products(degree: int) -> None:
 @pytest.mark.ratchet
 def test_a_strip_that_lies_on_the_floor_and_lifts_off_starts_near_its_set() -> None:
     """A factor solves each set; coarse levels find the first one."""
-    mesh = {"lower": [0, 0, 0], "upper": [200, 20, 6], "cells": [40, 6, 3], "cell": "hexahedron"}
     floor = {"plane": {"point": [0, 0, 0], "normal": [0, 0, 1]}}
     found = solve({
         "dimension": 3,
-        "bodies": [{"name": "strip", "mesh": {"box": mesh},
-                    "material": {"young": 2.1e5, "poisson": 0.3}}],
+        "bodies": [scenes.box("strip", [200, 20, 6], [40, 6, 3], young=2.1e5)],
         "conditions": [{"on": "strip.x-", "displacement": [0, 0, None]},
                        {"on": "strip.z+", "traction": [0, 0, -0.1]},
                        {"on": "strip.x+", "total_force": [0, 0, 150]}],

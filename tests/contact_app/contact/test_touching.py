@@ -31,12 +31,11 @@ def test_forces_that_fade_from_set_to_set_are_zero(cell: str, method: str) -> No
 
 def test_rigid_plate_that_touches_without_load_slides_without_forces() -> None:
     """It may sink, tilt and turn, and nothing presses it: no set of contact points holds it."""
-    box = {"lower": [0, 0, 0], "upper": [10, 10, 5], "cells": [4, 4, 2], "cell": "hexahedron"}
     plane = {"point": [5, 5, 5], "normal": [0, 0, -1]}
     made = {
         "dimension": 3,
         "bodies": [
-            {"name": "block", "mesh": {"box": box}, "material": {"young": 1000, "poisson": 0.3}},
+            scenes.box("block", [10, 10, 5], [4, 4, 2]),
             {"name": "plate", "rigid": {"plane": plane}},
         ],
         "conditions": [

@@ -13,11 +13,11 @@ from tests import scenes
 from tests.comparison import solve
 
 
-def column(cell: str, n: int, young: float = 1000.0, poisson: float = 0.3) -> scenes.Config:
+def column(cell: str, n: int, *loads: scenes.Config, **keys: object) -> scenes.Config:
     """A column between rollers on all sides, standing on a floor that it may leave."""
     sides = scenes.rollers(cell, "+-", axes="xy"[: scenes.dimension(cell) - 1])
-    block = scenes.block(cell, n, young=young, poisson=poisson)
-    return scenes.config(cell, [block], sides, [scenes.on_floor(cell)])
+    block = {**scenes.block(cell, n), **keys}
+    return scenes.config(cell, [block], [*sides, *loads], [scenes.on_floor(cell)])
 
 
 def confined_modulus(young: float, poisson: float) -> float:
@@ -38,9 +38,7 @@ def test_column_under_its_own_weight(cell: str) -> None:
     sizes, errors = [2, 4, 8], []
     vertical = scenes.dimension(cell) - 1
     for n in sizes:
-        made = column(cell, n)
-        made["conditions"].append({"in": "block", "force": scenes.vector(cell, 0, 0, -weight)})
-        solution = solve(made, 2)
+        solution = solve(column(cell, n, scenes.weight(cell, 0, 0, -weight)), 2)
         found = solution.summary["solution"]
         assert found["contact_force"][vertical] == pytest.approx(weight, rel=1e-8)
         errors.append(found["energy"] - exact)

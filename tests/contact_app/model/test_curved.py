@@ -16,7 +16,7 @@ from contact_app.scene.configuration import load
 from tests import meshfiles, reference, scenes
 from tests.comparison import same_displacement
 from tests.contact_app.model.test_meshes_from_files import patch, two_materials
-from tests.scenes_on_ranks import summary_of
+from tests.scenes_on_ranks import one_and_two, same_solution
 
 NAMES = [(cell, name) for cell, names in meshfiles.SECOND.items() for name in names]
 
@@ -95,11 +95,8 @@ def test_the_undecomposed_answer(cell: str, name: str, subdomains: int, tmp_path
 def test_two_ranks(cell: str, name: str, tmp_path: Path) -> None:
     """Vertices come first among a file's nodes: the second rank owns none of them."""
     made = bent_scene(cell, name, tmp_path)
-    made["decomposition"] = {"subdomains": 3}
-    one, two = (summary_of(made, tmp_path, ranks) for ranks in (1, 2))
-    assert two["environment"]["ranks"] == 2
-    for key, value in one["solution"].items():
-        assert two["solution"][key] == pytest.approx(value, rel=1e-7, abs=1e-8), key
+    one, two = one_and_two(made, tmp_path, 3)
+    same_solution(one, two, 1e-7)
     for key in ("discretisation", "total"):
         assert two["accuracy"][key] == pytest.approx(one["accuracy"][key], rel=1e-6)
 

@@ -22,7 +22,7 @@ from tests.comparison import in_space, same_displacement, solve
 from tests.contact_app.model.test_meshes_from_files import patch
 from tests.contact_app.model.test_two_bodies import PAIRS, PRESSURE, patch_displacement, stack
 from tests.rows import covering
-from tests.scenes_on_ranks import summary_of
+from tests.scenes_on_ranks import one_and_two, same_solution
 
 CELLS = (*scenes.CELLS_2D, *scenes.CELLS_3D)
 
@@ -204,12 +204,9 @@ def test_meshes_from_files(cell: str, tmp_path: Path) -> None:
 )
 def test_two_ranks(cell: str, tmp_path: Path) -> None:
     made = scenes.quadratic(scenes.wall(cell, 3))
-    made["decomposition"] = {"subdomains": 5}
-    one, two = (summary_of(made, tmp_path, ranks) for ranks in (1, 2))
-    assert two["environment"]["ranks"] == 2
+    one, two = one_and_two(made, tmp_path, 5)
     assert two["decomposition"]["contact"] == one["decomposition"]["contact"]
-    for key, value in one["solution"].items():
-        assert two["solution"][key] == pytest.approx(value, rel=1e-8, abs=1e-8), key
+    same_solution(one, two, 1e-8)
 
 
 @pytest.mark.parametrize("cell", scenes.CELLS_2D)

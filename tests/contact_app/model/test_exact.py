@@ -60,13 +60,7 @@ def test_patch_in_space(cell: str, subdomains: int | list[int]) -> None:
 def test_a_body_whose_nodes_are_all_held(subdomains: int) -> None:
     scene = {
         "dimension": 2,
-        "bodies": [
-            {
-                "name": "block",
-                "mesh": {"box": {"lower": [0, 0], "upper": [1, 1], "cells": [1, 2]}},
-                "material": {"young": 1.0e5, "poisson": 0.3},
-            }
-        ],
+        "bodies": [scenes.box("block", [1, 1], [1, 2], young=1.0e5)],
         "conditions": [
             {"on": "block.x-", "displacement": [0, 0]},
             {"on": "block.x+", "displacement": [0, 0.01]},

@@ -28,11 +28,9 @@ def together(cell: str, degree: int, length: float = 1.0, pressure: float = 1.0)
     def block(name: str, bottom: float, top: float, cells: list[int], own: int) -> Config:
         lower, upper = [0.0, 0.0, 0.0][-d:], [1.0, 1.0, 0.0][-d:]
         lower[-1], upper[-1], upper[0] = bottom, top, 1.0
-        box = {
-            "lower": [length * x for x in lower], "upper": [length * x for x in upper],
-            "cells": cells[-d:], "cell": cell,
-        }  # fmt: skip
-        return {"name": name, "mesh": {"box": box}, "degree": own, "material": dict(material)}
+        low, up = ([length * x for x in corner] for corner in (lower, upper))
+        body = scenes.box(name, up, cells[-d:], low, cell, degree=own)
+        return {**body, "material": dict(material)}
 
     plate = {"plane": {"point": scenes.vector(cell, 0.5 * length, 0.5 * length, 1.5 * length),
                        "normal": scenes.vector(cell, 0.0, 0.0, -1.0)}}  # fmt: skip

@@ -19,7 +19,7 @@ from contact_app.scene.build import build_scene
 from contact_app.scene.configuration import load
 from tests import meshfiles, reference, scenes
 from tests.comparison import same_displacement
-from tests.scenes_on_ranks import summary_of
+from tests.scenes_on_ranks import one_and_two, same_solution
 
 CELLS = tuple(meshfiles.MESHIO)
 
@@ -141,13 +141,10 @@ def test_the_answer_does_not_depend_on_the_decomposition(
 def test_the_answer_does_not_depend_on_the_ranks(tmp_path: Path) -> None:
     file = meshfiles.write(meshfiles.block("tetrahedron", 4), tmp_path / "block.msh")
     made = two_materials("tetrahedron", file)
-    made["decomposition"] = {"subdomains": 5}
-    one, two = (summary_of(made, tmp_path, ranks) for ranks in (1, 2))
-    assert two["environment"]["ranks"] == 2
+    one, two = one_and_two(made, tmp_path, 5)
     assert two["mesh"] == one["mesh"]
     assert {key: two["solver"][key] for key in one["solver"]} == one["solver"]
-    for key, value in one["solution"].items():
-        assert two["solution"][key] == pytest.approx(value, rel=1e-9, abs=1e-9), key
+    same_solution(one, two, 1e-9)
 
 
 def test_two_bodies_from_one_file(tmp_path: Path) -> None:

@@ -23,7 +23,7 @@ from contact_app.scene.configuration import load
 from contact_app.scene.scene import Scene
 from tests import meshfiles, scenes
 from tests.comparison import same_contacts
-from tests.scenes_on_ranks import summary_of
+from tests.scenes_on_ranks import one_and_two
 
 SAMPLES = Path(__file__).parents[3] / "meshes" / "samples"
 HARD, SOFT = {"young": 4000.0, "poisson": 0.35}, {"young": 500.0, "poisson": 0.2}
@@ -395,9 +395,7 @@ def test_bodies_that_are_images(
 def test_two_ranks(tmp_path: Path) -> None:
     """A quarter of two feet and a slab, cut into parts: rows of pairs beside planes, images."""
     made = {**table("hexahedron", 1, tmp_path), "symmetry": "allow"}
-    made["decomposition"] = {"subdomains": 6}
-    one, two = (summary_of(made, tmp_path, ranks) for ranks in (1, 2))
-    assert two["environment"]["ranks"] == 2
+    one, two = one_and_two(made, tmp_path, 6)
     assert one["symmetry"] == two["symmetry"]
     assert one["symmetry"]["images"] == 4
     for key in ("energy", "mean_displacement", "max_contact_pressure"):

@@ -14,7 +14,7 @@ from contact_app.scene.build import build_scene
 from contact_app.scene.configuration import from_mapping
 from tests import meshfiles, rings, scenes
 from tests.comparison import solve
-from tests.scenes_on_ranks import summary_of
+from tests.scenes_on_ranks import one_and_two
 
 YOUNG, POISSON = 900.0, 0.25
 
@@ -148,10 +148,8 @@ def beam(cell: str, degree: int, parts: list[list[int]]) -> scenes.Config:
     d, bodies = scenes.dimension(cell), []
     for k, cells in enumerate(parts):
         ends = (4.0 * k / len(parts), 4.0 * (k + 1) / len(parts))
-        box = {"lower": [ends[0], *[0.0] * (d - 1)], "upper": [ends[1], *[1.0] * (d - 1)],
-               "cells": cells, "cell": cell}  # fmt: skip
-        bodies.append({"name": f"b{k}", "mesh": {"box": box}, "degree": degree,
-                       "material": {"young": 1000.0, "poisson": 0.0}})  # fmt: skip
+        low, up = ([end, *[side] * (d - 1)] for end, side in zip(ends, (0.0, 1.0), strict=True))
+        bodies.append(scenes.box(f"b{k}", up, cells, low, cell, poisson=0.0, degree=degree))
     conditions = [
         {"on": "b0.x-", "displacement": [0.0] * d},
         {"on": f"b{len(parts) - 1}.x+", "traction": [0.0] * (d - 1) + [-1.0]},
@@ -409,9 +407,7 @@ def test_two_ranks(tmp_path: Path) -> None:
     made = stacked("hexahedron", "tetrahedron", (3, 2), (1, 2))
     made["conditions"] = [{"on": "lower.x-", "displacement": [0.0, 0.0, 0.0]},
                           {"on": "upper.x+", "traction": [0.0, 1.0, -3.0]}]  # fmt: skip
-    made["decomposition"] = {"subdomains": 5}
-    one, two = (summary_of(made, tmp_path, ranks) for ranks in (1, 2))
-    assert two["environment"]["ranks"] == 2
+    one, two = one_and_two(made, tmp_path, 5)
     for key in ("energy", "max_displacement", "mean_displacement"):
         assert two["solution"][key] == pytest.approx(one["solution"][key], rel=1e-8), key
     assert two["contacts"][0]["force"] == pytest.approx(one["contacts"][0]["force"], rel=1e-6)

@@ -13,7 +13,7 @@ from contact_app.run.solve import solve_scene
 from tests import meshfiles, scenes
 from tests.comparison import load_resultant
 from tests.scenes import Config
-from tests.scenes_on_ranks import summary_of
+from tests.scenes_on_ranks import one_and_two, same_solution
 
 CELLS = ("quadrilateral", "triangle", "hexahedron", "tetrahedron")
 
@@ -21,10 +21,8 @@ CELLS = ("quadrilateral", "triangle", "hexahedron", "tetrahedron")
 def beam(cell: str, load: Config, n: int = 4, length: float = 4.0, degree: int = 1) -> Config:
     """Clamped at x-, loaded at x+; one high and, in space, one wide."""
     d = scenes.dimension(cell)
-    box = {"lower": [0.0] * d, "upper": [length, *[1.0] * (d - 1)],
-           "cells": [2 * n, *[n] * (d - 1)], "cell": cell}  # fmt: skip
-    material = {"young": 1000.0, "poisson": 0.0}
-    body = {"name": "beam", "mesh": {"box": box}, "material": material, "degree": degree}
+    upper, cells = [length, *[1.0] * (d - 1)], [2 * n, *[n] * (d - 1)]
+    body = scenes.box("beam", upper, cells, cell=cell, poisson=0.0, degree=degree)
     clamp = {"on": "beam.x-", "displacement": [0.0] * d}
     return scenes.config(cell, [body], [clamp, {"on": "beam.x+", **load}], [])
 
@@ -104,9 +102,8 @@ def test_curved_cells_from_a_file(tmp_path: Path) -> None:
 def test_two_ranks(tmp_path: Path) -> None:
     load = {"total_force": [0.0, 0.0, -1.0], "total_moment": [1.0, 2.0, 3.0], "at": [4.0, 2.0, 0.0]}
     made = beam("hexahedron", load)
-    made["decomposition"] = {"subdomains": 4}
-    one, two = (summary_of(made, tmp_path, ranks)["solution"] for ranks in (1, 2))
-    assert two["energy"] == pytest.approx(one["energy"], rel=1e-7)
+    one, two = one_and_two(made, tmp_path, 4)
+    same_solution(one, two, 1e-7)
 
 
 @pytest.mark.parametrize(

@@ -350,9 +350,7 @@ def test_bodies_clamped_at_a_common_edge_have_no_force_there(y: float, top: floa
         made = {
             "dimension": 2,
             "bodies": [
-                {"name": name, "material": {"young": 1e3, "poisson": 0.3},
-                 "mesh": {"box": {"lower": [0.0, b], "upper": [x, b + 0.1], "cells": [10, 2]}}}
-                for name, b, x in sides
+                scenes.box(name, [x, b + 0.1], [10, 2], [0.0, b]) for name, b, x in sides
             ],
             "conditions": [
                 {"on": "lower.x-", "displacement": [0.0, 0.0]},
@@ -374,10 +372,8 @@ def test_a_fine_body_stands_on_a_coarse_one_that_is_held() -> None:
     made = {
         "dimension": 2,
         "bodies": [
-            {"name": "base", "material": {"young": 1e3, "poisson": 0.3},
-             "mesh": {"box": {"lower": [0, -1], "upper": [1, 0], "cells": [1, 1]}}},
-            {"name": "body", "material": {"young": 1e3, "poisson": 0.3},
-             "mesh": {"box": {"lower": [0, 0], "upper": [1, 0.02], "cells": [400, 4]}}},
+            scenes.box("base", [1, 0], [1, 1], [0, -1]),
+            scenes.box("body", [1, 0.02], [400, 4]),
         ],
         "conditions": [
             {"on": "base.y-", "displacement": [0, 0]},

@@ -21,16 +21,13 @@ from tests import meshfiles, scenes
 from tests.boundary_integrals import WEIGHTS, Where, facets, integral, pressure_of
 from tests.comparison import same_contacts, solve
 from tests.rows import covering
-from tests.scenes_on_ranks import summary_of
+from tests.scenes_on_ranks import one_and_two
 
 CORNER = Path(__file__).parents[3] / "configs" / "corner.yaml"
 
 BETWEEN_WALLS: scenes.Config = {
     "dimension": 2,
-    "bodies": [
-        {"name": "b", "mesh": {"box": {"lower": [0, 0], "upper": [1, 1], "cells": [4, 4]}},
-         "material": {"young": 1000, "poisson": 0.3}},
-    ],
+    "bodies": [scenes.box("b", [1, 1], [4, 4])],
     "conditions": [{"on": "b.y+", "pressure": 10}],
     "contacts": [
         {"on": "b.y-", "obstacle": {"plane": {"point": [0, 0], "normal": [0, 1]}}},
@@ -418,9 +415,7 @@ def test_in_the_order_of_the_file() -> None:
 @pytest.mark.parametrize(("cell", "degree"), [("quadrilateral", 1), ("tetrahedron", 2)])
 def test_two_ranks(cell: str, degree: int, tmp_path: Path) -> None:
     made = in_corner(cell, degree)
-    made["decomposition"] = {"subdomains": 4}
-    one, two = (summary_of(made, tmp_path, ranks) for ranks in (1, 2))
-    assert two["environment"]["ranks"] == 2
+    one, two = one_and_two(made, tmp_path, 4)
     same_contacts(two, one, 1e-7)
     first, second = (meshio_fields(tmp_path / f"out{ranks}") for ranks in (1, 2))
     assert first.keys() == second.keys()

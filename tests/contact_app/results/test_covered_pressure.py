@@ -37,11 +37,7 @@ def block_on_plate(
     return {
         "dimension": d,
         "bodies": [
-            {
-                "name": name, "degree": degree,
-                "mesh": {"box": {"lower": low, "upper": up, "cells": cells, "cell": cell}},
-                "material": {"young": 2e5, "poisson": 0.3},
-            }
+            scenes.box(name, up, cells, low, cell, young=2e5, degree=degree)
             for name, (low, up, cells) in boxes.items()
         ],
         "conditions": [

@@ -12,7 +12,7 @@ from tests import scenes
 from tests.boundary_integrals import integral, pressure_of
 from tests.comparison import same_contacts, solve
 from tests.rows import covering
-from tests.scenes_on_ranks import summary_of
+from tests.scenes_on_ranks import one_and_two
 
 PRESSURE = 10.0
 CELLS = [(cell, degree) for cell in (*scenes.CELLS_2D, *scenes.CELLS_3D) for degree in (1, 2)]
@@ -190,9 +190,7 @@ def test_two_ranks(what: str, tmp_path: Path) -> None:
         made = on_floors("tetrahedron", 1)
     else:
         made = on_bodies("hexahedron", 1, (2, 4), "on")
-    made["decomposition"] = {"subdomains": 5}
-    one, two = (summary_of(made, tmp_path, ranks) for ranks in (1, 2))
-    assert two["environment"]["ranks"] == 2
+    one, two = one_and_two(made, tmp_path, 5)
     same_contacts(two, one, 1e-6)
     for contact in two["contacts"]:
         assert contact["max_pressure"] == pytest.approx(PRESSURE, rel=1e-5)

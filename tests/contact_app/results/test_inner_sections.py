@@ -17,7 +17,7 @@ from meshes.repair import load_mesh
 from meshes.unstructured import FACETS, CellMesh
 from tests import meshfiles, scenes
 from tests.rows import covering
-from tests.scenes_on_ranks import summary_of
+from tests.scenes_on_ranks import one_and_two
 
 CELLS = ["triangle", "quadrilateral", "tetrahedron", "hexahedron"]
 PULL = np.array([1.5, 0.7, -1.0])
@@ -110,13 +110,11 @@ def test_area_and_centroid_of_a_curved_surface(
 
 def on_two_feet(degree: int, cell: str) -> scenes.Config:
     """A heavy beam on two planes, loaded off its middle: each part of it is in balance."""
-    box = {"lower": [0, 0, 0], "upper": [4, 1, 1], "cells": [8, 2, 2], "cell": cell}
     floor = {"plane": {"point": [0, 0, 0], "normal": [0, 0, 1]}}
     return {
         "dimension": 3,
         "bodies": [{
-            "name": "b", "degree": degree, "mesh": {"box": box},
-            "material": {"young": 1000, "poisson": 0.3},
+            **scenes.box("b", [4, 1, 1], [8, 2, 2], cell=cell, degree=degree),
             "boundaries": {"left": {"where": "z < 1e-9 and x < 1.01"},
                            "right": {"where": "z < 1e-9 and x > 2.99"},
                            "post": {"where": "abs(x - 1.5) < 1e-9"},
@@ -158,12 +156,11 @@ def test_force_and_moment_are_in_balance_with_contact_support_and_weight(
 @pytest.mark.mpi
 def test_ranks_agree(tmp_path: Path) -> None:
     file = meshfiles.write(uneven("tetrahedron"), tmp_path / "b.msh")
-    made = held_block(file, "tetrahedron", 2) | {"decomposition": {"subdomains": 5}}
-    one, two = (summary_of(made, tmp_path, ranks)["sections"] for ranks in (1, 2))
-    assert set(one) == {"cut", "back"}
-    for name, found in one.items():
+    one, two = one_and_two(held_block(file, "tetrahedron", 2), tmp_path, 5)
+    assert set(one["sections"]) == {"cut", "back"}
+    for name, found in one["sections"].items():
         for key, value in found.items():
-            np.testing.assert_allclose(two[name][key], value, atol=1e-8)
+            np.testing.assert_allclose(two["sections"][name][key], value, atol=1e-8)
 
 
 def area_between(mesh: CellMesh) -> float:

@@ -26,13 +26,10 @@ def cantilever(cell: str, degree: int, at: dict[str, float]) -> scenes.Config:
     """Clamped at x = 0, pulled at its end, with a weight; sections across x by name."""
     d = scenes.dimension(cell)
     middle = [0.5] * (d - 1)
-    box = {"lower": [0] * d, "upper": [LENGTH, 1, 1][:d], "cells": [8, 2, 2][:d], "cell": cell}
+    upper, cells = [LENGTH, 1, 1][:d], [8, 2, 2][:d]
     return {
         "dimension": d,
-        "bodies": [
-            {"name": "b", "degree": degree, "mesh": {"box": box},
-             "material": {"young": 1000, "poisson": 0.3}},
-        ],
+        "bodies": [scenes.box("b", upper, cells, cell=cell, degree=degree)],
         "conditions": [
             {"on": "b.x-", "displacement": [0] * d},
             {"on": "b.x+", "traction": PULL[:d].tolist()},
@@ -99,15 +96,12 @@ def test_a_plane_through_cells_that_carry_no_load(cell: str) -> None:
 
 def pressed_halves() -> scenes.Config:
     """Two blocks beside each other on a floor under a plate that loads both, alike about x = 2."""
-    box = {"lower": [0, 0, 1], "upper": [4, 1, 2], "cells": [8, 2, 2]}
-    material = {"young": 1000, "poisson": 0.3}
     return {
         "dimension": 3,
         "bodies": [
-            {"name": "plate", "mesh": {"box": box}, "material": material},
-            *({"name": name, "mesh": {"box": {"lower": [x, 0, 0], "upper": [x + 1, 1, 1],
-                                              "cells": [2, 2, 2]}}, "material": material}
-              for name, x in (("left", 0), ("right", 3))),
+            scenes.box("plate", [4, 1, 2], [8, 2, 2], [0, 0, 1]),
+            scenes.box("left", [1, 1, 1], [2, 2, 2]),
+            scenes.box("right", [4, 1, 1], [2, 2, 2], [3, 0, 0]),
         ],
         "conditions": [
             {"on": "plate.z+", "traction": [0, 0, -1]},

@@ -16,18 +16,13 @@ from tests.scenes_on_ranks import summary_of
 
 def between_walls(right: float = 1.2, **more: object) -> scenes.Config:
     """A block that is pressed onto a floor, 0.1 beside one wall and another on its right."""
-    body = {
-        "name": "block",
-        "mesh": {"box": {"lower": [0, 0], "upper": [1, 1], "cells": [4, 4]}},
-        "material": {"young": 1000.0, "poisson": 0.3},
-    }
 
     def plane(point: list[float], normal: list[float]) -> dict[str, object]:
         return {"obstacle": {"plane": {"point": point, "normal": normal}}}
 
     return {
         "dimension": 2,
-        "bodies": [{**body, **more}],
+        "bodies": [scenes.box("block", [1, 1], [4, 4], **more)],
         "conditions": [{"on": "block.y+", "pressure": 20.0}],
         "contacts": [
             {"on": "block.y-", **plane([0, 0], [0, 1])},

@@ -60,15 +60,10 @@ def test_loads_without_effect_take_no_case() -> None:
 
 def on_a_block(friction: bool, history: dict[str, Any]) -> scenes.Config:
     """A block on another, held by contact alone; the load is on top, away from contact."""
-
-    def body(name: str, lower: list[float], upper: list[float], cells: list[int]) -> Any:
-        box = {"lower": lower, "upper": upper, "cells": cells}
-        return {"name": name, "mesh": {"box": box}, "material": {"young": 1e3, "poisson": 0.3}}
-
     beside: dict[str, Any] = {"on": "up.y+", "displacement": [0, None]}
     return {
         "dimension": 2,
-        "bodies": [body("low", [0, 0], [3, 1], [6, 4]), body("up", [0.5, 1], [2.5, 2], [5, 4])],
+        "bodies": [scenes.box("low", [3, 1], [6, 4]), scenes.box("up", [2.5, 2], [5, 4], [0.5, 1])],
         "conditions": [
             {"on": "low.y-", "displacement": [0, 0]},
             {"on": "up.y+", "traction": [0, -10.0], "name": "press"},

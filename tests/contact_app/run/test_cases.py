@@ -22,7 +22,7 @@ from contact_app.run.run import run
 from contact_app.run.solve import solve_scene
 from tests import scenes
 from tests.scenes import Config
-from tests.scenes_on_ranks import summary_of
+from tests.scenes_on_ranks import one_and_two
 
 SQUARE = "quadrilateral"
 
@@ -59,6 +59,16 @@ def all_cases(made: Config, subdomains: Any = None) -> dict[str, Any]:
     scene = scenes.build(made, subdomains)
     found = solved_cases(scene, MPI.COMM_WORLD, lambda name: None)
     return {solved.model.scene.case: solved for solved in found}
+
+
+def same_alone(solved: Any, made: Config, name: str, subdomains: Any = None) -> Any:
+    """The scene with the loads of a case alone, which has the same answer."""
+    alone = solve_scene(scenes.build(single(made, name), subdomains))
+    energy, known = (s.summary["solution"]["energy"] for s in (solved, alone))
+    assert energy == pytest.approx(known, rel=1e-8), name
+    u, expected = (s.nodes.displacement for s in (solved, alone))
+    np.testing.assert_allclose(u, expected, atol=1e-6 * np.abs(expected).max())
+    return alone
 
 
 def slot(n: int = 6) -> Config:
@@ -154,14 +164,8 @@ def test_each_case_is_the_scene_with_its_loads(made: Config, subdomains: Any) ->
     cases = all_cases(made, subdomains)
     assert list(cases) == list(made["cases"])
     for name, solved in cases.items():
-        alone = solve_scene(scenes.build(single(made, name), subdomains))
         assert solved.solution.converged
-        energy, known = (s.summary["solution"]["energy"] for s in (solved, alone))
-        assert energy == pytest.approx(known, rel=1e-8), name
-        size = np.abs(alone.nodes.displacement).max()
-        np.testing.assert_allclose(
-            solved.nodes.displacement, alone.nodes.displacement, atol=1e-6 * size
-        )
+        alone = same_alone(solved, made, name, subdomains)
         for key in ("force", "moment"):
             for record in ("contacts", "reactions"):
                 own, other = (
@@ -203,13 +207,7 @@ def test_cases_by_multigrid_share_its_matrices(made: Config) -> None:
         place = solved.model.problem.reused.place
         assert place is not None
         matrices.append(place.content.system.K)
-        alone = solve_scene(scenes.build(single(made, solved.model.scene.case)))
-        energies = [s.summary["solution"]["energy"] for s in (solved, alone)]
-        assert energies[0] == pytest.approx(energies[1], rel=1e-8)
-        size = np.abs(alone.nodes.displacement).max()
-        np.testing.assert_allclose(
-            solved.nodes.displacement, alone.nodes.displacement, atol=1e-6 * size
-        )
+        same_alone(solved, made, solved.model.scene.case)
     assert all(K is matrices[0] for K in matrices)
 
 
@@ -243,10 +241,7 @@ def test_rows_left_out_join_where_a_case_crosses_them() -> None:
     models = CaseModels(scene, MPI.COMM_WORLD, none)
     cases = {case.name: solve_scene(scene.under(case), cases=models) for case in scene.cases}
     for name, solved in cases.items():
-        alone = solve_scene(scenes.build(single(made, name), 4))
-        assert solved.summary["solution"]["energy"] == pytest.approx(
-            alone.summary["solution"]["energy"], rel=1e-8
-        )
+        same_alone(solved, made, name, 4)
     assert cases["strong"].summary["solution"]["active_contacts"] > 0
 
 
@@ -269,10 +264,7 @@ def test_a_case_in_which_another_row_is_the_tighter_is_right() -> None:
     scene = scenes.build(made, 4)
     assert outlines_of_cases(scene, MPI.COMM_WORLD)["moved"] is None
     for name, solved in all_cases(made, 4).items():
-        alone = solve_scene(scenes.build(single(made, name), 4))
-        assert solved.summary["solution"]["energy"] == pytest.approx(
-            alone.summary["solution"]["energy"], rel=1e-8
-        )
+        same_alone(solved, made, name, 4)
 
 
 def test_a_case_without_equilibrium_is_named() -> None:
@@ -420,16 +412,14 @@ def test_the_worst_case_decides_the_exit_code(
 
 @pytest.mark.mpi
 def test_two_ranks_report_the_same_as_one(tmp_path: Path) -> None:
-    made = slot()
-    made["decomposition"] = {"subdomains": 4}
-    found = [summary_of(made, tmp_path, ranks) for ranks in (1, 2)]
-    for name, case in found[0]["cases"].items():
-        other = found[1]["cases"][name]["solution"]
+    one, two = one_and_two(slot(), tmp_path, 4)
+    for name, case in one["cases"].items():
+        other = two["cases"][name]["solution"]
         assert case["solution"]["energy"] == pytest.approx(other["energy"], rel=1e-8)
         assert case["solution"]["max_von_mises"] == pytest.approx(other["max_von_mises"], rel=1e-6)
-    for key, peak in found[0]["envelope"].items():
-        assert peak["case"] == found[1]["envelope"][key]["case"]
-        assert peak["value"] == pytest.approx(found[1]["envelope"][key]["value"], rel=1e-6)
+    for key, peak in one["envelope"].items():
+        assert peak["case"] == two["envelope"][key]["case"]
+        assert peak["value"] == pytest.approx(two["envelope"][key]["value"], rel=1e-6)
 
 
 def test_python_answers_by_case(tmp_path: Path) -> None:

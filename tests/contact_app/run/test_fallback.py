@@ -11,20 +11,11 @@ from tests import reference, scenes
 def slab(dimension: int, cells: list[int], length: float) -> scenes.Config:
     """A held slab beside an oblique plane, of cells a hundred times longer than thick."""
     upper = [0.3, 1.5, length] if dimension == 3 else [0.3, length]
-    cell = "hexahedron" if dimension == 3 else "quadrilateral"
-    box = {"lower": [0.0] * dimension, "upper": upper, "cells": cells, "cell": cell}
     plane = {"point": [0.3, 0.0, 0.0][:dimension], "normal": [-0.9, -0.3, -0.27][:dimension]}
     return {
         "title": "slab",
         "dimension": 3 if dimension == 3 else "plane_strain",
-        "bodies": [
-            {
-                "name": "b",
-                "mesh": {"box": box},
-                "material": {"young": 50.0, "poisson": 0.43},
-                "degree": 2,
-            }
-        ],
+        "bodies": [scenes.box("b", upper, cells, young=50.0, poisson=0.43, degree=2)],
         "conditions": [
             {"on": "b.x-", "displacement": [-0.0002, -0.0008, 0.033][:dimension]},
             {"on": "b.y-", "traction": [-0.0015, 0.05, -0.016][:dimension]},
@@ -61,10 +52,9 @@ def test_a_limit_on_steps_stays_one() -> None:
 
 def cantilever(tolerance: float) -> scenes.Config:
     """Clamped, bent by a pressure, of cells that are long and thin; no contact."""
-    box = {"lower": [0, 0], "upper": [30, 3], "cells": [24, 48], "cell": "quadrilateral"}
     return {
         "dimension": 2,
-        "bodies": [{"name": "b", "mesh": {"box": box}, "material": {"young": 1.0, "poisson": 0.3}}],
+        "bodies": [scenes.box("b", [30, 3], [24, 48], young=1.0)],
         "conditions": [
             {"on": "b.x+", "displacement": [0.0, 0.0]},
             {"on": "b.y+", "pressure": 0.0004},

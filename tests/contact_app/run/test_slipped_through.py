@@ -19,18 +19,10 @@ from tests.comparison import solve
 
 def lifted(cells: int, cell: str = "quadrilateral", degree: int = 1, **more: Any) -> scenes.Config:
     """A block that its own force lifts against a small disc above the middle of a facet."""
-    box = {"lower": [0, 0], "upper": [2, 1], "cells": [cells, cells], "cell": cell}
     disc = {"sphere": {"center": [0.51, 1.0 + 0.2 + 1e-3], "radius": 0.2}}
     return {
         "dimension": 2,
-        "bodies": [
-            {
-                "name": "b",
-                "mesh": {"box": box},
-                "material": {"young": 1000.0, "poisson": 0.3},
-                "degree": degree,
-            }
-        ],
+        "bodies": [scenes.box("b", [2, 1], [cells, cells], cell=cell, degree=degree)],
         "conditions": [
             {"on": "b.y-", "displacement": [0, 0]},
             {"in": "b", "force": [0, 20.0]},

@@ -29,7 +29,7 @@ from contact_app.run.step_equilibrium import leaving_in_step
 from solver.contact.solution import Solution
 from tests import scenes
 from tests.scenes import Config
-from tests.scenes_on_ranks import summary_of
+from tests.scenes_on_ranks import one_and_two
 from tests.stability.increments import changes
 
 SQUARE = "quadrilateral"
@@ -69,13 +69,7 @@ def rod(steps: list[Config], cells: int = 50) -> Config:
     """A thin rod on a floor with a slip limit, pulled at its end."""
     return {
         "dimension": "plane_stress",
-        "bodies": [
-            {
-                "name": "rod",
-                "mesh": {"box": {"lower": [0, 0], "upper": [100, 0.5], "cells": [cells, 1]}},
-                "material": {"young": 1000, "poisson": 0},
-            }
-        ],
+        "bodies": [scenes.box("rod", [100, 0.5], [cells, 1], poisson=0.0)],
         "conditions": [
             {"name": "pull", "on": "rod.x+", "traction": [20, 0]},
             {"on": "rod.y+", "displacement": [None, 0]},
@@ -354,10 +348,8 @@ def test_a_checkpoint_of_another_history_is_refused(tmp_path: Path) -> None:
 
 @pytest.mark.mpi
 def test_two_ranks_find_the_same_as_one(tmp_path: Path) -> None:
-    made = block(PRESS_AND_PUSH)
-    made["decomposition"] = {"subdomains": 4}
-    one, two = (summary_of(made, tmp_path, ranks)["steps"] for ranks in (1, 2))
-    for own, other in zip(one, two, strict=True):
+    one, two = one_and_two(block(PRESS_AND_PUSH), tmp_path, 4)
+    for own, other in zip(one["steps"], two["steps"], strict=True):
         assert own["contacts"][0]["nodes"] == other["contacts"][0]["nodes"]
         for key in ("energy", "dissipated_work"):
             assert own["solution"][key] == pytest.approx(other["solution"][key], rel=1e-5)
