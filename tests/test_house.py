@@ -358,6 +358,20 @@ def test_prose_has_no_riddles() -> None:
     assert not found
 
 
+def test_the_changelog_has_each_part_and_point_of_a_release_once() -> None:
+    """Parts of a release and the beginnings of their points."""
+    _, *releases = re.split(
+        r"^## ", (ROOT / "CHANGELOG.md").read_text(encoding="utf-8"), flags=re.M
+    )
+    repeated = []
+    for release in releases:
+        begun = re.findall(r"^(?:### \w+|- .{,60})", release, flags=re.MULTILINE)
+        repeated += [
+            f"{release.split()[0]}: {line}" for line in set(begun) if begun.count(line) > 1
+        ]
+    assert not repeated
+
+
 def unclear_words(path: Path) -> set[str]:
     """Words that are no names in the rooms of a file; empty outside them."""
     rooms = [words for place, words in PLAIN.items() if (ROOT / place) in path.parents]
