@@ -46,6 +46,9 @@ Condition = (
     | RigidMotion | RigidLoad
 )  # fmt: skip
 
+ROUNDED = 1e-9
+"""Overlap over the size of the body that rounding errors of coordinates may make."""
+
 LEFT_OUT = (
     "large strains and rotations: strains are linear in the displacement",
     "motion of the contact point: the gap is the signed distance of the undeformed node along the "
@@ -121,10 +124,11 @@ def _modelled(scene: Scene, outline: Outline) -> list[str]:
     lines += _rigid(scene)
     for i, contact in enumerate(scene.contacts):
         obstacle = contact.obstacle.describe(scene.dimension)
+        nodes = _count_nodes(scene.bodies, outline, contact)
         whose = "" if contact.rigid is None else f"{scene.rigid_bodies[contact.rigid].name}, a "
         lines.append(
             f"{contact.source}: {on(contact)} may touch {whose or 'the '}{obstacle} "
-            f"({_candidates(outline, i, _count_nodes(scene.bodies, outline, contact))})"
+            f"({_candidates(outline, i, scene.bodies[contact.body], nodes)})"
             f"{_friction(contact)}{_interference(contact)}"
         )
     gaps, sources = outline.candidates
@@ -134,7 +138,8 @@ def _modelled(scene: Scene, outline: Outline) -> list[str]:
         other = f"{scene.bodies[pair.other].name}.{pair.other_boundary}"
         lines.append(
             f"{pair.source}: {on(pair)} may touch {other}, by a mortar method "
-            f"({_candidates(outline, i)}){_friction(pair)}{_interference(pair)}"
+            f"({_candidates(outline, i, scene.bodies[pair.body])})"
+            f"{_friction(pair)}{_interference(pair)}"
         )
     for tie in scene.ties:
         other = f"{scene.bodies[tie.other].name}.{tie.other_boundary}"
@@ -359,8 +364,11 @@ def _facets(scene: Scene, outline: Outline, load: Traction | Pressure) -> str:
     return f"({count:,} facets, area {area:.4g})"
 
 
-def _candidates(outline: Outline, contact: int, on_boundary: int = 0) -> str:
-    """Phrase with the number of candidate nodes on the boundary, and their smallest gap."""
+def _candidates(outline: Outline, contact: int, body: Body, on_boundary: int = 0) -> str:
+    """Phrase with the number of candidate nodes on the boundary, and their smallest gap.
+
+    Of an overlap, it says what it means.
+    """
     comm = outline.partition.comm
     gaps, sources = outline.candidates
     smallest = comm.allreduce(float(gaps[sources == contact].min(initial=np.inf)), op=MPI.MIN)
@@ -369,7 +377,9 @@ def _candidates(outline: Outline, contact: int, on_boundary: int = 0) -> str:
     count = comm.allreduce(int((outline.contact.sources == contact).sum()))
     others = max(on_boundary - comm.allreduce(int((sources == contact).sum())), 0)
     decided = f" and {others:,} that are held or belong to other contacts" if others else ""
-    return f"{count:,} candidate nodes{decided}, smallest gap {smallest:.4g}"
+    size = float(np.linalg.norm(np.subtract(body.mesh.upper, body.mesh.lower)))
+    overlap = ": an overlap, which presses as an interference fit" * (smallest < -ROUNDED * size)
+    return f"{count:,} candidate nodes{decided}, smallest gap {smallest:.4g}{overlap}"
 
 
 def _resultant(outline: Outline, body: int, dimension: int) -> tuple[float, ...]:

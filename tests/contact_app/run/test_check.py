@@ -49,6 +49,15 @@ def test_the_log_of_a_run_has_the_lines_of_check(tmp_path: Path) -> None:
     assert [line for line in lines if line and line not in logged] == []
 
 
+@pytest.mark.parametrize(("place", "overlap"), [(1.0, False), (0.99, True)])
+def test_an_overlap_is_reported(place: float, overlap: bool) -> None:
+    """A roof that stands in the body may be meant, or be a mistake in the geometry."""
+    made = scenes.wall("hexahedron", 2)
+    roof = {"plane": {"point": [0, 0, place], "normal": [0, 0, -1]}}
+    made["contacts"] = [{"on": "block.z+", "obstacle": roof}]
+    assert ("smallest gap -0.01: an overlap, which presses as an" in lines_of(made)) == overlap
+
+
 def test_the_model_is_reported() -> None:
     text = lines_of(scenes.two_bodies("hexahedron", 4))
     assert "152 nodes, 456 degrees of freedom" in text
