@@ -2,11 +2,14 @@
 
 The contact rows of the active set hold with equality, and the multipliers of the other rows are
 prescribed; a backend (`solver.backend`) solves this problem. The solution of the right active set
-is the solution of the contact problem. `active_set_loop` looks for this set. It solves on an active
-set only as accurately as the next decision needs. Rows whose tensile multiplier exceeds the error
-leave the set, and rows that are penetrated by more than the error join it (Hintermüller, Ito,
-Kunisch, *The primal-dual active set strategy as a semismooth Newton method*, 2002). Only a set that
-needs no change is solved to the end.
+is the solution of the contact problem. `active_set_loop` looks for this set (Hintermüller, Ito,
+Kunisch, *The primal-dual active set strategy as a semismooth Newton method*, 2002).
+
+`_Run.sets` is the loop. `solve_on_set` solves on a set only as accurately as the next decision
+needs, and evaluates its KKT residuals. By `ActiveSetUpdate`, rows whose tensile multiplier exceeds
+the error leave the set, and rows that are penetrated by more than the error join it. Where the sets
+do not settle, `active_set_loop` begins anew with other rules, and at last leaves the problem to
+SMALBE-M.
 """
 
 from __future__ import annotations
@@ -162,7 +165,7 @@ class _Run(Generic[S]):
             loop.update()
             if loop.lifts_off():
                 loop.keep(self.backend.estimated_contact())
-            if loop.fades():
+            if loop.forces_vanish():
                 loop.open_all()
         return loop.result(), _Failure.AHEAD if loop.failed_ahead() else _Failure.OTHER
 
@@ -261,7 +264,7 @@ class _Loop(Generic[S]):
         options, law = self._run.options, self._law
         if law.settles:
             return _Failure.OTHER if options.jumps(self._on_all_rows) else None
-        if self.fades() and not law.fades:
+        if self.forces_vanish() and not law.may_vanish:
             self._outcome = replace(self._outcome, state=None)  # SMALBE-M begins without forces
             return _Failure.OTHER
         unsettled = self._start.multiplier is None and options.is_unsettled(self._turnovers)
@@ -285,9 +288,9 @@ class _Loop(Generic[S]):
         active = self._statuses.active & (contact | ~self._run.backend.contact_rows)
         self._statuses = self._law.consistent(replace(self._statuses, active=active))
 
-    def fades(self) -> bool:
+    def forces_vanish(self) -> bool:
         """Whether forces that only cause each other fall from set to set."""
-        return not self._law.settles and self._run.options.fades(self._strained)
+        return not self._law.settles and self._run.options.vanish(self._strained)
 
     def open_all(self) -> None:
         """Take all contact rows out of the next set, and begin it without forces (collective)."""

@@ -91,7 +91,7 @@ class ActiveSetOptions:
         Friction forces of a wrong contact are wrong, too: a clip that snaps over a round edge took
         2,442 operator applications without this and 124 with it. In thirteen scenes of
         `contact_app.studies.friction_cost` the share is below 0.25 from the sixth set on.
-    fading
+    vanishing
         With friction all contact is opened once a(u, u) fell below this factor of its value in each
         of three sets in a row, if no body needs contact. Where bodies touch and no load presses
         them, contact and friction forces of a set cause each other. They fell to a fifth in each
@@ -130,7 +130,7 @@ class ActiveSetOptions:
     peeled: float = 0.1
     settling: int = 8
     unsettled: float = 0.25
-    fading: float = 0.1
+    vanishing: float = 0.1
     sliding: int = 20
     jumping: int = 8
     looks_ahead: bool = True
@@ -147,11 +147,11 @@ class ActiveSetOptions:
         """Whether many rows left in each set, and no row joined."""
         return all(t.peeled > self.peeled * t.closed for t in sets)
 
-    def fades(self, strained: Sequence[float]) -> bool:
+    def vanish(self, strained: Sequence[float]) -> bool:
         """Whether the energies a(u, u) of the last sets, the last one last, fall towards zero."""
         last = strained[-4:]
         falls = zip(last, last[1:], strict=False)
-        return len(last) == 4 and all(after < self.fading * before for before, after in falls)
+        return len(last) == 4 and all(after < self.vanishing * before for before, after in falls)
 
     def jumps(self, sets: Sequence[Turnover]) -> bool:
         """Whether the number of changed rows does not fall, and rows join in each set."""

@@ -96,7 +96,7 @@ class Friction(Frictionless):
         ranks where no node is in several.
     has_gap : (points,)
         Points that have a gap before any load; None for none.
-    fades
+    may_vanish
         Whether all bodies are held without contact, so that the forces may vanish.
     front
         Finds the points to release ahead of the set that would show that they slide; None for no
@@ -105,7 +105,7 @@ class Friction(Frictionless):
 
     name: str = "friction"
     settles: bool = False
-    fades: bool = False
+    may_vanish: bool = False
     points: FrictionPoints
     comm: MPI.Intracomm
     shared_compliance: Array | None = None

@@ -78,8 +78,8 @@ class ContactLaw(Protocol):
         """
 
     @property
-    def fades(self) -> bool:
-        """Whether contact forces may fall from set to set to zero, and no body needs them."""
+    def may_vanish(self) -> bool:
+        """Whether no body needs contact forces, so that they may fall to zero from set to set."""
 
     def may_stay_active(self, multiplier: Array, tolerance: float) -> Mask:
         """Active rows whose multiplier the law admits, to a tolerance."""
@@ -132,7 +132,7 @@ class Frictionless:
 
     name: str = "frictionless"
     settles: bool = True
-    fades: bool = False
+    may_vanish: bool = False
 
     def may_stay_active(self, multiplier: Array, tolerance: float) -> Mask:
         """Rows without a tensile multiplier."""

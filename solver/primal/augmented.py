@@ -227,12 +227,12 @@ class AugmentedLagrangian:
         """Contact rows with a compliance; those that do not press hold their last position."""
         springs = np.where(self._pressing(now), self.W, self._faint * self.W)
         tractions = np.where(self._pressing(now), now.forces, -springs * now.jumps)
-        stretch = self.system.stretch
+        on_all_rows = self.system.on_all_rows
         compliance = np.divide(1.0, springs, out=np.zeros_like(springs), where=self.rows)
         return Statuses(
-            stretch(self.rows.astype(float)) > 0.5,
-            tractions=stretch(np.where(self.rows, tractions, 0.0)),
-            compliance=stretch(compliance),
+            on_all_rows(self.rows.astype(float)) > 0.5,
+            tractions=on_all_rows(np.where(self.rows, tractions, 0.0)),
+            compliance=on_all_rows(compliance),
         )
 
     def _on_set(self, now: _Iterate) -> Outcome[PrimalState]:
@@ -257,7 +257,7 @@ class AugmentedLagrangian:
 
     def _with_equality(self, now: _Iterate) -> Outcome[PrimalState]:
         """The solve on the pressing rows with equality, from an iterate (collective)."""
-        statuses = Statuses(self.system.stretch(self._pressing(now).astype(float)) > 0.5)
+        statuses = Statuses(self.system.on_all_rows(self._pressing(now).astype(float)) > 0.5)
         try:
             on_set = self.backend.on_set(statuses, None)
             monitor = self._monitor(statuses)

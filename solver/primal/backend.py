@@ -162,8 +162,8 @@ class Multigrid:
         if self.matrices.peels:
             return FirstSet(np.ones(len(self.system.rows), bool), self.u)
         first_set = find_first_set(self.system, self.matrices.hierarchy)
-        if self._cycle is None and first_set.made is not None and not self.direct:
-            self._cycle = CycleOnSets(self.system, self.matrices.hierarchy, first_set.made)
+        if self._cycle is None and first_set.cycle is not None and not self.direct:
+            self._cycle = CycleOnSets(self.system, self.matrices.hierarchy, first_set.cycle)
         self.release()
         return first_set
 
@@ -174,7 +174,7 @@ class Multigrid:
         """
         first = self.first_set()
         self.begin_at(first.u)
-        return self.contact_rows & (self.system.stretch(first.active.astype(float)) > 0.5)
+        return self.contact_rows & (self.system.on_all_rows(first.active.astype(float)) > 0.5)
 
     def on_set(self, statuses: Statuses, multiplier: Array | None) -> PrimalSet:
         """Conjugate gradients on a set, from where the last set ended (collective)."""
@@ -409,7 +409,7 @@ class PrimalSet:
         moved = np.zeros(problem.bodies.count)
         np.maximum.at(moved, system.body, np.abs(u))
         lengths = body_lengths(problem.bodies, largest(system.comm, moved), problem.free_lengths)
-        forces, distances = system.stretch(multiplier), system.stretch(jumps)
+        forces, distances = system.on_all_rows(multiplier), system.on_all_rows(jumps)
         square = self._error_square(*residual)
         return PrimalState(
             forces if turn is None else turn.back(forces),

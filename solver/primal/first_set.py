@@ -48,13 +48,13 @@ class FirstSet:
     ----------
     active : (rows,)
     u : (unknowns,)
-    made
+    cycle
         The cycle of the level below the finest one with springs on contact rows, if there is one.
     """
 
     active: NDArray[np.bool_]
     u: Array
-    made: CycleWithSprings | None = None
+    cycle: CycleWithSprings | None = None
 
 
 def find_first_set(
@@ -79,7 +79,7 @@ def find_first_set(
     depth = len(P)
     while depth > 1 and A[depth - 1].getSize()[0] <= options.largest:
         depth -= 1
-    x, pressed, made = np.zeros(len(loads[depth])), system.equality, None
+    x, pressed, cycle = np.zeros(len(loads[depth])), system.equality, None
     for k in range(depth, 0, -1):
         below = replace(hierarchy, prolongations=P[k:], operators=tuple(A[k:]))
         level = CycleLevel(rows, below, Q[k:], loads[k], options)
@@ -89,11 +89,11 @@ def find_first_set(
             x = level.minimise(x, options.steps)
         else:
             x = level.proximal_step(x, options.steps, options.settled)
-        pressed, made = level.pressed(x), level.made
+        pressed, cycle = level.pressed(x), level.cycle
         x = multiply(P[k - 1], x)
     if system.has_rigid_bodies:  # this cycle has unknowns of rigid bodies
-        made = None
-    return FirstSet(pressed | system.equality, start + x, made)
+        cycle = None
+    return FirstSet(pressed | system.equality, start + x, cycle)
 
 
 def _on_every_rank(level: SharedLevel) -> Array:

@@ -25,7 +25,7 @@ class HeldEnergy:
             self._coupling = np.where(system.held, 0.0, system.summed(forces))
 
     def strained(self, u: Array, left: Array) -> float:
-        """a(u, u): u_f (f - r) + 2 u_f K_fh u_h + u_h K_hh u_h, where f already lacks K_fh u_h."""
+        """a(u, u) = u_f (f - r) + 2 u_f K_fh u_h + u_h K_hh u_h, with f the load minus K_fh u_h."""
         system = self._system
         work = float(np.sum(np.where(system.held, 0.0, u * (system.load - left)))) + self._work
         if self._coupling is not None:

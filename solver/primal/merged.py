@@ -170,7 +170,7 @@ class MergedSystem:
         c = cosine * self.c + sine * self.c[other]
         return replace(self, C=C, c=c, angles=np.arctan2(sine, cosine))
 
-    def stretch(self, values: Array) -> Array:
+    def on_all_rows(self, values: Array) -> Array:
         """Values of contact and tied rows (rows,) among those of all rows, (dual,)."""
         result = np.zeros(self.problem.size)
         result[self.rows] = values

@@ -273,11 +273,11 @@ class _System:
         image, change = self.B_times(step), np.empty_like(step)
         with lent(comm, step, change) as (x, y):
             self.K.mult(x, y)
-        bent = float(step @ (change + self.D * step)) + float((self.W * image**2)[~rows].sum())
+        curvature = float(step @ (change + self.D * step)) + float((self.W * image**2)[~rows].sum())
         s, w, q = (start.multiplier + self.W * jump)[rows], self.W[rows], image[rows]
         slope = float(step @ gradient) - float(q @ np.maximum(s, 0.0))
-        bent, slope = (float(v) for v in comm.allreduce(np.array([bent, slope])))
-        return minimum_along(comm, slope, bent, s, w * q, q)
+        curvature, slope = (float(v) for v in comm.allreduce(np.array([curvature, slope])))
+        return minimum_along(comm, slope, curvature, s, w * q, q)
 
     def is_factored_for(self, active: NDArray[np.bool_]) -> bool:
         """Whether the last factor belongs to these rows (collective)."""

@@ -68,7 +68,7 @@ class FirstSetOptions:
         Springs that a step changes, over those that press, at which a level is settled. Without
         it, or with 0.02, flange, eye on a pin and the panel of 118,800 unknowns take 1 to 11 %
         more seconds.
-    near
+    shift
         Relative addition to the diagonal, for motions that no row and no support stops.
     largest
         Unknowns up to which a level is solved by a factor, a dense one. On a bracket of hexahedra
@@ -88,7 +88,7 @@ class FirstSetOptions:
     reduction: float = 0.1
     iterations: int = 25
     settled: float = 0.05
-    near: float = 1e-9
+    shift: float = 1e-9
     largest: int = 900
     full: float = 0.12
 
@@ -133,12 +133,12 @@ class Level(ABC):
 
     def __init__(self, rows: Rows, load: Array, diagonal: Array, options: FirstSetOptions) -> None:
         self.rows, self.load, self.options, self.comm = rows, load, options, rows.comm
-        self.near = self._addition(diagonal)
+        self.shift = self._addition(diagonal)
 
     def _addition(self, diagonal: Array) -> Array:
         """Small addition to a diagonal, by which its matrix has an inverse (collective)."""
         most = self.comm.allreduce(float(diagonal.max(initial=0.0)), op=MPI.MAX)
-        return np.asarray(self.options.near * np.maximum(diagonal, SMALL * most))
+        return np.asarray(self.options.shift * np.maximum(diagonal, SMALL * most))
 
     @abstractmethod
     def stiffness(self, x: Array) -> Array:
@@ -194,10 +194,10 @@ class Level(ABC):
         Ax = self.stiffness(x)
         for _ in range(steps):
             weights = self._weights(jump, faint)
-            gradient = Ax - load + self.near * x
+            gradient = Ax - load + self.shift * x
             step = self.newton_step(weights, -gradient - self.forces(weights * jump))
             image, product = self.images(step), self.stiffness(step)
-            along = float(step @ gradient), float(step @ (product + self.near * step))
+            along = float(step @ gradient), float(step @ (product + self.shift * step))
             length = self._length(jump, image, along, faint)
             x, jump, Ax = x + length * step, jump + length * image, Ax + length * product
             if self._settled(weights, self._weights(jump, faint), length, settled):
@@ -259,7 +259,7 @@ class SharedLevel(Level):
 
     def newton_step(self, weights: Array, residual: Array) -> Array:
         """Newton step by a sparse factor of the Hessian."""
-        pc = factored(with_springs(self.A, self.Q, weights, self.near))
+        pc = factored(with_springs(self.A, self.Q, weights, self.shift))
         out = np.empty_like(residual)
         with lent(self.comm, residual, out) as (x, y):
             pc.apply(x, y)
@@ -283,7 +283,7 @@ class CycleLevel(SharedLevel):
 
     Attributes
     ----------
-    made
+    cycle
         The cycle, from the first Newton step on.
     """
 
@@ -293,7 +293,7 @@ class CycleLevel(SharedLevel):
     ) -> None:  # fmt: skip
         super().__init__(rows, hierarchy.operators[0], Q[0], load, options)
         self._hierarchy, self._below = hierarchy, Q[1:]
-        self.made: CycleWithSprings | None = None
+        self.cycle: CycleWithSprings | None = None
 
     def newton_step(self, weights: Array, residual: Array) -> Array:
         """A few conjugate gradients from zero; in the norm of the preconditioner (collective)."""
@@ -305,7 +305,7 @@ class CycleLevel(SharedLevel):
         if not square > 0.0:
             return x
         for _ in range(self.options.iterations):
-            product = self.stiffness(direction) + self.near * direction
+            product = self.stiffness(direction) + self.shift * direction
             product += self.forces(weights * self.images(direction))
             curvature = comm.allreduce(float(direction @ product))
             if not curvature > 0.0:
@@ -322,16 +322,16 @@ class CycleLevel(SharedLevel):
 
     def _cycle_of(self, weights: Array) -> Cycle:
         """The cycle, made with the springs of the first call (collective)."""
-        if self.made is None:
+        if self.cycle is None:
             levels = self._hierarchy
-            operators = [with_springs(self.A, self.Q, weights, self.near)]
+            operators = [with_springs(self.A, self.Q, weights, self.shift)]
             for A, Q in zip(levels.operators[1:], self._below, strict=True):
-                near = self._addition(A.getDiagonal().getArray())
-                operators.append(with_springs(A, Q, weights, near))
+                shift = self._addition(A.getDiagonal().getArray())
+                operators.append(with_springs(A, Q, weights, shift))
             cycle = Cycle(operators, levels.prolongations, levels.options)
             open_rows = np.minimum(weights, self.options.faint * self.rows.stiffness)
-            self.made = CycleWithSprings(cycle, operators, weights, open_rows)
-        return self.made.cycle
+            self.cycle = CycleWithSprings(cycle, operators, weights, open_rows)
+        return self.cycle.cycle
 
 
 class DenseLevel(Level):
@@ -347,7 +347,7 @@ class DenseLevel(Level):
     ) -> None:  # fmt: skip
         self._A, self._Q, self._Qt = A, Q, Q.T.tocsr()
         super().__init__(rows, load, A.diagonal(), options)
-        self._hessian = A.toarray(order="F") + np.diag(self.near)
+        self._hessian = A.toarray(order="F") + np.diag(self.shift)
         self._weights_of_hessian = np.zeros(len(rows.c))
 
     @classmethod

@@ -58,5 +58,5 @@ def contact_law(problem: DualProblem) -> ContactLaw:
         shared_compliance=shared_compliance,
         has_gap=has_gap,
         front=front,
-        fades=held,
+        may_vanish=held,
     )

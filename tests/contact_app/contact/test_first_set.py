@@ -32,7 +32,7 @@ def test_a_dense_level_is_solved_to_its_minimum(full: float) -> None:
     pressed = equality | (jump > 0.0)
     assert 3 < pressed.sum() < m - 3
     tensions = stiff * np.where(pressed, 1.0, options.faint) * jump
-    np.testing.assert_allclose(A @ x + level.near * x + Q.T @ tensions, load, atol=1e-9)
+    np.testing.assert_allclose(A @ x + level.shift * x + Q.T @ tensions, load, atol=1e-9)
     np.testing.assert_array_equal(level.pressed(x), pressed & ~equality)
 
 

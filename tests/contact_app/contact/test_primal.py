@@ -250,7 +250,7 @@ def test_the_cycle_goes_on_from_that_of_the_first_set() -> None:
     scene = build_scene(load(CONFIGS / "pin_in_lug.yaml", ["solver.method=primal"]))
     system = merge(build_model(scene, MPI.COMM_SELF, needed="distinct").problem)
     hierarchy = build_hierarchy(system)
-    made = find_first_set(system, hierarchy).made
+    made = find_first_set(system, hierarchy).cycle
     assert made is not None
     projector = Projector(system, np.arange(len(system.rows)) % 3 > 0)
     residual = projector.apply_transpose(np.random.default_rng(0).standard_normal(system.size))
