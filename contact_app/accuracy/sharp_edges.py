@@ -261,7 +261,9 @@ def skin_near(model: Model, body: int, boundary: str, point: Array, reach: float
             contact = np.intersect1d(rows, boundary_facets(s, scene.bodies[body], boundary))
         every.append(rows)
         of_contact.append(contact)
-    surface, pressed = (gather_surface(scene, partition, rows) for rows in (every, of_contact))
+    surface, pressed = (
+        gather_surface(scene.bodies, scene.mirrors, partition, rows) for rows in (every, of_contact)
+    )
     if surface is None or pressed is None:
         return None
     return Skin.of(surface, pressed, scene.bodies[body].name, scene.bodies[body].softest)

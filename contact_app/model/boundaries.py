@@ -10,8 +10,6 @@ from numpy.typing import NDArray
 
 from contact_app.errors import ConfigurationError
 from contact_app.scene.bodies import Body
-from contact_app.scene.conditions import Pressure, TotalLoad, Traction
-from contact_app.scene.scene import Scene
 from meshes import Partition, Subdomain
 
 
@@ -26,12 +24,11 @@ def boundary_facets(subdomain: Subdomain, body: Body, boundary: str) -> NDArray[
     return surface[inside[subdomain.reference.facets[surface]].all(axis=1)]
 
 
-def refuse_without_facet(scene: Scene, load: Traction | Pressure | TotalLoad) -> NoReturn:
-    """Raise a ConfigurationError: a load on a boundary that has no facet."""
+def refuse_without_facet(place: str, body: Body, boundary: str) -> NoReturn:
+    """Raise a ConfigurationError: the load at a place of the file is on no facet of a boundary."""
     raise ConfigurationError(
-        f"{scene.at(load.source)}.on: no whole facet of the surface of "
-        f"{scene.bodies[load.body].name} lies on {load.boundary}; a load needs facets all of "
-        "whose nodes are on it"
+        f"{place}.on: no whole facet of the surface of {body.name} lies on {boundary}; a load "
+        "needs facets all of whose nodes are on it"
     )
 
 

@@ -67,7 +67,7 @@ def locate_inner_surface(scene: Scene, partition: Partition, section: InnerSecti
         sides = sides_where(mesh, body.boundaries[section.boundary](points))
         if sides is None:
             _refuse(
-                scene, section, "on",
+                scene.at("output"), section, "on",
                 f"the facets between cells on {body.name}.{section.boundary} do not divide "
                 f"{body.name} into two sides; all nodes of a facet have to satisfy `where`",
             )  # fmt: skip
@@ -79,8 +79,8 @@ def locate_inner_surface(scene: Scene, partition: Partition, section: InnerSecti
     return InnerSurface(local, *_area_and_centre(mesh, side))
 
 
-def _refuse(scene: Scene, section: InnerSection, key: str, why: str) -> NoReturn:
-    raise ConfigurationError(f"{scene.at('output')}.sections.{section.name}.{key}: {why}")
+def _refuse(place: str, section: InnerSection, key: str, why: str) -> NoReturn:
+    raise ConfigurationError(f"{place}.sections.{section.name}.{key}: {why}")
 
 
 def _of_subdomains(
@@ -117,7 +117,9 @@ def _is_behind(
     if least > OUTSIDE:
         place = ", ".join(f"{v:g}" for v in section.behind[: scene.dimension])
         name = scene.bodies[section.body].name
-        _refuse(scene, section, "behind", f"the point ({place}) does not lie in {name}")
+        _refuse(
+            scene.at("output"), section, "behind", f"the point ({place}) does not lie in {name}"
+        )
     return bool(comm.bcast(best[1], root=rank))
 
 

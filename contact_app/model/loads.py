@@ -48,7 +48,7 @@ def load_vectors(
     has_facets = partition.comm.allreduce(has_facets.astype(int)) > 0
     for load, some in zip(facet_loads, has_facets, strict=True):
         if not some:
-            refuse_without_facet(scene, load)
+            refuse_without_facet(scene.at(load.source), scene.bodies[load.body], load.boundary)
     return loads
 
 

@@ -126,7 +126,7 @@ def may_peel(scene: Scene) -> bool:
     free = scene.solver.method == "auto" and scene.decomposition.subdomains is None
     if not free or scene.has_friction:
         return False
-    small = scene.unknowns <= _largest_thin(scene)
+    small = scene.unknowns <= _largest_thin(scene.bodies)
     return bool(scene.touching and small and _has_thin_body(scene.bodies))
 
 
@@ -145,7 +145,7 @@ def may_stall(scene: Scene) -> bool:
     free = scene.solver.method == "auto" and scene.decomposition.subdomains is None
     if not free or not scene.has_friction:
         return False
-    return not _has_thin_body(scene.bodies) or scene.unknowns <= _largest_thin(scene)
+    return not _has_thin_body(scene.bodies) or scene.unknowns <= _largest_thin(scene.bodies)
 
 
 def patience(scene: Scene) -> int:
@@ -155,12 +155,11 @@ def patience(scene: Scene) -> int:
     return round(PATIENCE * math.sqrt(max(1.0, scene.unknowns / PATIENCE_UNKNOWNS)))
 
 
-def _largest_thin(scene: Scene) -> int:
+def _largest_thin(bodies: Sequence[Body]) -> int:
     """Unknowns up to which a thin scene begins with Total FETI and goes on with factors."""
-    from_file = len(scene.bodies) == 1 and not scene.bodies[0].mesh.congruent
-    if scene.dimension == 3 and from_file:
-        return LARGEST_THIN_ALONE
-    return LARGEST_THIN[scene.dimension]
+    d = bodies[0].mesh.dimension
+    from_file = len(bodies) == 1 and not bodies[0].mesh.congruent
+    return LARGEST_THIN_ALONE if d == 3 and from_file else LARGEST_THIN[d]
 
 
 def why_total_feti(scene: Scene) -> str:
@@ -224,6 +223,6 @@ def subdomains_of(scene: Scene, comm: MPI.Intracomm) -> None | int | tuple[int, 
     return subdomains
 
 
-def feti_options(scene: Scene) -> TotalFetiOptions | None:
+def feti_options(solver: SolverOptions) -> TotalFetiOptions | None:
     """Whether subdomains are factored; None for the defaults."""
-    return TotalFetiOptions(factored=False) if is_undecomposed(scene.solver) else None
+    return TotalFetiOptions(factored=False) if is_undecomposed(solver) else None

@@ -204,7 +204,7 @@ def model_of_outline(
     scene: Scene, outline: Outline, timings: Timings, options: TotalFetiOptions | None = None
 ) -> Model:
     """Assemble, write the constraints, factor (collective)."""
-    comm, options = outline.partition.comm, options or feti_options(scene)
+    comm, options = outline.partition.comm, options or feti_options(scene.solver)
     partition, surface, exchange = outline.partition, outline.surface, outline.exchange
     held, balances, eliminated = outline.held, outline.balances, outline.eliminated
     body_of_held = np.searchsorted(partition.first_node, held.nodes, side="right") - 1
@@ -216,7 +216,9 @@ def model_of_outline(
     rows, shared = write_rows(exchange, of_copies, held, shared, eliminated[body_of_held], options)
     if friction is not None:
         friction = replace(friction, rows=shared.tangential)
-    supports = support_rows(scene, partition, surface, balances)
+    supports = support_rows(
+        scene.bodies, partition, RigidUnknowns.of(scene, partition), surface, balances
+    )
     lifting = _lifting(partition, surface, exchange, held, eliminated)
     classes = _congruent(scene.bodies, partition, lifting)
     place = np.empty((len(partition.subdomains), 2), np.int64)

@@ -30,7 +30,10 @@ from solver.tfeti.constraints.exchange import NodeExchange
 
 
 def gather_surface(
-    scene: Scene, partition: Partition, chosen: Sequence[NDArray[np.int32]]
+    bodies: Sequence[Body],
+    mirrors: Sequence[Mirror],
+    partition: Partition,
+    chosen: Sequence[NDArray[np.int32]],
 ) -> Surface | None:
     """The facets of a boundary, of the whole, on all ranks (collective); None if there are none.
 
@@ -49,8 +52,8 @@ def gather_surface(
     if not gathered:
         return None
     nodes, points, inside = (np.concatenate(part) for part in zip(*gathered, strict=True))
-    for k, mirror in enumerate(scene.mirrors):
-        off_planes = ~on_planes(scene.bodies, scene.mirrors, points)[k]
+    for k, mirror in enumerate(mirrors):
+        off_planes = ~on_planes(bodies, mirrors, points)[k]
         nodes = np.concatenate([nodes, nodes + off_planes * (partition.nodes << k)])
         points, inside = (np.concatenate([x, mirror.image(x)]) for x in (points, inside))
     return Surface.of(partition.dimension, nodes, points, inside)
@@ -70,7 +73,12 @@ def sides_of(
     for key, body, boundary in (
         ("on", pair.body, pair.boundary), ("against", pair.other, pair.other_boundary)
     ):  # fmt: skip
-        side = gather_surface(scene, partition, facets_of(scene.bodies, partition, body, boundary))
+        side = gather_surface(
+            scene.bodies,
+            scene.mirrors,
+            partition,
+            facets_of(scene.bodies, partition, body, boundary),
+        )
         if side is None:
             raise ConfigurationError(
                 f"{scene.at(pair.source)}.{key}: no whole facet of the surface of "

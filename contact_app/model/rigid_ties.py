@@ -78,7 +78,10 @@ def rigidly_tied_rows(
 def _nodes(scene: Scene, partition: Partition, tie: RigidTie) -> tuple[NDArray[np.int64], Array]:
     """Nodes of the facets of a boundary, ascending, and their coordinates (collective)."""
     side = gather_surface(
-        scene, partition, facets_of(scene.bodies, partition, tie.body, tie.boundary)
+        scene.bodies,
+        scene.mirrors,
+        partition,
+        facets_of(scene.bodies, partition, tie.body, tie.boundary),
     )
     if side is None:
         raise ConfigurationError(

@@ -6,12 +6,14 @@ stresses.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from contact_app.model.equilibrium import body_frame
 from contact_app.model.rigid import FAINT, NODES, RigidUnknowns
 from contact_app.model.surface_copies import SurfaceCopies
-from contact_app.scene.scene import Scene
+from contact_app.scene.bodies import Body
 from meshes import Partition
 from solver.contact.equilibrium import BodyBalance
 from solver.tfeti.constraints.supports import SupportRows
@@ -19,24 +21,30 @@ from solver.tfeti.subdomain.kernels import fixing_nodes, rigid_motions
 
 
 def support_rows(
-    scene: Scene, partition: Partition, surface: SurfaceCopies, balances: list[BodyBalance]
+    bodies: Sequence[Body],
+    partition: Partition,
+    rigid: RigidUnknowns,
+    surface: SurfaceCopies,
+    balances: list[BodyBalance],
 ) -> SupportRows:
     """Rows that hold free motions of each body, on its first subdomain.
 
     Rows of a rigid body are at its two nodes.
     """
-    supports = _of_rigid_bodies(scene, partition, surface, balances)
+    supports = SupportRows()
+    if partition.comm.rank == partition.comm.size - 1:
+        supports = _of_rigid_bodies(rigid, surface, balances[len(bodies) :])
     firsts = np.cumsum([0, *partition.subdomains_of_body])[:-1]
     for local, s in enumerate(partition.subdomains):
         if s.number != firsts[s.body]:
             continue
-        body, points = scene.bodies[s.body], s.points()[surface.local[local]]
+        body, points = bodies[s.body], s.points()[surface.local[local]]
         start = surface.starts[local]
         motions = balances[s.body].free_motions
         if motions.shape[1]:
-            chosen = fixing_nodes(points, scene.dimension)
+            chosen = fixing_nodes(points, partition.dimension)
             motions_there = (
-                rigid_motions(points[chosen], scene.dimension, *body_frame(body)) @ motions
+                rigid_motions(points[chosen], partition.dimension, *body_frame(body)) @ motions
             )
             basis = np.linalg.qr(motions_there.reshape(-1, motions.shape[1]))[0]
             for row in basis.T:
@@ -45,15 +53,13 @@ def support_rows(
 
 
 def _of_rigid_bodies(
-    scene: Scene, partition: Partition, surface: SurfaceCopies, balances: list[BodyBalance]
+    unknowns: RigidUnknowns, surface: SurfaceCopies, balances: list[BodyBalance]
 ) -> SupportRows:
-    """Rows of rigid bodies, on the rank that has the bodies."""
-    supports, unknowns = SupportRows(), RigidUnknowns.of(scene, partition)
-    if partition.comm.rank < partition.comm.size - 1:
-        return supports
+    """Rows of rigid bodies with their balances; the last rank has the bodies."""
+    supports = SupportRows()
     for nth in range(unknowns.count):
         held = unknowns.held(nth)[0]
-        for motion in balances[len(scene.bodies) + nth].free_motions.T:
+        for motion in balances[nth].free_motions.T:
             values = np.zeros(unknowns.size)
             values[: len(held)] = np.where(held | (np.abs(motion) < FAINT), 0.0, motion)
             copies = len(surface.nodes) + NODES * nth + np.arange(NODES)

@@ -77,7 +77,7 @@ def _traction(
         scene.bodies, partition, elements, load.body, load.boundary
     )
     if area == 0.0:
-        refuse_without_facet(scene, load)
+        refuse_without_facet(scene.at(load.source), scene.bodies[load.body], load.boundary)
     force = np.array([*load.force, *(0.0,) * (3 - len(load.force))])
     arm = np.zeros(3) if load.at is None else np.array(load.at) - centre
     moment = np.array(load.moment) + np.cross(arm, force)

@@ -162,7 +162,7 @@ def _places(numbers: NDArray[np.int64], wanted: NDArray[np.int64]) -> NDArray[np
 
 def _side(model: Model, body: int, boundary: str) -> Surface | None:
     chosen = facets_of(model.scene.bodies, model.partition, body, boundary)
-    return gather_surface(model.scene, model.partition, chosen)
+    return gather_surface(model.scene.bodies, model.scene.mirrors, model.partition, chosen)
 
 
 def _longest_edges(surface: Surface, at_nodes: bool) -> Array:

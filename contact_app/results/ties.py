@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -14,8 +15,7 @@ from contact_app.results.pressure import boundary_shares, side_of
 from contact_app.results.resultants import Resultant, joined
 from contact_app.results.smoothed_pressure import smoothed_tractions
 from contact_app.results.surface_nodes import SurfaceNodes
-from contact_app.scene.conditions import RigidTie, Tie
-from contact_app.scene.scene import Scene
+from contact_app.scene.conditions import ContactName, RigidTie, Tie
 from solver.contact.solution import Solution
 from solver.tfeti.constraints.conditions import ContactRows
 from solver.tfeti.dual import DualProblem
@@ -125,10 +125,16 @@ def _contact_at_tied_nodes(problem: DualProblem, solution: Solution) -> NDArray[
 
 
 def in_order_of_file(
-    scene: Scene, contacts: list[dict[str, Any]], ties: list[dict[str, Any]]
+    names: Sequence[ContactName], contacts: list[dict[str, Any]], ties: list[dict[str, Any]]
 ) -> list[dict[str, Any]]:
-    """Records of contacts and ties, as the list `contacts` of the scene has them."""
-    sources = [name.source for name in (*scene.contact_names, *scene.tie_names)]
+    """Records of contacts and ties, as the list `contacts` of the scene has them.
+
+    Parameters
+    ----------
+    names
+        Of the contacts, then of the ties.
+    """
+    sources = [name.source for name in names]
     order = sorted(range(len(sources)), key=lambda k: (len(sources[k]), sources[k]))
     every = [*contacts, *ties]
     return [every[k] for k in order]

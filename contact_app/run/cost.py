@@ -9,7 +9,9 @@ error estimate and output. docs/benchmarks/speed.md compares estimates with runs
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,6 +19,7 @@ from numpy.typing import NDArray
 from contact_app.machine.memory import available_bytes, needed_bytes
 from contact_app.model.decomposition import APPLICATIONS_GLUED, APPLICATIONS_WHOLE
 from contact_app.model.outline import Outline
+from contact_app.scene.bodies import Body
 from contact_app.scene.scene import Scene
 from meshes import Subdomain
 from solver.tfeti.subdomain.costs import Group, run_seconds
@@ -55,19 +58,18 @@ def estimate(scene: Scene, outline: Outline) -> Cost:
     dofs = partition.nodes * d
     memory = needed_bytes(dofs, rows, tuple((g.unknowns, d) for g in groups))
     seconds = STARTED + CELL_RATE[d] * partition.cells
-    applications = _applications(scene, bool(gluing))
+    applications = _applications(scene.bodies, scene.solver.tolerance, bool(gluing))
     seconds += PACE * run_seconds(groups, rows, applications, bool(gluing))
     seconds += STEP_SECONDS * applications if gluing else 0.0
     return Cost(memory, seconds)
 
 
-def _applications(scene: Scene, glued: bool) -> float:
+def _applications(bodies: Sequence[Body], tolerance: float | Literal["auto"], glued: bool) -> float:
     """Expected applications of the dual operator: more for slender bodies and small tolerances."""
     slenderness = 1.0
-    for body in scene.bodies:
-        edges = np.subtract(body.mesh.upper, body.mesh.lower)[: scene.dimension]
+    for body in bodies:
+        edges = np.subtract(body.mesh.upper, body.mesh.lower)[: body.mesh.dimension]
         slenderness = max(slenderness, float(edges.max() / edges.min()))
-    tolerance = scene.solver.tolerance
     digits = max(-math.log10(AUTOMATIC if tolerance == "auto" else tolerance), 2.0) / 6.0
     applications = APPLICATIONS_GLUED if glued else APPLICATIONS_WHOLE
     return float(applications * math.sqrt(slenderness) * digits**0.6)
@@ -94,6 +96,7 @@ def cost_lines(scene: Scene, outline: Outline) -> list[str]:
 
 def groups_of(scene: Scene, outline: Outline) -> list[Group]:
     """Subdomains of this rank by shape and material."""
+    by_graph = isinstance(scene.decomposition.subdomains, int)
     members: dict[tuple, list[int]] = {}
     for local, s in enumerate(outline.partition.subdomains):
         key: tuple = (id(s.reference), scene.bodies[s.body].materials)
@@ -110,18 +113,17 @@ def groups_of(scene: Scene, outline: Outline) -> list[Group]:
             interface = len(np.unique(nodes[(nodes >= first) & (nodes < last)]))
         d = scene.dimension
         unknowns = len(s.reference.points) * d
-        groups.append(
-            Group(d, unknowns, interface * d, len(numbers), _reflections(scene, outline, s))
-        )
+        in_grid = not (outline.eliminated[s.body] or by_graph)
+        order = _reflections(scene.bodies[s.body], s) if in_grid else 1
+        groups.append(Group(d, unknowns, interface * d, len(numbers), order))
     return groups
 
 
-def _reflections(scene: Scene, outline: Outline, s: Subdomain) -> int:
-    """Expected order of the reflection group of a subdomain."""
-    graph = isinstance(scene.decomposition.subdomains, int)
-    if outline.eliminated[s.body] or graph or not scene.bodies[s.body].mesh.congruent:
+def _reflections(body: Body, s: Subdomain) -> int:
+    """Expected order of the reflection group of a subdomain of a grid."""
+    if not body.mesh.congruent:
         return 1
-    return 2**scene.dimension if s.reference.cell in ("quadrilateral", "hexahedron") else 2
+    return 2**body.mesh.dimension if s.reference.cell in ("quadrilateral", "hexahedron") else 2
 
 
 def gluing_rows(outline: Outline) -> int:

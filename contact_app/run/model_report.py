@@ -95,16 +95,16 @@ def _modelled(scene: Scene, outline: Outline) -> list[str]:
         lines += [f"  {note}" for note in body.mesh.notes]
         if not scene.loadings:
             lines.append(f"  total load {_vector(_resultant(outline, i, scene.dimension))}")
-    lines += _held(scene, outline)
+    lines += _held(scene.bodies, scene.displacements, outline)
     for traction in scene.tractions:
         lines.append(
             f"{_name(traction)}: {on(traction)} loaded by "
-            f"{_vector(traction.vector)} per area {_facets(scene, outline, traction)}"
+            f"{_vector(traction.vector)} per area {_facets(scene.bodies, outline, traction)}"
         )
     for pressure in scene.pressures:
         lines.append(
             f"{_name(pressure)}: {on(pressure)} under a pressure of "
-            f"{pressure.value:g} {_facets(scene, outline, pressure)}"
+            f"{pressure.value:g} {_facets(scene.bodies, outline, pressure)}"
         )
     for load, linear in zip(scene.total_loads, outline.linear, strict=True):
         lines.append(
@@ -151,14 +151,16 @@ def _modelled(scene: Scene, outline: Outline) -> list[str]:
     return lines
 
 
-def _held(scene: Scene, outline: Outline) -> list[str]:
+def _held(
+    bodies: Sequence[Body], displacements: Sequence[DisplacementCondition], outline: Outline
+) -> list[str]:
     """Displacement conditions, one line each (collective)."""
     lines = []
-    for condition in scene.displacements:
+    for condition in displacements:
         held = _components("xyz", condition.values)
         lines.append(
-            f"{_name(condition)}: {_on(scene.bodies, condition)} displaced by {held} "
-            f"({_count_nodes(scene.bodies, outline, condition):,} nodes)"
+            f"{_name(condition)}: {_on(bodies, condition)} displaced by {held} "
+            f"({_count_nodes(bodies, outline, condition):,} nodes)"
         )
     return lines
 
@@ -359,8 +361,8 @@ def _count_nodes(
     return int(outline.partition.comm.allreduce(len(distinct_nodes(outline, nodes))))
 
 
-def _facets(scene: Scene, outline: Outline, load: Traction | Pressure) -> str:
-    count, area = loaded_facets(scene.bodies, outline.partition, load)
+def _facets(bodies: Sequence[Body], outline: Outline, load: Traction | Pressure) -> str:
+    count, area = loaded_facets(bodies, outline.partition, load)
     return f"({count:,} facets, area {area:.4g})"
 
 

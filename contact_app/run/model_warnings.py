@@ -157,7 +157,7 @@ def _facing_away(answer: SolvedScene) -> Iterator[str]:
         if comm.allreduce(int(nodes.closed.sum())):
             continue
         chosen = facets_of(model.scene.bodies, model.partition, contact.body, contact.boundary)
-        surface = gather_surface(model.scene, model.partition, chosen)
+        surface = gather_surface(model.scene.bodies, model.scene.mirrors, model.partition, chosen)
         if surface is not None:
             normals = contact.obstacle.gap_and_normal(surface.centres)[1]
             if text := facing_away(surface.normals, normals):

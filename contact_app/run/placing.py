@@ -25,8 +25,7 @@ from contact_app.model.model import Model
 from contact_app.results.rigid import placements_of
 from contact_app.run.summary import warned
 from contact_app.scene.conditions import Contact
-from contact_app.scene.rigid import Placement
-from contact_app.scene.scene import Scene
+from contact_app.scene.rigid import Placement, RigidBody
 
 PLACINGS = 20
 """Largest number of new placements of a body.
@@ -119,13 +118,14 @@ def _misplaced(solved: SolvedScene, places: list[Placement]) -> float:
     after, worst = scene.placed(places), 0.0
     pressed = solved.solution.multiplier[model.problem.inequality] > 0.0
     for number, item in enumerate(scene.contacts):
-        if item.rigid not in scene.moving:
+        if item.rigid is None or item.rigid not in scene.moving:
             continue
         of_contact = contact.sources == number
         points, size = contact.points[of_contact], float(moved[item.body])
         if not len(points) or size == 0.0:
             continue
-        distance, normal = _distance_and_normal(scene, places, item, points)
+        before_after = scene.placements[item.rigid], places[item.rigid]
+        distance, normal = _distance_and_normal(before_after, item, points)
         gap, turned = after.contacts[number].gap_and_normal(points)
         near = pressed[of_contact] | (gap <= size)
         rounded = 4.0 * float(np.finfo(np.float64).eps) * float(np.abs(points).max())
@@ -136,25 +136,26 @@ def _misplaced(solved: SolvedScene, places: list[Placement]) -> float:
 
 
 def _distance_and_normal(
-    scene: Scene, places: list[Placement], item: Contact, points: Array
+    moved: tuple[Placement, Placement], item: Contact, points: Array
 ) -> tuple[Array, Array]:
     """Linearised gap of points to a rigid body after its displacement, and the rows' normal."""
-    assert item.rigid is not None
-    before, after = scene.placements[item.rigid], places[item.rigid]
+    before, after = moved
     gap, normal = item.gap_and_normal(points)
     return gap - normal @ np.subtract(after.displacement, before.displacement), normal
 
 
-def rotation_warnings(scene: Scene, places: list[Placement]) -> list[str]:
+def rotation_warnings(
+    placements: Sequence[Placement], rigid_bodies: Sequence[RigidBody], places: list[Placement]
+) -> list[str]:
     """Warnings on rigid bodies whose free rotation is not small."""
     angles = [
         float(np.linalg.norm(np.subtract(place.rotation, before.rotation)))
-        for place, before in zip(places, scene.placements, strict=True)
+        for place, before in zip(places, placements, strict=True)
     ]
     return [
         f"{body.name} turns by {angle:.2g} radians besides its prescribed rotation; the model "
         f"assumes small rotations of rigid bodies (below {SMALL_ROTATION:g})"
-        for body, angle in zip(scene.rigid_bodies, angles, strict=True)
+        for body, angle in zip(rigid_bodies, angles, strict=True)
         if angle > SMALL_ROTATION
     ]
 

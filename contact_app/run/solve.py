@@ -262,7 +262,9 @@ def _solve_once(request: _Request) -> SolvedScene:
         nodal = nodal_stresses(model, solution, estimator)
         solved = SolvedScene(model, solution, nodes, cells, accuracy, timings, nodal, record)
         warnings = model_warnings(solved)
-        warnings += rotation_warnings(model.scene, placements_of(model, solution))
+        warnings += rotation_warnings(
+            model.scene.placements, model.scene.rigid_bodies, placements_of(model, solution)
+        )
         warnings += [sentence for sentence in (failed, slow_blas_warning()) if sentence]
     return warned(solved, warnings)
 

@@ -35,16 +35,17 @@ def summary_of(solved: SolvedScene) -> dict[str, Any]:
         "environment": environment(comm),
     }
     summary["solution"] |= _totals(solved)
-    pairs, forces = solved.model.scene.pairs, comm.allreduce(nodes.pair_forces)
+    scene = solved.model.scene
+    pairs, forces = scene.pairs, comm.allreduce(nodes.pair_forces)
     summary["solution"]["pair_forces"] = {
         pair.source: [float(f) for f in force] for pair, force in zip(pairs, forces, strict=True)
     }
     ties = tie_records(solved.model, solved.solution)
     summary["contacts"] = in_order_of_file(
-        solved.model.scene, contact_records(solved.model, nodes), ties
+        (*scene.contact_names, *scene.tie_names), contact_records(solved.model, nodes), ties
     )
     summary["reactions"] = reaction_records(solved.model, solved.solution, nodes)
-    if solved.model.scene.rigid_bodies:
+    if scene.rigid_bodies:
         reactions = summary["reactions"]
         summary |= rigid_records(solved.model, solved.solution, nodes, reactions, ties)
     summary["reactions"] += hold_records(solved.model, solved.solution)
