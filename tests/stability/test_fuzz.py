@@ -223,3 +223,16 @@ def test_the_random_scenes_have_the_intended_features() -> None:
     edges = [[u - v for u, v in zip(b["upper"], b["lower"], strict=True)] for b in boxes]
     assert max(max(e) / min(e) for e in edges) > 50
     assert {b["cell"] for b in boxes} == {"hexahedron", "tetrahedron", "quadrilateral", "triangle"}
+
+
+@pytest.mark.ratchet
+def test_active_sets_between_outer_iterations_save_work() -> None:
+    """A stiff block between walls on a soft one takes 50 applications, and 109 by SMALBE-M alone.
+
+    The active sets do not settle from the first set, but from that of an outer iteration.
+    """
+    made, subdomains = random_scene(500_071)
+    solution = solve_scene(scenes.build(made, subdomains)).solution
+    assert solution.converged
+    assert solution.method == "smalbe"
+    assert solution.counts.hessian <= 75
