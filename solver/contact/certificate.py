@@ -21,7 +21,7 @@ Friction. Let λ_t be the friction force, s its limit (μ λ_n of the answer, or
 larger. The sum is zero if every point either rests or slides along a force at its limit. The
 duality gap is that of the problem with the limits s' = max(s, |λ_t|), to which û adds s' |ŵ| - λ_t
 · ŵ ≥ 0 at each point. `friction_cone` says how far these limits are from s; the gap does not bound
-what this changes.
+the change of the answer by it.
 
 References of the relative numbers. Each body is measured by its own sizes: lengths by its largest
 displacement without rigid motions that nothing resists, or nothing that presses

@@ -177,7 +177,7 @@ def carried_share(
     """The largest t ≤ 1 for which t times a load is in equilibrium (collective).
 
     The loads that are in equilibrium form a convex set that contains zero. Without given slip
-    limits it is a cone: a load that is not in it has no such t but zero. With them t is the least Σ
+    limits it is a cone: for a load outside of it t is zero. With given limits t is the least Σ
     s |T r| / eᵀ r over motions r with D r = 0 and N r + μ |T r| ≤ 0 that the load drives. Each
     escape at one t is such a motion, and its quotient is the next t, until nothing escapes
     (Dinkelbach 1967).
@@ -294,7 +294,7 @@ def undetermined_motions(
     Parameters
     ----------
     allowed, loose : (motions, k), (motions, l)
-        As in `BodyBalance`; what is along `loose` is left out.
+        As in `BodyBalance`; the part along `loose` is left out.
     contact, presses : (rows, motions), (rows,)
         This rank's contact rows applied to the rigid motions, and which have a force.
     """

@@ -22,7 +22,7 @@ def free_matrices(comm: MPI.Intracomm) -> None:
 
 @dataclass(frozen=True, eq=False)
 class Matrices:
-    """The undecomposed problem and what multigrid makes of it before the first set.
+    """The undecomposed problem and the data that multigrid derives from it before the first set.
 
     Attributes
     ----------

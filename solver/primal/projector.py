@@ -7,8 +7,8 @@ With D the diagonal of K and C_A the active rows,
 maps any displacement to the nearest one, in the norm of D, with C_A u = 0. Rows at single nodes
 make S nearly diagonal, mortar rows make it a narrow band on the surface; its factor costs little
 beside a product with K. The multipliers in equilibrium with a residual r are λ = S⁻¹ C_A D⁻¹ r, and
-r - C_Aᵀ λ = Πᵀ r. Unknowns of rigid bodies stay where they are, and rows of these alone are held by
-a projector of their own (`solver.primal.rigid_bodies`).
+r - C_Aᵀ λ = Πᵀ r. Π does not move rigid bodies: rows that contain their unknowns alone have another
+projector (`solver.primal.rigid_bodies`).
 """
 
 from __future__ import annotations

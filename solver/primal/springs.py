@@ -1,13 +1,13 @@
 """Rows of an active set with a compliance: sliding points in space, across their slip.
 
 In such a row B u - c = C λ with a compliance C (`solver.backend.Statuses`). It is a spring of
-stiffness 1/C: K becomes K + Bᵀ C⁻¹ B. The fine level of the V-cycle does not
-contain it. With all active rows in B,
-C = 0 in those that hold exactly, D the diagonal of K and S = B D⁻¹ Bᵀ,
+stiffness 1/C: K becomes K + Bᵀ C⁻¹ B. The fine level of the V-cycle does not contain the springs;
+the preconditioner adds them. Let B be all active rows, C their compliances, zero in rows that hold
+exactly, D the diagonal of K and S = B D⁻¹ Bᵀ. Then
 
     Π = I - D⁻¹ Bᵀ (S + C)⁻¹ B,      z = Π M⁻¹ Πᵀ r + D⁻¹ Bᵀ (S + C)⁻¹ C (S + C)⁻¹ B D⁻¹ r
 
-is the inverse of D + Bᵀ C⁻¹ B where M = D, and leaves the rows alone that hold exactly.
+does not move the rows that hold exactly, and for M = D it is the inverse of D + Bᵀ C⁻¹ B.
 """
 
 from __future__ import annotations

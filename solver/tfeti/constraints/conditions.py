@@ -23,8 +23,8 @@ class ContradictionError(ValueError):
     amount
         Size of the contradiction, a length.
     kind
-        ``held twice``; ``held in contact``: inside what it may touch; ``squeezed`` between two
-        obstacles.
+        ``held twice``; ``held in contact``: inside the obstacle or body of a
+        contact; ``squeezed`` between two obstacles.
     """
 
     def __init__(self, kind: str, first: int, second: int, node: int, amount: float) -> None:

@@ -27,7 +27,7 @@ MOSTLY_HELD = 0.1
 """Sum of the coefficients of free components of a row in the mean, over that of all, below which
 the row is as good as held. Where two bodies are held along a common edge, the mean gap about its
 nodes depends on free nodes with factors down to rounding errors, and the force of the row would be
-their inverse times what acts on those nodes."""
+the forces on those nodes divided by these factors."""
 
 PARALLEL = 1e-10
 """Unit directions closer than this count as parallel."""

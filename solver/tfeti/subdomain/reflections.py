@@ -118,7 +118,7 @@ class Symmetry:
         cosets = [0]
         for h in moves:
             cosets += [h ^ g for g in cosets]
-        # of the characters that are 1 on what stays, which is -1 on which of the basis
+        # of the characters that are 1 on the elements that stay: their signs on the basis
         negative = (_characters(self.order) * self.signs[:, one]) < 0
         unchanged = np.flatnonzero(~negative[:, stays].any(axis=1))
         characters = np.empty(len(cosets), np.int64)
