@@ -381,6 +381,21 @@ def scaled(made: Config, factor: float) -> Config:
     return made
 
 
+def changed(made: Config, changes: Config) -> Config:
+    """The same with other values at some places, such as `bodies.0.name`."""
+    made = copy.deepcopy(made)
+    for path, value in changes.items():
+        place: Any = made
+        *way, last = [int(part) if part.isdigit() else part for part in path.split(".")]
+        for part in way:
+            place = place[part]
+        if isinstance(place, list) and last == len(place):
+            place.append(value)
+        else:
+            place[last] = value
+    return made
+
+
 def lifted_strip(length: float, cells: list[int], degree: int = 1, **solver: Any) -> Config:
     """A strip of thickness one; its weight lays it on a floor, from which one end is lifted."""
     body = box("strip", [length, 1], cells, young=1e5, degree=degree)

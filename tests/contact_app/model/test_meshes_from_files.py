@@ -262,12 +262,7 @@ def test_mistakes_are_reported_with_file_line_and_key(
 ) -> None:
     meshfiles.write(meshfiles.block("triangle", 2), tmp_path / "block.msh")
     made: Any = patch("triangle", Path("block.msh"))
-    for path, value in changes.items():
-        *way, last = [int(p) if p.isdigit() else p for p in path.split(".")]
-        target = made
-        for part in way:
-            target = target[part]
-        target[last] = value
+    made = scenes.changed(made, changes)
     with pytest.raises(ConfigurationError) as caught:
         build_scene(load(written(made, tmp_path)))
     message = str(caught.value)

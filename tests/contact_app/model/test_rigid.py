@@ -429,22 +429,6 @@ def test_large_free_rotations_are_warned_about() -> None:
     assert any("plate turns by" in text and "small rotations" in text for text in warnings)
 
 
-def _wrong(change: dict[str, Any]) -> scenes.Config:
-    made = ball_on_block("hexahedron", 2)
-    for key, value in change.items():
-        place: Any = made
-        *path, last = [int(p) if p.isdigit() else p for p in key.split(".")]
-        for part in path:
-            place = place[part]
-        if value is None:
-            del place[last]
-        elif isinstance(place, list) and last == len(place):
-            place.append(value)
-        else:
-            place[last] = value
-    return made
-
-
 @pytest.mark.parametrize(
     ("change", "said"),
     [
@@ -482,7 +466,7 @@ def _wrong(change: dict[str, Any]) -> scenes.Config:
 def test_errors_name_their_place(change: dict[str, Any], said: str) -> None:
     """Each names the key and what is allowed."""
     with pytest.raises(ConfigurationError) as found:
-        build_scene(from_mapping(_wrong(change)))
+        build_scene(from_mapping(scenes.changed(ball_on_block("hexahedron", 2), change)))
     assert said in str(found.value)
 
 

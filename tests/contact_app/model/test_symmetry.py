@@ -158,17 +158,6 @@ def test_two_ranks(mesh: str, tmp_path: Path) -> None:
     np.testing.assert_allclose(same, u, rtol=0, atol=1e-6 * np.abs(u).max())
 
 
-def change(made: scenes.Config, **keys: Any) -> scenes.Config:
-    made = copy.deepcopy(made)
-    for path, value in keys.items():
-        at: Any = made
-        *steps, last = [int(k) if k.isdigit() else k for k in path.split("__")]
-        for step in steps:
-            at = at[step]
-        at[last] = value
-    return made
-
-
 BALL = {"sphere": {"center": [0.5, 0.4, 1.97], "radius": 1.0}}
 
 
@@ -176,23 +165,23 @@ BALL = {"sphere": {"center": [0.5, 0.4, 1.97], "radius": 1.0}}
     ("changed", "planes", "why"),
     [
         ({}, "xy", ""),
-        ({"bodies__0__mesh__box__cells": [3, 2, 2]}, "y", "odd number of cells"),
-        ({"bodies__0__mesh__box__cell": "tetrahedron"}, "xy", "tetrahedrons of block are made in"),
-        ({"conditions__1__pressure": -31}, "y", "conditions[1] has no mirror image"),
-        ({"conditions__3__force": [0, 1, 5]}, "x", "conditions[3] has no mirror image"),
-        ({"conditions__0__displacement": [0, 0.1, 0]}, "x", "conditions[0] has no mirror image"),
-        ({"conditions__0__displacement": [0, 0, 0.1]}, "xy", ""),
-        ({"contacts__0__obstacle": BALL}, "x", "contacts[0] has no mirror image"),
-        ({"contacts__1__obstacle__plane__normal": [1, 0, 0]}, "y", "contacts[1]"),
-        ({"conditions__0__on": "block.left"}, "y", "conditions[0] has no mirror image"),
-        ({"conditions__0__on": "block.middle"}, "xy", ""),
-        ({"conditions__0__on": "block.deep"}, "xy", ""),
-        ({"conditions__1__on": "block.left", "conditions__2__on": "block.right"}, "xy", ""),
-        ({"conditions__1__on": "block.left"}, "y", "conditions[1] has no mirror image"),
+        ({"bodies.0.mesh.box.cells": [3, 2, 2]}, "y", "odd number of cells"),
+        ({"bodies.0.mesh.box.cell": "tetrahedron"}, "xy", "tetrahedrons of block are made in"),
+        ({"conditions.1.pressure": -31}, "y", "conditions[1] has no mirror image"),
+        ({"conditions.3.force": [0, 1, 5]}, "x", "conditions[3] has no mirror image"),
+        ({"conditions.0.displacement": [0, 0.1, 0]}, "x", "conditions[0] has no mirror image"),
+        ({"conditions.0.displacement": [0, 0, 0.1]}, "xy", ""),
+        ({"contacts.0.obstacle": BALL}, "x", "contacts[0] has no mirror image"),
+        ({"contacts.1.obstacle.plane.normal": [1, 0, 0]}, "y", "contacts[1]"),
+        ({"conditions.0.on": "block.left"}, "y", "conditions[0] has no mirror image"),
+        ({"conditions.0.on": "block.middle"}, "xy", ""),
+        ({"conditions.0.on": "block.deep"}, "xy", ""),
+        ({"conditions.1.on": "block.left", "conditions.2.on": "block.right"}, "xy", ""),
+        ({"conditions.1.on": "block.left"}, "y", "conditions[1] has no mirror image"),
     ],
 )  # fmt: skip
 def test_mirror_symmetry_of_scenes(changed: dict[str, Any], planes: str, why: str) -> None:
-    made = change(pressed("hexahedron", 2), **changed)
+    made = scenes.changed(pressed("hexahedron", 2), changed)
     made["bodies"][0]["boundaries"] = {
         "left": {"where": "z < 1e-9 and x < 0.6"},
         "right": {"where": "z < 1e-9 and x > 0.4"},
@@ -230,7 +219,7 @@ def test_bodies_on_each_other() -> None:
 def test_check_reports_the_scene(capsys: pytest.CaptureFixture[str]) -> None:
     from contact_app.run.check import report
 
-    made = change(pressed("hexahedron", 2), conditions__3__force=[0, 1, 5])
+    made = scenes.changed(pressed("hexahedron", 2), {"conditions.3.force": [0, 1, 5]})
     report(scenes.build(made))
     assert "`symmetry: allow` would solve one of 2 equal parts" in capsys.readouterr().out
     report(scenes.build({**made, "symmetry": "allow"}))

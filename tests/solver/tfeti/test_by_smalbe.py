@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from mpi4py import MPI
-from scipy import sparse
+from numpy.typing import NDArray
 
 from solver.contact.options import SolverOptions
 from solver.contact.solution import Solution
@@ -14,31 +13,22 @@ from solver.driver import solve
 from solver.qp.mprgp import MPRGP
 from solver.qp.result import Reason
 from solver.tfeti.dual import DualProblem
-from solver.tfeti.from_arrays import Held, Obstacle, Subdomain, problem_from_arrays
 from solver.tfeti.methods.by_smalbe import solve_by_smalbe
 from solver.tfeti.methods.task import Task
-from tests.solver.tfeti.test_from_arrays import COLUMNS, ROWS, lattice
+from tests.solver.tfeti.test_from_arrays import COLUMNS, ROWS, in_pieces
 
 PIECES, TOLERANCE = 3, 1e-8
 
 
 def pressed_beam() -> DualProblem:
     """A lattice in pieces that only a floor holds up, pressed down in its middle piece."""
-    points, K = lattice(COLUMNS)
-    stiffness, width = sparse.csr_matrix(K), PIECES * COLUMNS + 1
-    pieces = []
-    for piece in range(PIECES):
-        moved = points + [piece * COLUMNS, 0]
-        load = np.zeros((len(points), 2))
-        load[moved[:, 1] == ROWS, 1] = -0.01 * (piece == 1)
-        nodes = (moved[:, 1] * width + moved[:, 0]).astype(np.int64)
-        pieces.append(Subdomain(stiffness, load.ravel(), nodes, moved))
-    left = width * np.arange(ROWS + 1)
-    held = Held(left, np.tile([True, False], (ROWS + 1, 1)), np.zeros((ROWS + 1, 2)))
-    bottom = np.arange(width)
-    gaps = 0.02 * ((bottom - width // 2) / width) ** 2
-    floor = Obstacle(bottom, np.tile([0.0, -1.0], (width, 1)), gaps)
-    return problem_from_arrays(MPI.COMM_SELF, pieces, held, [floor])
+    width = PIECES * COLUMNS + 1
+    gaps = 0.02 * ((np.arange(width) - width // 2) / width) ** 2
+
+    def down(x: NDArray[np.float64]) -> NDArray[np.float64]:
+        return 0.01 * (x[:, 1] == ROWS) * (x[:, 0].min() == COLUMNS)
+
+    return in_pieces(COLUMNS, PIECES, down, gaps, held=(True, False))
 
 
 def by_smalbe(problem: DualProblem, active_sets: bool) -> Solution:

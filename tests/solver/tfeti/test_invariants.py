@@ -8,9 +8,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from mpi4py import MPI
 from numpy.typing import NDArray
-from scipy import sparse
 
 from solver.contact.options import SolverOptions
 from solver.driver import solve
@@ -21,14 +19,13 @@ from solver.tfeti.dual import DualProblem
 from solver.tfeti.dual_operator import interface_slices
 from solver.tfeti.duality_gap import duality_gap, nearest_admissible
 from solver.tfeti.feasible import feasible_displacements, feasible_multiplier
-from solver.tfeti.from_arrays import Held, Obstacle, Subdomain, problem_from_arrays
 from solver.tfeti.recovery import displacements, interface_displacements, kernel_coefficients
-from tests.solver.tfeti.test_from_arrays import lattice
+from tests.solver.tfeti.test_from_arrays import in_pieces
 
 Array = NDArray[np.float64]
 
-COLUMNS, HEIGHT = 2, 4
-"""Columns of cells of a piece, and nodes in a column."""
+COLUMNS = 2
+"""Columns of cells of a piece."""
 
 SETTINGS = settings(max_examples=20, deadline=None, derandomize=True)
 CASES = {"pieces": st.integers(1, 4), "contrast": st.integers(0, 4), "seed": st.integers(0, 999)}
@@ -38,21 +35,10 @@ CASES = {"pieces": st.integers(1, 4), "contrast": st.integers(0, 4), "seed": st.
 @cache
 def beam(pieces: int, contrast: int) -> DualProblem:
     """Pieces of unlike stiffness in a row, held on the left, pulled down above a floor."""
-    points, K = lattice(COLUMNS)
-    width, made = pieces * COLUMNS + 1, []
-    for piece in range(pieces):
-        moved = points + [piece * COLUMNS, 0]
-        force = np.zeros((len(points), 2))
-        force[:, 1] = -0.01 * (1.0 + moved[:, 0])
-        nodes = (moved[:, 1] * width + moved[:, 0]).astype(np.int64)
-        stiffness = sparse.csr_matrix(10.0 ** (contrast * (piece % 2)) * K)
-        made.append(Subdomain(stiffness, force.ravel(), nodes, moved))
-    left = width * np.arange(HEIGHT)
-    held = Held(left, np.ones((HEIGHT, 2), bool), np.zeros((HEIGHT, 2)))
-    bottom = np.arange(1, width)
-    down = np.tile([0.0, -1.0], (len(bottom), 1))
-    floor = Obstacle(bottom, down, np.full(len(bottom), 0.05))
-    return problem_from_arrays(MPI.COMM_SELF, made, held, [floor])
+    return in_pieces(
+        COLUMNS, pieces, lambda x: 0.01 * (1.0 + x[:, 0]), np.full(pieces * COLUMNS, 0.05),
+        factors=(1.0, 10.0**contrast),
+    )  # fmt: skip
 
 
 @cache
