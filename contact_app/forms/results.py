@@ -61,13 +61,10 @@ class Owners:
         """Values (owned, …) at the copies."""
         return self._exchange.from_owners(owned[self._at])
 
-    def mean(self, copies: Array, among: NDArray[np.bool_] | None = None) -> Array:
-        """Mean over the copies of a node, or over some of them; zero where there is none."""
-        among = np.ones(len(copies), bool) if among is None else among
-        shape = (-1, *(1,) * (copies.ndim - 1))
-        count = self.sums(among.astype(float)).reshape(shape)
-        total = self.sums(np.where(among.reshape(shape), copies, 0.0))
-        return np.divide(total, count, out=np.zeros(total.shape), where=count > 0.0)
+    def mean(self, copies: Array) -> Array:
+        """Mean over the copies of a node; zero where there is none."""
+        count = np.maximum(self.sums(np.ones(len(copies))), 1.0)
+        return self.sums(copies) / count.reshape(-1, *(1,) * (copies.ndim - 1))
 
     def on(self, some: NDArray[np.int64], count: int) -> NDArray[np.bool_]:
         """Mask (owned,) of the nodes that have some of the copies, of all that there are."""
