@@ -136,6 +136,39 @@ def test_one_body_of_a_mesh_file_takes_multigrid_in_both_degrees(degree: int) ->
     assert with_chosen_method(tied).solver.method == "primal"
 
 
+def bimetal_strip(length: float = 30.0) -> scenes.Config:
+    """Two tied layers of thickness one, clamped at one end and heated."""
+    bodies = [
+        {"name": name, "degree": 2,
+         "mesh": {"box": {"lower": [0, y], "upper": [length, y + 1], "cells": cells}},
+         "material": {"young": 2e5, "poisson": 0.3, "expansion": expansion}}
+        for name, y, cells, expansion in (("lower", 0, [60, 2], 1e-5), ("upper", 1, [90, 3], 2e-5))
+    ]  # fmt: skip
+    clamps = [{"on": f"{body['name']}.x-", "displacement": [0, 0]} for body in bodies]
+    heat = [{"in": body["name"], "temperature": 50} for body in bodies]
+    return {
+        "title": "bimetal strip", "dimension": "plane_stress", "bodies": bodies,
+        "conditions": [*clamps, *heat], "solver": {"tolerance": 1e-8},
+        "contacts": [{"on": "upper.y-", "against": "lower.y+", "tied": True}],
+    }  # fmt: skip
+
+
+def test_a_bimetal_strip_is_solved_undecomposed_and_agrees_with_total_feti() -> None:
+    """Rows of a tie between thin bodies are ill-conditioned in the dual problem."""
+    made = bimetal_strip()
+    found, known = solve(made).summary, solve(made, method="active-set").summary
+    assert found["solver"]["method"] == "primal"
+    assert found["certificate"]["passed"]
+    assert known["certificate"]["passed"]
+    energy = known["solution"]["energy"]
+    assert found["solution"]["energy"] == pytest.approx(energy, rel=1e-6)
+    thick = scenes.build(bimetal_strip(length=2.0))
+    assert with_chosen_method(thick).solver.method == "auto"
+    stop = {"plane": {"point": [0, -0.1], "normal": [0, 1]}}
+    made["contacts"].append({"on": "lower.y-", "obstacle": stop})
+    assert with_chosen_method(scenes.build(made)).solver.method == "auto"
+
+
 def test_with_friction_one_thick_body_takes_multigrid() -> None:
     """Several bodies, thin ones and histories stay with Total FETI."""
     config = load(CONFIGS / "pillow_block.yaml", ["contacts.0.friction={coulomb: 0.3}"])
