@@ -51,6 +51,9 @@ NEAR = 0.6
 """Distance of the node with the largest pressure from an edge of its own body, over its facets'
 edges: the edge's own nodes. An edge of the other body may lie anywhere in its facets."""
 
+ROUNDED = 1e-9
+"""Coordinate over the largest one below which it is a rounding error and is written as zero."""
+
 REACH = 4.0
 """Distance within which facets are gathered, over the size of a node's share of its boundary."""
 
@@ -307,6 +310,7 @@ def _facet_edge(surface: Surface, point: Array) -> float:
 
 def sentence(name: str, pressure: float, point: Array, edge: str) -> str:
     """Warning on a largest pressure at a sharp edge, without the name of its contact."""
+    point = np.where(np.abs(point) > ROUNDED * np.abs(point).max(), point, 0.0)
     return (
         f"the largest {name}, {pressure:.3g} at ({', '.join(f'{v:.4g}' for v in point)}), is "
         f"{edge}: it grows without limit as the mesh is refined, unless the edge is drawn with its "

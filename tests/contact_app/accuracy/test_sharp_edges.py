@@ -145,7 +145,7 @@ def test_an_edge_on_an_obstacle_causes_a_warning_if_its_angle_is_larger_than_a_r
 
 def test_a_smoothed_peak_at_an_edge_causes_a_warning_where_the_largest_node_is_elsewhere() -> None:
     """Single nodes press most inside, the means over facets at the edge."""
-    points, shares = np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0]]), np.ones(2)
+    points, shares = np.array([[0.0, 0.0, 0.0], [1.0, 1e-17, 0.0]]), np.ones(2)
     inside, outside = np.array([3.0, 2.0]), np.array([1.5, 2.5])
 
     def edge_at(point: np.ndarray, reach: float) -> str:
