@@ -59,7 +59,7 @@ class CongruentSubdomains:
     places
         Global nodes of the members, for methods that solve for the displacements.
     thermal : (n, members) or None
-        The part of the forces that comes from heat.
+        The part of the forces that comes from heat, as `Loads.thermal`.
     """
 
     stiffness: sparse.csr_matrix

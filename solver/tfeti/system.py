@@ -92,7 +92,8 @@ class Loads:
     e : (kernels,)
         Work of the forces on the kernels, Rᵀ f.
     thermal : one (n, members) array per class, or None for a class without heat
-        The part of the forces that comes from heat; empty without heat.
+        The part of the forces that comes from heat, or that acts on strains alone as heat does, so
+        that it balances itself; empty without heat.
     lengths_before : (bodies,) or None
         Largest displacements of each body at the end of the last increment; None in the first one.
     """
