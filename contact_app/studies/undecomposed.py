@@ -3,8 +3,11 @@
 dolfinx distributes the mesh, the stiffness is assembled once with the same quadrature as the
 subdomains' (exact on undistorted boxes), held unknowns become rows of a scaled identity, and a
 contact row -nᵀu ≤ g becomes a bound on one unknown: where n is no coordinate direction, the frame
-of its node is rotated by a Householder reflection H (H e_k = ± n), A' = Qᵀ A Q, u = Q u'. PETSc's
-bound-constrained solvers can then solve any scene whose nodes have at most one contact row each.
+of its node is rotated by a Householder reflection H (H e_k = ± n), A' = Qᵀ A Q, u = Q u'. At a node
+with several rows these replace rows of the unit matrix, N, and its block of Q is N⁻¹: the bounds
+are then on N u. Only as many rows as are independent become bounds, the nearest ones first, and the
+others are checked: PETSc's bound-constrained solvers can solve any scene of one body in which
+these stay open.
 """
 
 from __future__ import annotations
@@ -38,6 +41,38 @@ class UnsuitableError(ValueError):
 
 
 @dataclass(frozen=True, eq=False)
+class _Rows:
+    """Contact rows n·u ≤ g at nodes of this rank.
+
+    Attributes
+    ----------
+    nodes : (rows,)
+    directions : (rows, dimension)
+        n, of length one, without held components.
+    gaps, areas : (rows,)
+        g, and the share of the boundary's area.
+    """
+
+    nodes: NDArray[np.int64]
+    directions: NDArray[np.float64]
+    gaps: NDArray[np.float64]
+    areas: NDArray[np.float64]
+
+    @classmethod
+    def joined(cls, parts: list[_Rows], d: int) -> _Rows:
+        """The rows of all contacts."""
+        none = cls(np.zeros(0, np.int64), np.zeros((0, d)), np.zeros(0), np.zeros(0))
+        fields = ("nodes", "directions", "gaps", "areas")
+        return cls(*(np.concatenate([getattr(p, f) for p in (none, *parts)]) for f in fields))
+
+    def some(self, chosen: NDArray[np.bool_]) -> _Rows:
+        """The rows of a mask."""
+        return _Rows(
+            self.nodes[chosen], self.directions[chosen], self.gaps[chosen], self.areas[chosen]
+        )
+
+
+@dataclass(frozen=True, eq=False)
 class WholeSystem:
     """min ½ xᵀ A x - bᵀ x + constant subject to lower ≤ x ≤ upper, distributed.
 
@@ -45,6 +80,8 @@ class WholeSystem:
     ----------
     turn
         Q, u = Q x; None where no frame is turned.
+    checked
+        The contact rows that are no bounds.
     constant
         Energy of the prescribed displacements.
     points : (nodes, 3)
@@ -67,6 +104,7 @@ class WholeSystem:
     points: NDArray[np.float64]
     contact: NDArray[np.int64]
     area: NDArray[np.float64]
+    checked: _Rows
     mesh: Any
 
     @property
@@ -79,9 +117,12 @@ class WholeSystem:
         return 0.5 * x.dot(self.matrix * x) - x.dot(self.load) + self.constant
 
     def penetration(self, x: PETSc.Vec) -> float:
-        """Largest violation of a bound, relative to the largest displacement (collective)."""
+        """Largest violation of a row, relative to the largest displacement (collective)."""
         violation = np.maximum(x.array - self.upper.array, self.lower.array - x.array)
-        worst = self.load.comm.tompi4py().allreduce(violation.max(initial=0.0), op=MPI.MAX)
+        moved = self.displacement(x)[self.checked.nodes]
+        excess = np.einsum("ni,ni->n", self.checked.directions, moved) - self.checked.gaps
+        here = max(violation.max(initial=0.0), excess.max(initial=0.0))
+        worst = self.load.comm.tompi4py().allreduce(here, op=MPI.MAX)
         return float(worst) / (x.norm(PETSc.NormType.NORM_INFINITY) or 1.0)
 
     def displacement(self, x: PETSc.Vec) -> NDArray[np.float64]:
@@ -90,10 +131,10 @@ class WholeSystem:
         return u.array.reshape(-1, self.dimension).copy()
 
     def force(self, x: PETSc.Vec) -> NDArray[np.float64]:
-        """Contact force at this rank's nodes, (nodes,) (collective)."""
+        """Magnitudes of contact forces, added at this rank's nodes, (nodes,) (collective)."""
         result = np.zeros(len(self.points))
         force = (self.load - self.matrix * x).array[self.contact]
-        result[self.contact // self.dimension] = np.abs(force)
+        np.add.at(result, self.contact // self.dimension, np.abs(force))
         return result
 
     @property
@@ -117,7 +158,7 @@ def assemble(
     Raises
     ------
     UnsuitableError
-        More than one body, curved cells, or a node with two contact rows.
+        More than one body, or curved cells.
     """
     if len(scene.bodies) != 1:
         raise UnsuitableError(f"it has {len(scene.bodies)} bodies")
@@ -155,15 +196,23 @@ def assemble(
     lower.set(PETSc.NINFINITY)
     upper.set(PETSc.INFINITY)
     bounds = lower.array.reshape(-1, d), upper.array.reshape(-1, d)
-    contact, frames, area = _bounds(scene, mesh, space, points, surface, held, prescribed, *bounds)
+    rows = _contact_rows(scene, mesh, space, points, surface, held, prescribed)
+    components, frames = _bounds(rows, owned, *bounds)
+    bounding = components >= 0
+    contact = rows.nodes[bounding] * d + components[bounding]
     constant = _eliminate(matrix, load, held, prescribed)
-    turn = _turn(comm, owned, d, contact // d, frames)
+    turn = _turn(comm, frames)
     if turn is not None:
-        matrix, load = matrix.ptap(turn), turn * load
+        matrix, turned = matrix.ptap(turn), load.duplicate()
+        turn.multTranspose(load, turned)
+        load = turned
         matrix.setBlockSize(d)
         matrix.setOption(PETSc.Mat.Option.SPD, True)
-    matrix.setNearNullSpace(_near_null_space(points, d, load, turn))
-    return WholeSystem(matrix, load, lower, upper, turn, constant, d, points, contact, area, mesh)
+    matrix.setNearNullSpace(_near_null_space(points, d, load, frames))
+    return WholeSystem(
+        matrix, load, lower, upper, turn, constant, d, points, contact, rows.areas[bounding],
+        rows.some(~bounding), mesh,
+    )  # fmt: skip
 
 
 def _mesh(body: Body, comm: MPI.Intracomm) -> Any:
@@ -311,7 +360,7 @@ def _assembled(form: Any) -> NDArray[np.float64]:
     return values
 
 
-def _bounds(
+def _contact_rows(
     scene: Scene,
     mesh: Any,
     space: Any,
@@ -319,15 +368,9 @@ def _bounds(
     surface: NDArray[np.int64],
     held: NDArray[np.bool_],
     prescribed: NDArray[np.float64],
-    lower: NDArray[np.float64],
-    upper: NDArray[np.float64],
-) -> tuple[NDArray[np.int64], NDArray[np.float64], NDArray[np.float64]]:
-    """Write the bounds; return bounded unknowns, directions ± n of rotated frames, and areas."""
-    d = scene.dimension
-    body = scene.bodies[0]
-    bounded: list[NDArray[np.int64]] = []
-    directions: list[NDArray[np.float64]] = []
-    areas: list[NDArray[np.float64]] = []
+) -> _Rows:
+    """The contact rows of all nodes of this rank (collective)."""
+    d, body, parts = scene.dimension, scene.bodies[0], list[_Rows]()
     for contact in scene.contacts:
         nodes = surface[_on(body, contact.boundary, points[surface])]
         gap, normal = contact.gap_and_normal(points[nodes])
@@ -336,27 +379,61 @@ def _bounds(
         row = np.where(held[nodes], 0.0, row)
         length = np.linalg.norm(row, axis=1)
         free = length > 1e-9
-        nodes, row, gap = nodes[free], row[free] / length[free, None], gap[free] / length[free]
-        k = np.abs(row).argmax(axis=1)
-        n = np.arange(len(nodes))
-        sign = np.sign(row[n, k])
-        upper[nodes[sign > 0], k[sign > 0]] = gap[sign > 0]
-        lower[nodes[sign < 0], k[sign < 0]] = -gap[sign < 0]
-        bounded.append(nodes * d + k)
-        directions.append(sign[:, None] * row)
         first = ufl.as_vector([1.0] + [0.0] * (d - 1))
         form = ufl.inner(first, ufl.TestFunction(space)) * _facets(body, mesh, contact.boundary)
-        areas.append(_assembled(form)[::d][nodes])
-    none = np.zeros(0, np.int64)
-    unknowns = np.concatenate([none, *bounded])
-    twice = len(np.unique(unknowns // d)) < len(unknowns)
-    if mesh.comm.allreduce(int(twice)):
-        raise UnsuitableError("it has nodes with two contact rows")
-    return (
-        unknowns,
-        np.concatenate([np.zeros((0, d)), *directions]),
-        np.concatenate([np.zeros(0), *areas]),
-    )
+        area = _assembled(form)[::d][nodes]
+        nodes, row, gap, area, length = (v[free] for v in (nodes, row, gap, area, length))
+        parts.append(_Rows(nodes, row / length[:, None], gap / length, area))
+    return _Rows.joined(parts, d)
+
+
+INDEPENDENT = 0.1
+"""Least length of a bound outside of the span of nearer bounds of its node."""
+
+
+def _bounds(
+    rows: _Rows, owned: int, lower: NDArray[np.float64], upper: NDArray[np.float64]
+) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
+    """Write the bounds.
+
+    Returns
+    -------
+    components : (rows,)
+        Bounded component of the node in its frame; -1 for rows that are no bound.
+    frames : (owned, d, d)
+        N of each node.
+    """
+    d = rows.directions.shape[1]
+    frames = np.tile(np.eye(d), (owned, 1, 1))
+    components = np.full(len(rows.nodes), -1)
+    count = np.bincount(rows.nodes, minlength=owned)
+    for r in np.argsort(rows.gaps, kind="stable"):
+        node, n, gap = rows.nodes[r], rows.directions[r], rows.gaps[r]
+        if count[node] == 1:
+            k = int(np.abs(n).argmax())
+            sign = np.sign(n[k])
+            frames[node] = _reflection(sign * n, k)
+        else:
+            used = components[(rows.nodes == node) & (components >= 0)]
+            taken = np.linalg.qr(frames[node][used].T)[0]
+            if np.linalg.norm(n - taken @ (taken.T @ n)) < INDEPENDENT:
+                continue
+            # the component of n in the present frame that no nearer row has
+            share = np.abs(np.linalg.solve(frames[node].T, n))
+            share[used] = 0.0
+            k, sign = int(share.argmax()), 1.0
+            frames[node, k] = n
+        components[r] = k
+        (upper if sign > 0.0 else lower)[node, k] = sign * gap
+    return components, frames
+
+
+def _reflection(n: NDArray[np.float64], k: int) -> NDArray[np.float64]:
+    """The Householder reflection that takes e_k to n, of length one, (d, d)."""
+    v = -n
+    v[k] += 1.0
+    square = float(v @ v)
+    return np.eye(len(n)) - np.outer(v, v) * (2.0 / square if square > 1e-28 else 0.0)
 
 
 def _eliminate(
@@ -380,28 +457,17 @@ def _eliminate(
     return float(constant)
 
 
-def _turn(
-    comm: MPI.Intracomm,
-    owned: int,
-    d: int,
-    nodes: NDArray[np.int64],
-    frames: NDArray[np.float64],
-) -> PETSc.Mat | None:
-    """Q of the Householder reflections that take e_k to the frames' directions."""
-    largest = np.abs(frames).argmax(axis=1) if len(frames) else np.zeros(0, np.int64)
-    v = -frames
-    v[np.arange(len(v)), largest] += 1.0
-    square = np.einsum("ni,ni->n", v, v)
-    if not comm.allreduce(int((square > 1e-28).any())):
+def _turn(comm: MPI.Intracomm, frames: NDArray[np.float64]) -> PETSc.Mat | None:
+    """Q, whose blocks are the inverses of the frames N; None where no frame is turned."""
+    owned, d = frames.shape[:2]
+    if not comm.allreduce(int((frames != np.eye(d)).any())):
         return None
-    blocks = np.tile(np.eye(d), (owned, 1, 1))
-    scaled = v * (2.0 / np.where(square > 1e-28, square, np.inf))[:, None]
-    blocks[nodes] -= np.einsum("ni,nj->nij", scaled, v)
     first = comm.exscan(owned) or 0
     columns = (first + np.arange(owned))[:, None, None] * d + np.arange(d)
     indices = np.broadcast_to(columns, (owned, d, d)).ravel().astype(PETSc.IntType)
     indptr = (np.arange(owned * d + 1) * d).astype(PETSc.IntType)
     size = (owned * d, PETSc.DETERMINE)
+    blocks = np.linalg.inv(frames)
     matrix = PETSc.Mat().createAIJ(
         (size, size), bsize=d, csr=(indptr, indices, blocks.ravel()), comm=comm
     )
@@ -410,7 +476,7 @@ def _turn(
 
 
 def _near_null_space(
-    points: NDArray[np.float64], d: int, like: PETSc.Vec, turn: PETSc.Mat | None
+    points: NDArray[np.float64], d: int, like: PETSc.Vec, frames: NDArray[np.float64]
 ) -> PETSc.NullSpace:
     """The rigid motions, orthonormal, in the turned frames."""
     comm = like.comm.tompi4py()
@@ -420,9 +486,7 @@ def _near_null_space(
     basis: list[PETSc.Vec] = []
     for motion in motions.T:
         vector = like.duplicate()
-        vector.array[:] = motion
-        if turn is not None:
-            vector = turn * vector
+        vector.array[:] = np.einsum("nij,nj->ni", frames, motion.reshape(-1, d)).ravel()
         for earlier in basis:
             vector.axpy(-earlier.dot(vector), earlier)
         vector.normalize()

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import shutil
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -20,6 +21,7 @@ from contact_app.studies.parts import CUBE
 from contact_app.studies.peers import solve
 from contact_app.studies.perturbed import MOVE, write_cube
 from contact_app.studies.tables import fill
+from contact_app.studies.undecomposed import assemble
 from tests import meshfiles
 
 
@@ -83,6 +85,42 @@ def test_peers_take_the_groups_of_a_file(tmp_path: Path, cell: str, degree: int)
     ours = solve_scene(scene).summary
     assert row["dofs"] == ours["mesh"]["dofs"]
     assert row["energy"] == pytest.approx(ours["solution"]["energy"], rel=1e-8)
+
+
+def _leaning_planes(tmp_path: Path, last: float) -> Scene:
+    """A block beside three planes that lean and a fourth one that is parallel to the first."""
+    path = meshfiles.write(meshfiles.block("hexahedron", 4), tmp_path / "block.msh")
+    planes = [([1, 0, 0], [-1, 0, 0]), ([0.998, 0, 1], [-1, 0, -0.3]), ([1, 1, 1], [-1, -0.3, 0]),
+              ([last, 0, 0], [-1, 0, 0])]  # fmt: skip
+    contacts = [
+        {"on": "cube.x+", "obstacle": {"plane": {"point": point, "normal": normal}}}
+        for point, normal in planes
+    ]
+    overrides = "bodies.0.degree=1", f"contacts={json.dumps(contacts)}"
+    return cube({"file": str(path)}, *overrides)
+
+
+@pytest.mark.parametrize("method", ["snes-vi-cholmod", "tao-bnls"])
+def test_peers_take_nodes_with_several_contact_rows(method: str, tmp_path: Path) -> None:
+    scene = _leaning_planes(tmp_path, last=1.01)
+    row, system, x = solve(scene, method, 1e-9, nodal=True)
+    answer = solve_scene(scene)
+    assert row["energy"] == pytest.approx(answer.summary["solution"]["energy"], rel=1e-7)
+    assert row["penetration"] <= 1e-9
+    assert np.bincount(system.contact // 3).max() == 3
+    forces = [np.abs(contact["force"]).max() for contact in answer.summary["contacts"]]
+    assert min(forces[:3]) > 0.0
+
+
+def test_penetration_of_rows_that_are_no_bounds_is_reported(tmp_path: Path) -> None:
+    """The fourth plane lies close behind the first one, which is the bound."""
+    system = assemble(_leaning_planes(tmp_path, last=1.0 + 1e-6), nodal=True)
+    assert len(system.checked.nodes) == 20  # of 25, five are held
+    at_rest = system.load.duplicate()
+    at_rest.set(0.0)
+    assert system.penetration(at_rest) == pytest.approx(2e-3 / np.hypot(1.0, 0.3))
+    entered = replace(system.checked, gaps=np.full(20, -1.0))
+    assert replace(system, checked=entered).penetration(at_rest) == pytest.approx(1.0)
 
 
 def test_tables_go_into_the_sections_of_a_page(tmp_path: Path) -> None:
