@@ -193,6 +193,25 @@ def check_options(method: Any, tolerance: Any, max_iterations: Any) -> None:
         raise ValueError(f"max_iterations must be a whole number from 1 on, not {max_iterations!r}")
 
 
+def check_weights(contacts: Sequence[Contact], degree: int | None) -> None:
+    """Check the factors of integrals.
+
+    Raises
+    ------
+    TypeError, ValueError
+    """
+    for number, contact in enumerate(contacts):
+        at = f"contacts[{number}].weight"
+        if contact.weight is None:
+            continue
+        if not callable(contact.weight):
+            raise TypeError(f"{at} must be a function of points, not {contact.weight!r:.60}")
+        if degree != 1:
+            raise ValueError(f"{at} is for spaces of degree 1, not {degree}")
+        if contact.against is not None:
+            raise ValueError(f"{at} is for obstacles, not for facets against facets")
+
+
 def check_contacts(contacts: Sequence[Contact], mesh: Any) -> None:
     """Check the arguments of the contacts, except for the existence of their facets.
 

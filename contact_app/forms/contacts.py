@@ -18,6 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from contact_app.errors import ConfigurationError
+from contact_app.model.facets import moments
 from contact_app.scene.conditions import Friction
 from contact_app.scene.obstacles import SHAPES, Cylinder, Obstacle, Plane, Sphere
 
@@ -70,14 +71,14 @@ class SignedDistance:
         x = np.ascontiguousarray(points[:, :d])
         if len(x) == 0:
             return np.zeros(0), np.zeros((0, 3))
-        value = _called("distance", self.distance, x, (len(x),))
+        value = _called("distance of a SignedDistance", self.distance, x, (len(x),))
         if self.gradient is not None:
-            slope = _called("gradient", self.gradient, x, x.shape)
+            slope = _called("gradient of a SignedDistance", self.gradient, x, x.shape)
         else:
             slope = np.empty_like(x)
             for axis, e in enumerate(step * np.eye(d)):
-                high = _called("distance", self.distance, x + e, (len(x),))
-                low = _called("distance", self.distance, x - e, (len(x),))
+                high = _called("distance of a SignedDistance", self.distance, x + e, (len(x),))
+                low = _called("distance of a SignedDistance", self.distance, x - e, (len(x),))
                 slope[:, axis] = (high - low) / (2.0 * step)
         length = np.linalg.norm(slope, axis=1)
         flat = ~(length > FLAT)
@@ -101,23 +102,19 @@ def _called(name: str, function: Callable[[Array], Array], x: Array, shape: tupl
     try:
         values = np.asarray(function(x))
     except Exception as error:
-        raise ConfigurationError(
-            f"the {name} of a SignedDistance raised {type(error).__name__}: {error}"
-        ) from error
+        raise ConfigurationError(f"the {name} raised {type(error).__name__}: {error}") from error
     if not np.issubdtype(values.dtype, np.number) or np.iscomplexobj(values):
         kind = "nothing" if values.dtype == object else f"values of type {values.dtype}"
-        raise ConfigurationError(
-            f"the {name} of a SignedDistance returned {kind}; it must return real numbers"
-        )
+        raise ConfigurationError(f"the {name} returned {kind}; it must return real numbers")
     values = values.astype(np.float64)
     if values.shape != shape:
         raise ConfigurationError(
-            f"the {name} of a SignedDistance returned an array of shape {values.shape} for points "
+            f"the {name} returned an array of shape {values.shape} for points "
             f"of shape {x.shape}; it must return one of shape {shape} (a row of x is a point: its "
             "coordinates are x[:, 0], x[:, 1], not x[0], x[1] as in dolfinx)"
         )
     if not np.isfinite(values).all():
-        raise ConfigurationError(f"the {name} of a SignedDistance is not finite at a contact node")
+        raise ConfigurationError(f"the {name} is not finite at a contact node")
     return values
 
 
@@ -146,6 +143,10 @@ class Contact:
     friction
         ``{"coulomb": μ}``, or ``{"tresca": s}`` with the slip limit s, a force per area; or a
         `Friction`. Slip counts from the displacement zero. No friction unless given.
+    weight
+        Factor of the integrals of the forms, as r of cylindrical coordinates: points (n, dimension)
+        to values (n,) from zero on. Pressures, tractions and areas are those of the body then, and
+        forces those of the forms. For obstacles and spaces of degree 1.
     """
 
     facet_tags: Any
@@ -156,6 +157,7 @@ class Contact:
     round: bool = False
     name: str = ""
     friction: Friction | Mapping[str, float] | None = None
+    weight: Callable[[Array], Array] | None = None
 
     @property
     def law(self) -> Friction | None:
@@ -176,6 +178,25 @@ class Contact:
             if isinstance(self.obstacle, shape):
                 return kind
         return "signed distance"
+
+    def shares(self, points: Array, d: int) -> Array:
+        """∫ w φ_k over facets with nodes at points (f, n, 3), (f, n), the weight w linear.
+
+        Raises
+        ------
+        ConfigurationError
+            The weight is negative somewhere or no number.
+        """
+        if len(points) == 0:
+            return np.zeros(points.shape[:2])
+        integrals = moments(points, d)
+        if self.weight is None:
+            return np.asarray(integrals.sum(axis=1))
+        x = points[:, : integrals.shape[1], :d].reshape(-1, d)
+        values = _called(f"weight of {self.on}", self.weight, x, (len(x),))
+        if values.min() < -FLAT:
+            raise ConfigurationError(f"the weight of {self.on} is negative at a contact node")
+        return np.asarray(np.einsum("fj,fjk->fk", values.reshape(integrals.shape[:2]), integrals))
 
     def gap_and_normal(self, points: Array, d: int, size: float) -> tuple[Array, Array]:
         """Gap (n,) and outward normal of the obstacle (n, 3) at points (n, 3).

@@ -11,7 +11,6 @@ from contact_app.forms.boundary import Facets
 from contact_app.forms.contacts import Contact
 from contact_app.forms.parts import Parts
 from contact_app.forms.sides import Sides
-from contact_app.model.facets import moments
 from contact_app.model.tangential_rows import (
     RoughContact,
     slips_at_obstacle,
@@ -88,9 +87,7 @@ def _rough(
         return slips_between(exchange, contact_rows, jumps, number)
 
     def shares(nodes: NDArray[np.int64]) -> Array:
-        values = np.zeros((0, 1))
-        if len(facets.copies):
-            values = moments(facets.points, parts.dimension).sum(axis=1)
+        values = contact.shares(facets.points, parts.dimension)
         return summed_at(exchange, facets.numbers.ravel(), values.ravel(), nodes)
 
     return RoughContact(number, contact.law, shares, slips)

@@ -364,11 +364,11 @@ def _notes(
         for b, motions in enumerate(state.free_motions)
         if motions.shape[1]
     ]
-    if contacts and in_cylindrical_coordinates(form):
+    if any(contact.weight is None for contact in contacts) and in_cylindrical_coordinates(form):
         sentences.append(
             "a has both coordinates and displacements that are not differentiated, as in "
             "cylindrical coordinates: if its integrals have the factor r, so have forces (per "
             "radian), pressures are those of the body times r, and slip limits (Tresca) must be "
-            "given times r"
+            "given times r, unless the contact has `weight`, as lambda x: x[:, 0]"
         )
     return tuple(sentences)

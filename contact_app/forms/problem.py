@@ -17,6 +17,7 @@ from contact_app.forms.checks import (
     check_forms,
     check_lists,
     check_options,
+    check_weights,
 )
 from contact_app.forms.contacts import Contact
 from contact_app.forms.grid import Grid, grid_of
@@ -41,6 +42,7 @@ from contact_app.machine.environment import slow_blas_warning
 from contact_app.machine.timings import Timings
 from contact_app.results.friction import friction_at_rows
 from contact_app.run.fallback import FAILURES, failure_text, solve_directly
+from meshes import dolfinx_compat
 from solver.contact.certificate import Certificate
 from solver.contact.options import Method, SolverOptions
 from solver.contact.solution import Solution
@@ -128,6 +130,7 @@ class ContactProblem:
         self.a, self.L, self.bcs, self.contacts = a, L, list(bcs), list(contacts)
         self._space = check_forms(a, L, self.bcs)
         check_contacts(self.contacts, self._space.mesh)
+        check_weights(self.contacts, dolfinx_compat.lagrange_degree(self._space))
         check_options(method, tolerance, max_iterations)
         self.options = SolverOptions(
             method=method, tolerance=float(tolerance), max_iterations=max_iterations

@@ -14,7 +14,6 @@ from contact_app.forms.parts import Parts
 from contact_app.forms.rows import held_components, in_the_mean
 from contact_app.machine.environment import environment
 from contact_app.machine.timings import Timings
-from contact_app.model.facets import moments
 from contact_app.results.contact_side import ContactSide
 from contact_app.results.friction import FrictionAtRows, dissipated_work, of_most_pressed
 from contact_app.results.pressure import NodesInContact
@@ -167,7 +166,7 @@ def _side_of(model: FormModel, owners: Owners, number: int) -> ContactSide:
     """The tagged facets of a contact."""
     parts, facets = model.parts, model.sides[number].facets
     d, nodes = parts.dimension, facets.copies.shape[1]
-    shares = moments(facets.points, d).sum(axis=1) if len(facets.copies) else None
+    shares = model.contacts[number].shares(facets.points, d) if len(facets.copies) else None
     return ContactSide(
         1 if nodes == FACETS[d, nodes].vertices else 2, d,
         [] if shares is None else [(facets.copies, shares)], parts.points,

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -232,11 +233,20 @@ def test_pressures_in_cylindrical_coordinates_cause_a_warning() -> None:
     problem = ContactProblem(a, -3.0 * v[1] * r * ds(2), [axis], [floor], tolerance=1e-9)
     problem.solve()
     assert any("times r" in text for text in problem.certificate.warnings)
-    pressure = problem.contact_pressure
-    q = ufl.TestFunction(pressure.function_space)
-    plain, weighted = (fem.assemble_vector(fem.form(f * q * ds(1))).array for f in (1, r))
-    on = plain > 0.0
-    assert pressure.x.array[on] * plain[on] / weighted[on] == pytest.approx(3.0, rel=1e-6)
+    rough = replace(floor, weight=lambda x: x[:, 0], friction={"tresca": 0.2})
+    for contact in (replace(rough, friction=None), rough):
+        problem = ContactProblem(a, -3.0 * v[1] * r * ds(2), [axis], [contact], tolerance=1e-9)
+        problem.solve()
+        assert not any("times r" in text for text in problem.certificate.warnings)
+        on = problem.contact_pressure.x.array > 0.0
+        (record,) = problem.summary["contacts"]
+        assert record["area"] == pytest.approx(0.5, rel=1e-9)
+        assert record["force"][1] == pytest.approx(1.5, rel=1e-6)
+        if contact is not rough:
+            assert problem.contact_pressure.x.array[on] == pytest.approx(3.0, rel=1e-6)
+            assert record["max_smoothed_pressure"] == pytest.approx(3.0, rel=1e-6)
+    traction = np.linalg.norm(problem.friction_traction.x.array.reshape(-1, 2), axis=1)
+    assert traction.max() == pytest.approx(0.2, rel=1e-6)
     plane = ufl.inner(problems.isotropic(u, 1.0, 0.3), problems.strain(v)) * (1 + r) * ufl.dx
     problem = ContactProblem(plane, -3.0 * v[1] * ds(2), [axis], [floor])
     problem.solve()

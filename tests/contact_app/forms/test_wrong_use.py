@@ -187,6 +187,12 @@ def contacts_of(tags: Any, mesh: Any) -> dict[str, tuple[Any, type, str]]:
         "word as gap": (Contact(tags, 1, FLOOR, interference="a"), ValueError, "interference"),
         "radius as text": (Contact(tags, 1, Sphere((0, 0), "1")), ValueError, "radius must be"),
         "hollow": (Contact(tags, 1, Sphere((0, 0), 1.0, hollow="no")), TypeError, "True or False"),
+        "weight": (Contact(tags, 1, FLOOR, weight=2.0), TypeError, "weight must be a function"),
+        "weighted pair": (
+            Contact(tags, 1, against=2, weight=lambda x: x[:, 0]),
+            ValueError,
+            "weight is for obstacles",
+        ),
         "name": (Contact(tags, 1, FLOOR, name=3), TypeError, "name must be of type str"),
         "round as text": (Contact(tags, 1, against=2, round="no"), TypeError, "of type bool"),
         "round": (Contact(tags, 1, FLOOR, round=True), ValueError, "facets against facets"),
@@ -211,6 +217,15 @@ def test_contacts_that_are_refused(body: Square, tags: Any) -> None:
         with pytest.raises(kind, match=text):
             ContactProblem(body.a, body.L, contacts=[contact])
             pytest.fail(name)
+
+
+def test_weights_that_are_of_no_use(body: Square, tags: Any) -> None:
+    other = Square(problems.vector_space(body.space.mesh, 2))
+    radius = Contact(tags, 1, FLOOR, weight=lambda x: x[:, 0] - 0.5)
+    with pytest.raises(ValueError, match="weight is for spaces of degree 1, not 2"):
+        ContactProblem(other.a, other.L, contacts=[radius])
+    with pytest.raises(ConfigurationError, match="the weight of facets 1 is negative"):
+        ContactProblem(body.a, body.L, contacts=[radius]).solve()
 
 
 def test_one_obstacle_has_one_law_of_friction(body: Square, tags: Any) -> None:
