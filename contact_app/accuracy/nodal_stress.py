@@ -21,7 +21,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from contact_app.accuracy.estimate.error_estimate import ErrorEstimator
-from contact_app.accuracy.estimate.stress_recovery import Patches
 from contact_app.model.model import Model
 from contact_app.results.fields import NODAL_FIELDS
 from contact_app.scene.material import Material, von_mises
@@ -52,14 +51,10 @@ def nodal_stresses(model: Model, solution: Solution, estimator: ErrorEstimator) 
     requested = [name for name in NODAL_FIELDS if name in output.fields]
     if not requested or not (output.xdmf or output.vtu):
         return {}
-    count = max(len(body.materials) for body in model.scene.bodies)
-    patches = estimator.recovery.patches
-    each = [patches.determined_from(DETERMINED)]
-    if count > 1:
-        each = [Patches.of(model, k, patches.surface, DETERMINED) for k in range(count)]
+    each = [patches.determined_from(DETERMINED) for patches in estimator.of_materials]
     sides = [_at_nodes(model, estimator.stresses(solution, p), k) for k, p in enumerate(each)]
     stresses = {"": _largest(sides)}
-    if count > 1:
+    if len(sides) > 1:
         stresses |= {f"_material_{k}": side for k, side in enumerate(sides)}
     fields = {}
     for name in requested:

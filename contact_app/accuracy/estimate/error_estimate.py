@@ -90,6 +90,20 @@ class ErrorEstimator:
         """The recovery of stresses on this model (collective)."""
         return StressRecovery(self.model, self._patches)
 
+    @cached_property
+    def of_materials(self) -> list[Patches]:
+        """Patches in the cells of each material: the true stress jumps where materials meet."""
+        patches = self.recovery.patches
+        count = max(len(materials) for materials in self.model.materials)
+        if count == 1:
+            return [patches]
+        return [Patches.of(self.model, k, patches.surface) for k in range(count)]
+
+    def _recovered(self, solution: Solution) -> list[list[Array]]:
+        """σ* of an answer at nodes of each class, by material."""
+        sides = [self.stresses(solution, patches) for patches in self.of_materials]
+        return [list(of_class) for of_class in zip(*sides, strict=True)]
+
     def stresses(self, solution: Solution, patches: Patches | None = None) -> list[Array]:
         """σ* of an answer at nodes, (nodes, members, components) of each class (collective).
 
@@ -120,7 +134,7 @@ class ErrorEstimator:
         bodies = self.model.problem.bodies
         sums = np.zeros((2, bodies.count))
         parts = (self.model.elastic(v) for v in (solution.displacements, bodies.members))
-        recovered = self.stresses(solution)
+        recovered = self._recovered(solution)
         for number, (u, body) in enumerate(zip(*parts, strict=True)):
             for _, part, error, stress in self._distances(number, u, recovered[number]):
                 each = (
@@ -134,7 +148,7 @@ class ErrorEstimator:
     def cell_squares(self, solution: Solution) -> list[Array]:
         """η² by cell, (cells, members) of each class (collective)."""
         result = []
-        recovered = self.stresses(solution)
+        recovered = self._recovered(solution)
         for number, u in enumerate(self.model.elastic(solution.displacements)):
             squares = np.empty((len(self.recovery.cells[number].nodes), u.shape[1]))
             for rows, part, error, _ in self._distances(number, u, recovered[number]):
@@ -169,10 +183,17 @@ class ErrorEstimator:
             result.append(None if basis is None else np.kron(basis, np.eye(len(recovery.V))))
         return result
 
-    def _distances(self, number: int, u: Array, recovered: Array) -> Iterator[_Distance]:
+    def _distances(self, number: int, u: Array, recovered: list[Array]) -> Iterator[_Distance]:
         """σ* - σ_h and σ_h of a class, whose squares are ∫ e : C⁻¹ : e: batches of cells.
 
-        Yields rows, members, and two arrays (members, cells, points · components).
+        Parameters
+        ----------
+        recovered
+            σ* at nodes, by material.
+
+        Yields
+        ------
+        Rows, members, and two arrays (members, cells, points · components).
         """
         recovery, cells = self.recovery, self.recovery.cells[number]
         table = cells.table(2 * cells.degree)
@@ -189,7 +210,8 @@ class ErrorEstimator:
             if missing is not None:
                 stress = stress - (missing @ root).reshape(stress.shape)
             stress = stress * weight
-            error = (at_cells(recovered[:, part], nodes) @ nodal) * weight - stress
+            side = recovered[cells.tags[shape[0]]]
+            error = (at_cells(side[:, part], nodes) @ nodal) * weight - stress
             yield rows, part, error, stress
 
     def _of_shape(

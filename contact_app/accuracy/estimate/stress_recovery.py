@@ -12,9 +12,8 @@ the surface σ* satisfies the known tractions (`tractions`).
 
 Sums over cells are computed by subdomain and added at the owner of each vertex, so that σ* depends
 neither on the decomposition nor on the number of ranks. Bodies share no nodes, so stresses are not
-averaged across bodies. Inside a body they are averaged, also where its material changes: there the
-true stress jumps, the recovered stress does not, and the estimate that uses it is too large. A
-recovery in the cells of one material gives the stress on that material's side.
+averaged across bodies. Where materials of one body meet, the true stress jumps: a recovery in the
+cells of one material gives the stress on its side.
 
 With mean dilatation (B-bar) the stress of the solution contains λ times the mean of div u over each
 cell. The fit and the estimate use this stress.

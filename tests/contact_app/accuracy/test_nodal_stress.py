@@ -55,6 +55,25 @@ def test_each_material_has_its_own_stress_at_the_interface(
     on = x > 0.5 - 1e-9
     np.testing.assert_allclose(hard[on, 1], HARD * STRETCH, rtol=1e-6)
     assert np.isnan(hard[~on]).all()
+    assert answer.summary["accuracy"]["discretisation"] < 1e-6
+
+
+@pytest.mark.parametrize(("cell", "degree"), [("triangle", 1), ("quadrilateral", 2)])
+def test_the_error_at_an_interface_is_estimated(cell: str, degree: int, tmp_path: Path) -> None:
+    """The energies of this mesh and of a finer one give the error; one material is 8 times stiffer.
+
+    A stress without a jump at the interface estimates two to ten times the error.
+    """
+    energies, estimates = [], []
+    for cells in (8, 48):
+        file = meshfiles.write(meshfiles.block(cell, cells), tmp_path / "block.msh")
+        made = side_by_side(cell, file, degree)
+        made["conditions"][1] = {"on": "block.y+", "traction": [1.0, 0.0]}
+        summary = contact_app.solve(made).summary
+        energies.append(summary["solution"]["energy"])
+        estimates.append(summary["accuracy"]["discretisation"])
+    error = np.sqrt((energies[1] - energies[0]) / energies[1])
+    assert 0.8 < estimates[0] / error < 1.5
 
 
 @pytest.mark.parametrize(
