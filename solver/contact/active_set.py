@@ -217,6 +217,7 @@ class _Loop(Generic[S]):
         self._outcome: Outcome[S] = Outcome(None, None, self._statuses, run.work_before)
         self._counts, self._unheld = run.work_before, 0
         self._turnovers, self._on_all_rows = list[Turnover](), list[Turnover]()
+        self._sliding, self._stuck_again, self._yielded, self._sticks = 0, 0, 0, False
         self._strained, self._early = list[float](), EarlyReleases.none(start.active)
 
     def result(self) -> Outcome[S]:
@@ -227,7 +228,9 @@ class _Loop(Generic[S]):
         """Solve on the next set and evaluate its KKT residuals (collective).
 
         If a set leaves a body unheld, sliding points yield like springs; after many such sets
-        friction is said not to hold the body.
+        friction is said not to hold the body. They also yield where all points slide and many of
+        them stuck again after two such sets: friction of given size and direction moves the bodies
+        too far then.
 
         Returns
         -------
@@ -235,6 +238,8 @@ class _Loop(Generic[S]):
         """
         run, law, state = self._run, self._law, self._outcome.state
         self._rules, self._statuses = self._rules.for_set(number, self._statuses, self._turnovers)
+        if not law.settles and state is not None and self._sticks_after_sliding():
+            self._statuses = law.yielding(self._statuses, state.jumps)
         solved = self._solved(number)
         self._unheld = self._unheld + 1 if solved is None else 0
         if self._unheld and state is not None and not law.settles:
@@ -255,6 +260,27 @@ class _Loop(Generic[S]):
         self._strained.append(solved.state.strained)
         self._early = self._early.after(solved.following.active, solved.released)
         return True
+
+    def _sticks_after_sliding(self) -> bool:
+        """Whether all points slide, and many stuck after two such sets before (collective).
+
+        Then also after the next such sets, if any point stuck after the last one; and points yield
+        for more sets each time.
+        """
+        backend, statuses, options = self._run.backend, self._statuses, self._run.options
+        tangential = ~backend.contact_rows
+        tractions = np.zeros(0) if statuses.tractions is None else statuses.tractions[tangential]
+        local = [int((statuses.holding & tangential).sum()), np.count_nonzero(tractions)]
+        sticking_rows, sliding_rows = backend.comm.allreduce(np.array(local))
+        if self._sliding:
+            again = self._stuck_again >= 2
+            self._sticks = sticking_rows >= (1 if again else options.stuck_again * self._sliding)
+            self._stuck_again += int(self._sticks)
+        self._sliding = 0 if sticking_rows else int(sliding_rows)
+        goes_on = self._sticks or 0 < self._yielded < self._stuck_again
+        yields = bool(self._sliding) and self._stuck_again >= 2 and goes_on
+        self._yielded = self._yielded + 1 if yields else 0
+        return yields
 
     def _solved(self, number: int) -> Outcome[S] | None:
         return self._run.solve(number, self._statuses, self._multiplier, self._rules, self._counts)
