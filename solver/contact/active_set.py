@@ -93,10 +93,11 @@ def active_set_loop(
         outcome, statuses = run.after(outcome).contact_without_friction(start, law)
         patient = replace(run, options=replace(options, settling=0))
         outcome, failure = patient.after(outcome).sets(replace(start, statuses=statuses), law)
-    if failure is _Failure.AHEAD:  # the sets may settle if no point is released ahead of a state
+    guessed = start.statuses is not None and outcome.reason in (None, Reason.SLIDES)
+    if failure is _Failure.AHEAD or guessed:  # sets may settle if no point is released too early
         backend.forget()
         patient = replace(run, options=replace(options, looks_ahead=False, settling=0))
-        outcome, _ = patient.after(outcome).sets(start, law)
+        outcome, _ = patient.after(outcome).sets(replace(start, statuses=None), law)
     return outcome
 
 

@@ -113,7 +113,9 @@ class Friction(Frictionless):
     front: SlipFront | None = None
     options: FrictionOptions = FrictionOptions()
 
-    def initial(self, active: Mask, multiplier: Array | None, ahead: bool) -> Statuses:
+    def initial(
+        self, active: Mask, multiplier: Array | None, ahead: bool, jumps: Array | None = None
+    ) -> Statuses:
         """Points in contact stick, and open points with a given limit; if `ahead`, not across gaps.
 
         Open points that stick carry what contact would carry: on the first sets of a pin in a lug
@@ -132,7 +134,11 @@ class Friction(Frictionless):
             sticks = touching & (size < (1.0 - AT_LIMIT) * limit)
             share = np.divide(limit, size, out=np.zeros(len(size)), where=(size > 0.0) & touching)
             forces = share[points.point] * forces
-        return self._statuses(active, sticks, forces, np.zeros(len(points.first)))
+        slip_compliance = np.zeros(len(points.first))
+        if jumps is not None:
+            length, limit = points.sizes(points.slips(jumps)), points.sizes(forces)
+            slip_compliance = np.divide(length, limit, out=slip_compliance, where=limit > 0.0)
+        return self._statuses(active, sticks, forces, slip_compliance)
 
     def consistent(self, statuses: Statuses) -> Statuses:
         """The statuses without friction at points that are open and have no given slip limit."""

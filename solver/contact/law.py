@@ -87,13 +87,17 @@ class ContactLaw(Protocol):
     def closes(self, distance: Array, tolerance: float) -> Mask:
         """Open rows whose penetration the law does not admit, to a tolerance."""
 
-    def initial(self, active: Mask, multiplier: Array | None, ahead: bool) -> Statuses:
+    def initial(
+        self, active: Mask, multiplier: Array | None, ahead: bool, jumps: Array | None = None
+    ) -> Statuses:
         """Statuses for a set of active normal rows, near a multiplier if given (collective).
 
         Parameters
         ----------
         ahead
             Whether points that probably slide may do so from the first set on.
+        jumps : (rows,)
+            B u - c near that of the set, if known.
         """
 
     def consistent(self, statuses: Statuses) -> Statuses:
@@ -142,7 +146,9 @@ class Frictionless:
         """Rows that are penetrated."""
         return distance > tolerance
 
-    def initial(self, active: Mask, multiplier: Array | None, ahead: bool) -> Statuses:
+    def initial(
+        self, active: Mask, multiplier: Array | None, ahead: bool, jumps: Array | None = None
+    ) -> Statuses:
         """The active rows; the others carry no force."""
         return Statuses(active)
 

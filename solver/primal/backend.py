@@ -174,6 +174,10 @@ class Multigrid:
         """
         first = self.first_set()
         self.begin_at(first.u)
+        return self.closed_in(first)
+
+    def closed_in(self, first: FirstSet) -> Mask:
+        """Contact rows (dual,) that are active in a first set."""
         return self.contact_rows & (self.system.on_all_rows(first.active.astype(float)) > 0.5)
 
     def on_set(self, statuses: Statuses, multiplier: Array | None) -> PrimalSet:

@@ -9,15 +9,19 @@ import numpy as np
 from numpy.typing import NDArray
 from petsc4py import PETSc
 
+from solver.backend import Statuses
 from solver.contact.active_set import Start, active_set_loop
 from solver.contact.checkpoint import Saver, without_outer_iterations
+from solver.contact.law import ContactLaw
 from solver.contact.solution import Solution
 from solver.contact.solve_on_set import Outcome, StateSaver, StoppingTest
 from solver.contact.stopping import CertificateTest, StoppingRule
 from solver.primal.augmented import AugmentedLagrangian
 from solver.primal.backend import Multigrid, PrimalState
 from solver.primal.factor import FactorOptions
+from solver.primal.first_set import FirstSet
 from solver.primal.matrices import free_matrices
+from solver.primal.merged import multiply
 from solver.primal.recovery import recover
 from solver.qp.outer_state import Restart
 from solver.qp.result import Counts, Reason
@@ -96,7 +100,7 @@ def _solve(
 ) -> Solution:
     """Run `solve_by_multigrid` without handling of errors."""
     backend, before = Multigrid(task.problem, factors, task.problem.reused.place), Counts()
-    problem = task.problem
+    problem, law = task.problem, contact_law(task.problem)
     sums = [np.abs(f).sum(axis=0) for f in problem.forces]
     loads = problem.comm.allreduce(problem.bodies.sum_members(sums))
     test = CertificateTest(
@@ -104,12 +108,16 @@ def _solve(
         partial(_certified, backend, task.rule),
         partial(_required_reduction, backend, task.rule, loads),
     )
+    statuses = None
     if restart is not None:
         active, before = problem.inequality & (restart.multiplier > 0.5), restart.counts
     elif guess is not None:
         active = problem.inequality & (guess > 0.0)
     else:
-        active = backend.estimated_contact()
+        first = backend.first_set()
+        backend.begin_at(first.u)
+        active = backend.closed_in(first)
+        statuses = _statuses_of(backend, law, first, active)
     saver = Saver(task.checkpoint).after(before)
     options = replace(
         task.active_sets,
@@ -126,18 +134,35 @@ def _solve(
     stopping = StoppingTest(test.required_reduction, test.accept, task.rule.may_end_early)
     outcome = active_set_loop(
         backend,
-        Start(active, near if problem.friction is not None else None),
+        Start(active, near if problem.friction is not None else None, statuses=statuses),
         stopping,
         task.inner,
         task.monitor,
         StateSaver(lambda: saver.due, save),
         options_of(problem, options),
-        contact_law(problem),
+        law,
     )
     if outcome.reason is None and problem.friction is None:
         lagrangian = AugmentedLagrangian(backend, stopping, task.inner, task.monitor, options)
         outcome = lagrangian.solve(backend.first_set().u, outcome.counts)
     return _answer(test, outcome, before)
+
+
+def _statuses_of(
+    backend: Multigrid, law: ContactLaw, first: FirstSet, active: NDArray[np.bool_]
+) -> Statuses | None:
+    """Statuses with the friction and the slips of the first set; None if there is none.
+
+    Parameters
+    ----------
+    active : (dual,)
+        Its contact rows.
+    """
+    if first.tensions is None or backend.problem.friction is None:
+        return None
+    system = backend.system
+    jumps = system.on_all_rows(multiply(system.C, first.u) - system.c)
+    return law.initial(active, system.on_all_rows(first.tensions), ahead=True, jumps=jumps)
 
 
 def _answer(

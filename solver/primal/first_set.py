@@ -3,9 +3,10 @@
 On the coarse space of a level, Q = C P₁ … P_k, `solver.primal.spring_levels` states the problem.
 s_i is the stiffness that K has against row i alone, so that the springs are as compliant as the
 finest mesh at one node. The faint springs (w) hold bodies that only contact holds, and pull open
-rows near, before proximal steps replace them; tangential rows have faint springs only. The coarsest
-level is solved by a factor, the others by a few conjugate gradients with a cycle of the levels
-below. The rows with a pressing spring are the first active set, and its solve begins with this
+rows near, before proximal steps replace them. Tangential rows have springs that yield at the slip
+limit (`solver.primal.friction_springs`). The coarsest level is solved by a factor, the others by a
+few conjugate gradients with a cycle of the levels below. The rows with a pressing spring are the
+first active set, its points stick or slide as the springs do, and its solve begins with this
 displacement.
 """
 
@@ -25,6 +26,7 @@ from solver.primal.factor import (
     squared,
     squared_rows,
 )
+from solver.primal.friction_springs import FrictionSprings
 from solver.primal.hierarchy import Hierarchy
 from solver.primal.merged import MergedSystem, multiply, multiply_transposed
 from solver.primal.rigid_bodies import with_motions
@@ -50,11 +52,14 @@ class FirstSet:
     u : (unknowns,)
     cycle
         The cycle of the level below the finest one with springs on contact rows, if there is one.
+    tensions : (rows,)
+        Forces of the springs, as multipliers; None where no springs were used.
     """
 
     active: NDArray[np.bool_]
     u: Array
     cycle: CycleWithSprings | None = None
+    tensions: Array | None = None
 
 
 def find_first_set(
@@ -66,12 +71,14 @@ def find_first_set(
     springs = multiply_transposed(squared_rows(system), stiff)
     hierarchy, A = with_motions(system, hierarchy, _with_means(system, hierarchy), springs)
     P = hierarchy.prolongations
-    rows = Rows(system.comm, system.c, system.normal, system.equality, stiff)
+    friction = FrictionSprings.of(system, options.sticking * stiff)
+    rows = Rows(system.comm, system.c, system.normal, system.equality, stiff, friction)
     start = system.at_rest
     if not P:  # the problem itself is coarse
         only_level = SharedLevel(rows, A[0], system.C, system.load, options)
         x = only_level.minimise(np.zeros(system.size), options.exact_steps)
-        return FirstSet(only_level.pressed(x) | system.equality, x)
+        active = only_level.pressed(x) | system.equality
+        return FirstSet(active, x, None, only_level.tensions(x))
     Q, loads = [system.C], [system.load - multiply(system.K, start)]
     for prolongation in P:
         Q.append(Q[-1].matMult(prolongation))
@@ -79,7 +86,7 @@ def find_first_set(
     depth = len(P)
     while depth > 1 and A[depth - 1].getSize()[0] <= options.largest:
         depth -= 1
-    x, pressed, cycle = np.zeros(len(loads[depth])), system.equality, None
+    x, pressed, cycle, tensions = np.zeros(len(loads[depth])), system.equality, None, None
     for k in range(depth, 0, -1):
         below = replace(hierarchy, prolongations=P[k:], operators=tuple(A[k:]))
         level = CycleLevel(rows, below, Q[k:], loads[k], options)
@@ -89,11 +96,11 @@ def find_first_set(
             x = level.minimise(x, options.steps)
         else:
             x = level.proximal_step(x, options.steps, options.settled)
-        pressed, cycle = level.pressed(x), level.cycle
+        pressed, cycle, tensions = level.pressed(x), level.cycle, level.tensions(x)
         x = multiply(P[k - 1], x)
     if system.has_rigid_bodies:  # this cycle has unknowns of rigid bodies
         cycle = None
-    return FirstSet(pressed | system.equality, start + x, cycle)
+    return FirstSet(pressed | system.equality, start + x, cycle, tensions)
 
 
 def _on_every_rank(level: SharedLevel) -> Array:

@@ -17,6 +17,9 @@ from contact_app.scene.configuration import load
 from solver.contact.stopping import StoppingRule
 from solver.primal.by_active_sets import solve_by_multigrid
 from solver.primal.factor import FactorOptions
+from solver.primal.first_set import find_first_set
+from solver.primal.hierarchy import build_hierarchy
+from solver.primal.merged import merge, multiply
 from solver.qp.mprgp import MPRGP
 from solver.tfeti.methods.task import Task
 from tests import friction_reference, scenes
@@ -95,12 +98,41 @@ def test_multigrid_handles_elastic_rows(law: dict[str, float]) -> None:
 
 @pytest.mark.ratchet
 def test_the_cycle_has_springs_for_sliding_points() -> None:
-    """A ball in grooves takes 34 operator applications; with neither springs nor projection, 68."""
+    """A ball in grooves takes 27 operator applications."""
     rubbed = [f"contacts.{k}.friction={{tresca: 10}}" for k in range(2)]
     scene = build_scene(load(CONFIGS / "ball_in_grooves.yaml", ["solver.method=primal", *rubbed]))
     summary = solve_scene(scene, MPI.COMM_SELF).summary
     assert summary["certificate"]["passed"]
     assert summary["solver"]["hessian_multiplications"] <= 50
+
+
+@pytest.mark.ratchet
+def test_the_first_set_has_friction() -> None:
+    """A bracket takes 48 operator applications; 72 where all points of the first set stick."""
+    settings = ["solver.method=primal", "contacts.0.friction={tresca: 3000}"]
+    scene = build_scene(load(CONFIGS / "bracket.yaml", settings))
+    summary = solve_scene(scene, MPI.COMM_SELF).summary
+    assert summary["certificate"]["passed"]
+    assert summary["solver"]["hessian_multiplications"] <= 58
+
+
+def test_friction_of_the_first_set_is_within_its_limit_and_along_the_slip() -> None:
+    settings = ["solver.method=primal", "contacts.0.friction={coulomb: 0.1}"]
+    scene = build_scene(load(CONFIGS / "pin_in_lug.yaml", settings))
+    system = merge(build_model(scene, MPI.COMM_SELF, needed="distinct").problem)
+    first, points = find_first_set(system, build_hierarchy(system)), system.problem.friction
+    assert first.tensions is not None
+    assert points is not None
+    multiplier = system.on_all_rows(first.tensions)
+    slips = points.slips(system.on_all_rows(multiply(system.C, first.u) - system.c))
+    forces, limits = points.forces(multiplier), points.slip_limits(multiplier)
+    size = points.sizes(forces)
+    assert (size <= limits * (1.0 + 1e-9)).all()
+    slides = size >= 0.99 * limits
+    touching = limits > 0.0
+    assert 0 < (slides & touching).sum()
+    along = points.sizes(slips) * size - points.dots(slips, forces)
+    assert along.max() <= 1e-9 * (points.sizes(slips) * size).max()
 
 
 def test_steps() -> None:
