@@ -43,15 +43,16 @@ def draw_plane(
     outline, rim = stored.points[sides][:, :, :2], moved[sides]
     for axes, name in zip(places, fields, strict=True):
         axes.add_collection(LineCollection(outline, colors="grey", linewidths=0.8))
-        if name.endswith("contact_pressure"):
-            pressure = stored.point_data[name]
+        coloured = _coloured_sides(stored, name, sides, triangles)
+        if coloured is not None:
+            values = stored.field(name)[coloured]
             axes.tripcolor(*moved.T, triangles, np.zeros(len(moved)), cmap="Greys", vmin=-1, vmax=5)
             axes.add_collection(LineCollection(rim, colors="black", linewidths=0.5))
-            pressed = sides_in_contact(stored, sides, pressure)
             shades: Any = LineCollection(
-                moved[pressed], array=pressure[pressed].mean(axis=1), cmap="magma_r", linewidths=5
+                moved[coloured], array=values.mean(axis=1), cmap="magma_r", linewidths=5
             )
-            shades.set_clim(0.0, float(pressure.max(initial=0.0)) or 1.0)
+            low, high = limits(values)
+            shades.set_clim(min(low, 0.0) if name.endswith("contact_pressure") else low, high)
             axes.add_collection(shades)
         else:
             shades = _shades(axes, stored, name, moved, triangles, rows)
@@ -65,6 +66,23 @@ def draw_plane(
     figure.suptitle(caption, fontsize=10)
     figure.savefig(target, dpi=150, format="png")
     return target
+
+
+def _coloured_sides(
+    stored: Stored, name: str, sides: NDArray[np.int64], triangles: NDArray[np.int64]
+) -> NDArray[np.int64] | None:
+    """Sides that a contact pressure or a field of the boundary alone, as the gap, colours.
+
+    None for other fields.
+    """
+    if name not in stored.point_data:
+        return None
+    values = stored.field(name)
+    if name.endswith("contact_pressure"):
+        return sides_in_contact(stored, sides, values)
+    if np.isfinite(values[triangles]).all(axis=1).any():
+        return None
+    return sides[np.isfinite(values[sides]).all(axis=1)]
 
 
 def _moves(stored: Stored) -> NDArray[np.float64]:

@@ -146,6 +146,17 @@ def plain(picture: Path) -> bool:
     return len(np.unique(colours)) < 50
 
 
+def test_a_field_of_the_boundary_alone_colours_its_sides(tmp_path: Path) -> None:
+    """The gap has values at the foot of quadrilaterals, so that no triangle has three."""
+    points = np.array([[0, 0], [1, 0], [0, 1], [1, 1], [0, 2], [1, 2]], dtype=float)
+    with XDMFWriter(tmp_path / "solution.xdmf", "quadrilateral", 6, 2) as file:
+        file.points(0, points)
+        file.cells(0, [[0, 1, 3, 2], [2, 3, 5, 4]])
+        file.point_data("gap", 0, [0.0, 0.5, *[np.nan] * 4])
+    (bodies, *_), _ = picture.plot(tmp_path, fields=("gap",))
+    assert not plain(bodies)
+
+
 def test_a_plane_result_has_two_pictures(tmp_path: Path) -> None:
     square(tmp_path)
     made, remarks = picture.plot(tmp_path, output=tmp_path / "to")
