@@ -116,11 +116,12 @@ def mean_jumps(
     worst = int(np.argmax(distance))
     held = decided_on & (outer @ decided_against > 0.0)
     yielding = tied_before[:, None] | held if gives else np.zeros_like(held)
-    different, which = np.unique(yielding, axis=1, return_inverse=True)
-    distributed = [made.distributed(nodes) for nodes in different.T]
-    which = which.reshape(-1)
+    # not by np.unique along an axis: it sorts records of n fields
+    different = {nodes.tobytes(): nodes for nodes in yielding.T}
+    distributed = {key: made.distributed(nodes) for key, nodes in different.items()}
     rows = tuple(
-        made.component(i, on.dimension, distributed[which[i]]) for i in range(on.dimension)
+        made.component(i, on.dimension, distributed[yielding[:, i].tobytes()])
+        for i in range(on.dimension)
     )
     size = float(on.radii[pairs.i[worst]])
     return MeanJumps(rows, float(distance[worst]), size, nodes, held)
