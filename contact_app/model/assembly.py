@@ -97,7 +97,9 @@ class Element:
         assemble_matrix(matrix, compiled)
         matrix.assemble()
         matrix.convert("aij")
-        K = _scipy(matrix)[self.unknowns][:, self.unknowns].tocsr()
+        K, order = _scipy(matrix), self.unknowns
+        if not np.array_equal(order, np.arange(len(order))):
+            K = K[order][:, order].tocsr()
         if materials[0].mean_dilatation:
             lam = self.of_cells(materials, plane).lame[0]
             dilatation = self._dilatation()

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from petsc4py import PETSc
 
-from solver.tfeti.constraints.matrix import local_rows
+from solver.primal.block_rows import BlockRows
 
 _MADE: dict[tuple[int, str], Any] = {}
 """Results of `made_once`, by the identity of the matrix and a name."""
@@ -37,16 +37,25 @@ def in_blocks(matrix: PETSc.Mat) -> PETSc.Mat:
     The matrix itself where its blocks are single entries. Values that change later do not reach it.
     """
     d = matrix.getBlockSize()
-    return matrix if d == 1 else made_once(matrix, "blocks", lambda: _in_blocks(matrix, d))
+    return matrix if d == 1 else made_once(matrix, "blocks", lambda: _in_blocks(matrix))
 
 
-def _in_blocks(matrix: PETSc.Mat, d: int) -> PETSc.Mat:
-    local = local_rows(matrix).tobsr((d, d))
+def keep_in_blocks(matrix: PETSc.Mat, rows: BlockRows) -> None:
+    """Make the matrix of `in_blocks` from its rows in blocks (collective)."""
+    made_once(matrix, "blocks", lambda: _petsc_blocks(matrix, rows))
+
+
+def _in_blocks(matrix: PETSc.Mat) -> PETSc.Mat:
+    return _petsc_blocks(matrix, BlockRows.of(matrix))
+
+
+def _petsc_blocks(matrix: PETSc.Mat, rows: BlockRows) -> PETSc.Mat:
+    local = rows.local
     local.sort_indices()
     begins, places = (part.astype(PETSc.IntType) for part in (local.indptr, local.indices))
     values = np.ascontiguousarray(local.data)
     made = PETSc.Mat().createBAIJ(
-        matrix.getSizes(), d, csr=(begins, places, values), comm=matrix.comm
+        matrix.getSizes(), local.blocksize[0], csr=(begins, places, values), comm=matrix.comm
     )
     made.assemble()
     return made

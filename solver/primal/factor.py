@@ -20,11 +20,12 @@ from petsc4py import PETSc
 from scipy import sparse
 from scipy.sparse.csgraph import reverse_cuthill_mckee
 
+from solver.primal.block_rows import BlockRows
 from solver.primal.cholesky import factored
-from solver.primal.merged import MergedSystem, chosen_rows, multiply, multiply_transposed
+from solver.primal.merged import MergedSystem, multiply, multiply_transposed
 from solver.primal.projector import Projector
 from solver.primal.thin import THIN
-from solver.tfeti.constraints.matrix import lent
+from solver.tfeti.constraints.matrix import lent, local_rows
 from solver.tfeti.subdomain.costs import factor_seconds
 from solver.vectors import on_arrays
 
@@ -190,11 +191,21 @@ def squared(matrix: PETSc.Mat) -> PETSc.Mat:
 
 def with_springs(A: PETSc.Mat, Q: PETSc.Mat, weights: Array, near: Array) -> PETSc.Mat:
     """A + Qᵀ diag(weights) Q + diag(near) (collective)."""
+    return with_matrix(A, spring_matrix(Q, weights, A.getBlockSize()), near)
+
+
+def spring_matrix(Q: PETSc.Mat, weights: Array, block: int) -> BlockRows:
+    """Qᵀ diag(weights) Q in square blocks (collective)."""
     some = np.flatnonzero(weights > 0.0)
-    springs = chosen_rows(Q, some)
-    with lent(A.comm, np.sqrt(weights[some])) as (left,):
-        springs.diagonalScale(L=left)
-    result = springs.transposeMatMult(springs)
+    local = local_rows(Q)[some]
+    local.data *= np.repeat(np.sqrt(weights[some]), np.diff(local.indptr))  # zeros keep their place
+    columns = Q.getLocalSize()[1] // block
+    return BlockRows(Q.comm.tompi4py(), local.tobsr((1, block)), columns).gram()
+
+
+def with_matrix(A: PETSc.Mat, springs: BlockRows, near: Array) -> PETSc.Mat:
+    """A + springs + diag(near) (collective)."""
+    result = springs.to_petsc()
     result.axpy(1.0, A, PETSc.Mat.Structure.DIFFERENT_NONZERO_PATTERN)
     with lent(A.comm, near) as (extra,):
         result.setDiagonal(result.getDiagonal() + extra)

@@ -89,7 +89,7 @@ def find_first_set(
     x, pressed, cycle, tensions = np.zeros(len(loads[depth])), system.equality, None, None
     for k in range(depth, 0, -1):
         below = replace(hierarchy, prolongations=P[k:], operators=tuple(A[k:]))
-        level = CycleLevel(rows, below, Q[k:], loads[k], options)
+        level = CycleLevel(rows, below, Q[k], loads[k], options)
         if k == depth and A[k].getSize()[0] <= options.largest:
             x = _on_every_rank(level)
         elif k == depth:  # bodies may have no place yet

@@ -1,8 +1,8 @@
 """Smoothed aggregation of the problem without contact: prolongations and coarse operators.
 
-PETSc's GAMG makes them once; every active set uses the same ones (`solver.primal.cycle`). The
-near-kernel is the rigid motions of each body, from the coordinates of its nodes. Rigid bodies are
-held in place: the levels do not contain their motions.
+They are made once (`solver.primal.aggregation`); every active set uses the same ones
+(`solver.primal.cycle`). The near-kernel is the rigid motions of each body, from the coordinates of
+its nodes. Rigid bodies are held in place: the levels do not contain their motions.
 """
 
 from __future__ import annotations
@@ -14,6 +14,10 @@ from mpi4py import MPI
 from numpy.typing import NDArray
 from petsc4py import PETSc
 
+from solver.primal.aggregation import coarsened
+from solver.primal.block_rows import BlockRows
+from solver.primal.blocks import in_blocks, keep_in_blocks
+from solver.primal.lanczos import largest_eigenvalue
 from solver.primal.merged import MergedSystem, with_diagonal
 from solver.primal.vertices import vertex_level
 from solver.tfeti.constraints.matrix import lent
@@ -68,86 +72,44 @@ def no_hierarchy(system: MergedSystem) -> Hierarchy:
 
 
 def build_hierarchy(system: MergedSystem, options: MultigridOptions | None = None) -> Hierarchy:
-    """Let GAMG aggregate (collective)."""
-    options = options or MultigridOptions()
+    """Aggregate level by level (collective)."""
+    options, d = options or MultigridOptions(), system.problem.dimension
     K = with_diagonal(system.K, system.stiffless, float(system.diagonal.max(initial=1.0)))
     vertices = vertex_level(system)
     if vertices is None:
-        top, rigid = K, np.where((system.held | system.stiffless)[:, None], 0.0, system.rigid)
+        A, top = BlockRows.of(K), K
+        rigid = np.where((system.held | system.stiffless)[:, None], 0.0, system.rigid)
+        keep_in_blocks(K, A)
     else:
-        top, rigid = _on_vertices(system, vertices.P), vertices.rigid
-    top.setNearNullSpace(near_kernel(system.comm, rigid))
-    pc = PETSc.PC().create(system.comm)
-    pc.setOperators(top)
-    prefix = "contact_gamg_"
-    pc.setOptionsPrefix(prefix)
-    pc.setType("gamg")
-    settings = {
-        "pc_gamg_threshold": options.threshold,
-        "pc_gamg_coarse_eq_limit": options.smallest,
-        # the name until PETSc 3.18, and the one since
-        "pc_gamg_square_graph": options.aggressive,
-        "pc_gamg_aggressive_coarsening": options.aggressive,
-        "mg_levels_ksp_max_it": options.smoothing,
-        "mg_levels_pc_type": "jacobi",
-        "mg_coarse_pc_type": "none",  # its factor is not needed
-        "mg_coarse_ksp_type": "preonly",
-    }
-    with lent_options(prefix, settings), lent_options("", _products(system.comm)):
-        pc.setFromOptions()
-        pc.setUp()
-    levels = pc.getMGLevels()
-    prolongations = [pc.getMGInterpolation(k) for k in range(levels - 1, 0, -1)]
-    solvers = [pc.getMGSmoother(k) for k in range(levels - 1, -1, -1)]
-    operators = [top, *(ksp.getOperators()[0].copy() for ksp in solvers[1:])]
-    pc.destroy()  # GAMG's own matrices keep the products K P that they were made of
+        A, rigid = _on_vertices(system, vertices.P), vertices.rigid
+        top = A.to_petsc()
+    prolongations, operators = [], [top]
+    motions = rigid.reshape(-1, d, rigid.shape[1])
+    aggressive = options.aggressive
+    while operators[-1].getSize()[0] > options.smallest:
+        operator = in_blocks(K) if operators[-1] is K else operators[-1]
+        largest = largest_eigenvalue(operator, _flexibility(operator))
+        level = coarsened(A, motions, largest, options.threshold, aggressive > 0)
+        if level is None:
+            break
+        A, motions = A.galerkin(level.P), level.rigid
+        aggressive -= 1
+        prolongations.append(level.P.to_petsc())
+        operators.append(A.to_petsc())
     if vertices is not None:
         prolongations, operators = [vertices.P, *prolongations], [K, *operators]
     return Hierarchy(tuple(prolongations), tuple(operators), options)
 
 
-def _products(comm: MPI.Intracomm) -> dict[str, object]:
-    """Options for the product Pᵀ K P.
-
-    On one rank as Pᵀ (K P), in half the time of PETSc's default.
-    """
-    return {"matptap_via": "rap"} if comm.size == 1 else {}
+def _flexibility(operator: PETSc.Mat) -> NDArray[np.float64]:
+    """One over the diagonal, zero where that is zero."""
+    diagonal = operator.getDiagonal().getArray()
+    return np.divide(1.0, diagonal, out=np.zeros_like(diagonal), where=diagonal > 0.0)
 
 
-def galerkin(operator: PETSc.Mat, prolongation: PETSc.Mat) -> PETSc.Mat:
-    """Pᵀ A P as two products, which takes half the time of PETSc's own (collective)."""
-    product = operator.matMult(prolongation)
-    result = prolongation.transposeMatMult(product)
-    product.destroy()
-    return result
-
-
-class lent_options:
-    """Context manager that sets options in PETSc's database."""
-
-    def __init__(self, prefix: str, options: dict[str, object]) -> None:
-        self._names = {prefix + name: value for name, value in options.items()}
-        self._options = PETSc.Options()
-
-    def __enter__(self) -> None:
-        for name, value in self._names.items():
-            self._options[name] = value
-
-    def __exit__(self, *ended: object) -> None:
-        for name in self._names:
-            self._options.delValue(name)
-
-
-def _on_vertices(system: MergedSystem, P: PETSc.Mat) -> PETSc.Mat:
+def _on_vertices(system: MergedSystem, P: PETSc.Mat) -> BlockRows:
     """Pᵀ K P of degree 1, with a diagonal for held vertices (collective)."""
-    matrix = galerkin(system.K, P)
-    diagonal = matrix.getDiagonal()
-    values = diagonal.getArray()
-    values[values == 0.0] = system.comm.allreduce(values.max(initial=0.0), op=MPI.MAX)
-    matrix.setDiagonal(diagonal)
-    matrix.setBlockSize(system.problem.dimension)
-    matrix.setOption(PETSc.Mat.Option.SPD, True)
-    return matrix
+    return BlockRows.of(system.K).galerkin(BlockRows.of(P)).with_diagonal()
 
 
 def near_kernel(comm: MPI.Intracomm, rigid: NDArray[np.float64]) -> PETSc.NullSpace:

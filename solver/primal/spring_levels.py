@@ -14,7 +14,6 @@ every rank, or by a few conjugate gradients with a V-cycle.
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -25,9 +24,10 @@ from scipy import sparse
 from scipy.linalg import LinAlgError, cho_factor, cho_solve
 from scipy.linalg.blas import dsyrk
 
+from solver.primal.block_rows import BlockRows
 from solver.primal.cholesky import factored
 from solver.primal.cycle import Cycle, CycleWithSprings
-from solver.primal.factor import with_springs
+from solver.primal.factor import spring_matrix, with_matrix, with_springs
 from solver.primal.friction_springs import FrictionSprings
 from solver.primal.hierarchy import Hierarchy
 from solver.primal.line_search import minimum_along
@@ -315,7 +315,7 @@ class CycleLevel(SharedLevel):
     hierarchy
         This level and those below.
     Q
-        C on these levels.
+        C on this level.
 
     Attributes
     ----------
@@ -324,11 +324,11 @@ class CycleLevel(SharedLevel):
     """
 
     def __init__(
-        self, rows: Rows, hierarchy: Hierarchy, Q: Sequence[PETSc.Mat], load: Array,
+        self, rows: Rows, hierarchy: Hierarchy, Q: PETSc.Mat, load: Array,
         options: FirstSetOptions,
     ) -> None:  # fmt: skip
-        super().__init__(rows, hierarchy.operators[0], Q[0], load, options)
-        self._hierarchy, self._below = hierarchy, Q[1:]
+        super().__init__(rows, hierarchy.operators[0], Q, load, options)
+        self._hierarchy = hierarchy
         self.cycle: CycleWithSprings | None = None
 
     def newton_step(self, weights: Array, residual: Array) -> Array:
@@ -359,11 +359,13 @@ class CycleLevel(SharedLevel):
     def _cycle_of(self, weights: Array) -> Cycle:
         """The cycle, made with the springs of the first call (collective)."""
         if self.cycle is None:
-            levels = self._hierarchy
-            operators = [with_springs(self.A, self.Q, weights, self.shift)]
-            for A, Q in zip(levels.operators[1:], self._below, strict=True):
+            levels, block = self._hierarchy, self.A.getBlockSize()
+            springs = spring_matrix(self.Q, weights, block)
+            operators = [with_matrix(self.A, springs, self.shift)]
+            for A, P in zip(levels.operators[1:], levels.prolongations, strict=True):
+                springs = springs.galerkin(BlockRows.of(P))
                 shift = self._addition(A.getDiagonal().getArray())
-                operators.append(with_springs(A, Q, weights, shift))
+                operators.append(with_matrix(A, springs, shift))
             cycle = Cycle(operators, levels.prolongations, levels.options)
             open_rows = np.minimum(weights, self.options.faint * self.rows.stiffness)
             self.cycle = CycleWithSprings(cycle, operators, weights, open_rows)

@@ -96,7 +96,7 @@ def test_multigrid_where_a_factor_would_be_taken(name: str, cell: str) -> None:
 @pytest.mark.ratchet
 def test_a_set_that_takes_few_steps_a_digit_keeps_its_cycle() -> None:
     """A factor in its place would cost more than the remaining steps."""
-    made = {**scenes.wall("hexahedron", 8), "solver": {"method": "primal"}}
+    made = {**scenes.wall("tetrahedron", 12), "solver": {"method": "primal"}}
     problem = build_model(scenes.build(made), MPI.COMM_SELF).problem
     task = Task(problem, StoppingRule(1e-9), MPRGP(rtol=1e-10, max_iterations=2000))
 

@@ -1,0 +1,172 @@
+"""Products of distributed matrices in dense blocks, for the levels of multigrid.
+
+Nodes have two or three unknowns, aggregates three or six, and all unknowns of two neighbours are
+coupled. In blocks a product Pᵀ A P does the same arithmetic with one index for 18 or 36 entries: on
+122,097 unknowns it takes a third of the CPU time of PETSc's product of single entries.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+from mpi4py import MPI
+from numpy.typing import NDArray
+from petsc4py import PETSc
+from scipy import sparse
+
+from solver.tfeti.constraints.matrix import local_rows
+
+Array = NDArray[np.float64]
+
+AT_ONCE = 500_000
+"""Approximate number of entries of A in the rows that are multiplied at once.
+
+The product of so many rows fits the memory that the last ones left: larger products are twice as
+slow on fresh memory."""
+
+
+@dataclass(frozen=True, eq=False)
+class BlockRows:
+    """A distributed matrix, of which each rank has some rows.
+
+    Attributes
+    ----------
+    local
+        This rank's rows with all columns, in blocks.
+    columns
+        Number of blocks of columns that belong to this rank.
+    """
+
+    comm: MPI.Intracomm
+    local: sparse.bsr_matrix
+    columns: int
+
+    @classmethod
+    def of(cls, matrix: PETSc.Mat) -> BlockRows:
+        """A PETSc matrix in blocks of its block sizes."""
+        size = matrix.getBlockSizes()
+        local = local_rows(matrix).tobsr(size)
+        return cls(matrix.comm.tompi4py(), local, matrix.getLocalSize()[1] // size[1])
+
+    @property
+    def rows(self) -> int:
+        """Number of blocks of rows of this rank."""
+        return int(self.local.shape[0] // self.local.blocksize[0])
+
+    def _starts(self, count: int) -> NDArray[np.int64]:
+        """First blocks of all ranks, and the number of all, of `count` here (collective)."""
+        return np.cumsum([0, *self.comm.allgather(count)])
+
+    def times(self, right: BlockRows) -> BlockRows:
+        """The product with a matrix whose rows are this one's columns (collective)."""
+        local, others = self._factors(right)
+        return BlockRows(self.comm, local @ others, right.columns)
+
+    def galerkin(self, P: BlockRows) -> BlockRows:
+        """Pᵀ A P (collective).
+
+        Some rows after others: A P would be larger than A.
+        """
+        local, others = self._factors(P)
+        total = P.local.shape[1]
+        result = _zeros((total, total), (P.local.blocksize[1], P.local.blocksize[1]))
+        for rows in np.array_split(np.arange(self.rows), self.local.data.size // AT_ONCE + 1):
+            result = result + _some(P.local, rows).T @ (_some(local, rows) @ others)
+        return self._at_owners(result, P.columns)
+
+    def gram(self) -> BlockRows:
+        """Aᵀ A (collective)."""
+        return self._at_owners(self.local.T @ self.local, self.columns)
+
+    def _at_owners(self, part: sparse.bsr_matrix, columns: int) -> BlockRows:
+        """The sum of a square matrix over all ranks, by its rows of each rank (collective).
+
+        Parameters
+        ----------
+        columns
+            Number of blocks of this rank.
+        """
+        if self.comm.size > 1:
+            starts = self._starts(columns)
+            parts = [_some(part, np.arange(*ends)) for ends in pairwise(starts)]
+            rows = parts[self.comm.rank]
+            part = sum(self.comm.alltoall(parts), start=_zeros(rows.shape, rows.blocksize))
+        return BlockRows(self.comm, part, columns)
+
+    def _factors(self, right: BlockRows) -> tuple[sparse.bsr_matrix, sparse.bsr_matrix]:
+        """This rank's rows, and the rows of another matrix by which they are multiplied."""
+        local = self.local
+        if self.comm.size == 1:
+            return local, right.local
+        needed, place = np.unique(local.indices, return_inverse=True)
+        shape = local.shape[0], len(needed) * local.blocksize[1]
+        renumbered = _blocks(local.data, place.ravel(), local.indptr, shape, local.blocksize)
+        return renumbered, right.rows_of_all(needed)
+
+    def rows_of_all(self, chosen: NDArray[np.integer]) -> sparse.bsr_matrix:
+        """Some rows of all ranks, by their sorted numbers (collective)."""
+        starts = self._starts(self.rows)
+        ends = np.searchsorted(chosen, starts)
+        requests = self.comm.alltoall([chosen[a:b] for a, b in pairwise(ends)])
+        first = starts[self.comm.rank]
+        sent = self.comm.alltoall([_some(self.local, numbers - first) for numbers in requests])
+        return _stacked(sent)
+
+    def with_diagonal(self) -> BlockRows:
+        """The square matrix with its largest diagonal entry where one is zero (collective)."""
+        first = (self.comm.exscan(self.columns) or 0) * self.local.blocksize[1]
+        values = self.local.tocsr().diagonal(first)[: self.local.shape[0]]
+        top = self.comm.allreduce(float(values.max(initial=0.0)), op=MPI.MAX)
+        extra = sparse.diags(np.where(values == 0.0, top, 0.0), first, self.local.shape)
+        return BlockRows(self.comm, self.local + extra.tobsr(self.local.blocksize), self.columns)
+
+    def to_petsc(self) -> PETSc.Mat:
+        """The matrix for PETSc, in single entries (collective)."""
+        rows = self.local.tocsr()
+        rows.sort_indices()
+        sizes = [
+            (count, PETSc.DETERMINE)
+            for count in (self.local.shape[0], self.columns * self.local.blocksize[1])
+        ]
+        begins, places = (part.astype(PETSc.IntType) for part in (rows.indptr, rows.indices))
+        matrix = PETSc.Mat().createAIJ(sizes, csr=(begins, places, rows.data), comm=self.comm)
+        matrix.setBlockSizes(*self.local.blocksize)
+        return matrix
+
+
+def _blocks(
+    data: Array,
+    indices: NDArray[np.integer],
+    indptr: NDArray[np.integer],
+    shape: tuple[int, int],
+    size: tuple[int, int],
+) -> sparse.bsr_matrix:
+    return sparse.bsr_matrix((data, indices, indptr), shape=shape, blocksize=size)
+
+
+def _some(matrix: sparse.bsr_matrix, rows: NDArray[np.integer]) -> sparse.bsr_matrix:
+    """Some rows of blocks."""
+    counts = np.diff(matrix.indptr)[rows]
+    indptr = np.concatenate([[0], np.cumsum(counts)])
+    at = np.arange(indptr[-1]) + np.repeat(matrix.indptr[rows] - indptr[:-1], counts)
+    shape = len(rows) * matrix.blocksize[0], matrix.shape[1]
+    return _blocks(matrix.data[at], matrix.indices[at], indptr, shape, matrix.blocksize)
+
+
+def _stacked(parts: list[sparse.bsr_matrix]) -> sparse.bsr_matrix:
+    """Matrices of the same columns, one below the other."""
+    indptr = [np.zeros(1, np.int64)]
+    for part in parts:
+        indptr.append(indptr[-1][-1] + part.indptr[1:])
+    shape = sum(part.shape[0] for part in parts), parts[0].shape[1]
+    data, indices = (np.concatenate(arrays) for arrays in (
+        [part.data for part in parts], [part.indices for part in parts]))  # fmt: skip
+    return _blocks(data, indices, np.concatenate(indptr), shape, parts[0].blocksize)
+
+
+def _zeros(shape: tuple[int, int], size: tuple[int, int]) -> sparse.bsr_matrix:
+    """A matrix of zeros, without any block."""
+    indptr = np.zeros(shape[0] // size[0] + 1, np.int64)
+    return _blocks(np.zeros((0, *size)), np.zeros(0, np.int64), indptr, shape, size)
