@@ -28,7 +28,7 @@ applications and left one part uncertified. On two bodies with many rows in cont
 times as many (hub on a shaft, bolted flange), on thin bodies, whose sets have a factor each, 1.6 to
 7.7 times. One thin body in the plane has an inexpensive factor: on 54 random strips 20 to 300 times
 as long as thick, with both laws and degrees, multigrid takes 0.3 to 1.6 of the CPU seconds of Total
-FETI (once 2.2), and certifies two answers that Total FETI does not. It takes 8 operator
+FETI (once 2.2), and certifies two answers that Total FETI does not. It takes 6 operator
 applications for 344 on `rough_rod.yaml`.
 
 A body counts as thin there by its area, so that a curved strip does: a strap over a cylinder takes
