@@ -290,7 +290,10 @@ class _Loop(Generic[S]):
         """The reason why the sets do not settle, by their history; None while they may."""
         options, law = self._run.options, self._law
         if law.settles:
-            return _Failure.OTHER if options.jumps(self._on_all_rows) else None
+            sets = self._on_all_rows
+            peels = options.peels(sets) and options.all_peel(sets[-2:])
+            stops = (peels and not options.may_peel) or options.jumps(sets)
+            return _Failure.OTHER if stops else None
         if self.forces_vanish() and not law.may_vanish:
             self._outcome = replace(self._outcome, state=None)  # SMALBE-M begins without forces
             return _Failure.OTHER

@@ -109,6 +109,10 @@ class ActiveSetOptions:
     jumping
         Without friction, number of sets in a row with rows that join, each with at least as many
         changed rows as an earlier one, after which the sets are said not to settle.
+    may_peel
+        Whether sets go on where contact peels off and there are no levels of contact rows. Where a
+        factor is affordable, multigrid has the augmented Lagrangian instead: a plate of 85,536
+        unknowns that first lies flat takes 118 operator applications instead of 458 in 60 sets.
     looks_ahead
         Whether a law may release points before the state of a set shows that they slide
         (`solver.contact.slip_front`), and points with a gap slide in the first set. Where the sets
@@ -140,6 +144,7 @@ class ActiveSetOptions:
     stuck_again: float = 0.1
     sliding: int = 20
     jumping: int = 8
+    may_peel: bool = True
     looks_ahead: bool = True
     returning: float = 0.5
 

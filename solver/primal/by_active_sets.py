@@ -125,7 +125,9 @@ def _solve(
         sets_before_levels=SETS_BEFORE_LEVELS,
     )
     if problem.friction is None:
-        options = replace(options, significant=SIGNIFICANT)
+        affordable = backend.matrices.seconds <= backend.factors.slow_seconds
+        may_peel = backend.matrices.peels or not affordable
+        options = replace(options, significant=SIGNIFICANT, may_peel=may_peel)
     near = restart.x if restart is not None else guess
 
     def save(state: PrimalState, work: Counts) -> None:

@@ -8,11 +8,20 @@ import numpy as np
 import pytest
 from mpi4py import MPI
 
+from contact_app.model.model import build_model
 from solver.contact.active_set_options import ActiveSetOptions
 from solver.contact.bodies import Bodies
 from solver.contact.sizes import force_references
+from solver.contact.solve_on_set import Outcome
+from solver.contact.stopping import StoppingRule
 from solver.driver import solve as solve_problem
+from solver.primal import by_active_sets
+from solver.primal.augmented import AugmentedLagrangian
+from solver.primal.factor import FactorOptions
 from solver.primal.line_search import minimum_along
+from solver.qp.mprgp import MPRGP
+from solver.qp.result import Counts
+from solver.tfeti.methods.task import Task
 from tests import scenes
 from tests.bearings import half_bearing
 from tests.comparison import solve
@@ -80,6 +89,38 @@ def test_rollers_without_load_do_not_keep_a_bearing_from_its_certificate(tmp_pat
     forces = [np.linalg.norm(contact["force"]) for contact in summary["contacts"]]
     assert forces[2] == pytest.approx(forces[3], rel=1e-6)
     assert max(forces[:2] + forces[4:]) <= 1e-6 * forces[2]
+
+
+def test_a_plate_that_peels_off_goes_on_with_the_lagrangian(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """It lies flat on the second set; without levels of rows each set would release a few rows."""
+    made = {
+        "dimension": 3,
+        "bodies": [scenes.box("plate", [50, 20, 2], [25, 10, 2], young=2.1e5)],
+        "conditions": [{"in": "plate", "force": [0, 0, -2e-3]},
+                       {"on": "plate.x-", "displacement": [0, 0, None]},
+                       {"on": "plate.x+", "displacement": [None, None, 0.01]}],
+        "contacts": [{"on": "plate.z-",
+                      "obstacle": {"plane": {"point": [0, 0, 0], "normal": [0, 0, 1]}}}],
+        "solver": {"method": "primal"},
+    }  # fmt: skip
+    problem = build_model(scenes.build(made), MPI.COMM_SELF).problem
+    begun = []
+
+    class Recorded(AugmentedLagrangian):
+        def solve(self, u: np.ndarray, before: Counts) -> Outcome:
+            begun.append(before.hessian)
+            return super().solve(u, before)
+
+    monkeypatch.setattr(by_active_sets, "AugmentedLagrangian", Recorded)
+    task = Task(problem, StoppingRule(1e-8), MPRGP(rtol=1e-10, max_iterations=2000))
+    factors = FactorOptions(small=0.0, thin_seconds=0.0)
+    peeled = by_active_sets.solve_by_multigrid(task, None, None, factors)
+    expected = by_active_sets.solve_by_multigrid(task, None, None)
+    assert peeled.converged
+    assert len(begun) == 1
+    assert peeled.measures.energy == pytest.approx(expected.measures.energy, rel=1e-7)
 
 
 class _Group:
