@@ -69,7 +69,7 @@ class AugmentedOptions:
         Gradient of L, over the load, up to which the first forces are kept; later gradients, over
         that after a change of the forces; and gradient, over the load, that is always small enough.
         Half a bearing of three rollers, of three balls and of four balls (`tests/bearings.py`) had
-        no answer by multigrid if the set had to settle, and takes 143, 73 and 72 operator
+        no answer by multigrid if the set had to settle, and takes 143, 50 and 57 operator
         applications now.
     full
         Largest distance of a step length from one at which the set of the step counts as settled.
