@@ -157,13 +157,12 @@ def _some(matrix: sparse.bsr_matrix, rows: NDArray[np.integer]) -> sparse.bsr_ma
 
 def _stacked(parts: list[sparse.bsr_matrix]) -> sparse.bsr_matrix:
     """Matrices of the same columns, one below the other."""
-    indptr = [np.zeros(1, np.int64)]
-    for part in parts:
-        indptr.append(indptr[-1][-1] + part.indptr[1:])
+    counts = np.concatenate([np.diff(part.indptr) for part in parts])
+    indptr = np.concatenate([[0], np.cumsum(counts)]).astype(np.int64)
     shape = sum(part.shape[0] for part in parts), parts[0].shape[1]
     data, indices = (np.concatenate(arrays) for arrays in (
         [part.data for part in parts], [part.indices for part in parts]))  # fmt: skip
-    return _blocks(data, indices, np.concatenate(indptr), shape, parts[0].blocksize)
+    return _blocks(data, indices, indptr, shape, parts[0].blocksize)
 
 
 def _zeros(shape: tuple[int, int], size: tuple[int, int]) -> sparse.bsr_matrix:

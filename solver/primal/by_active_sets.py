@@ -20,7 +20,7 @@ from solver.primal.augmented import AugmentedLagrangian
 from solver.primal.backend import Multigrid, PrimalState
 from solver.primal.factor import FactorOptions
 from solver.primal.first_set import FirstSet
-from solver.primal.matrices import free_matrices
+from solver.primal.matrices import freed_matrices
 from solver.primal.merged import multiply
 from solver.primal.recovery import recover
 from solver.qp.outer_state import Restart
@@ -79,17 +79,16 @@ def solve_by_multigrid(
     ArithmeticError
         The active sets found no answer.
     """
-    try:
-        if guess is None or restart is not None:
-            return _solve(task, None, restart, factors)
+    with freed_matrices(task.problem.comm):
         try:
-            return _solve(task, guess, None, factors)
-        except ArithmeticError:
-            return _solve(task, None, None, factors)
-    except PETSc.Error as error:  # a factor of a coarse level or of the active rows
-        raise ArithmeticError("a matrix of the multigrid has no factor") from error
-    finally:
-        free_matrices(task.problem.comm)
+            if guess is None or restart is not None:
+                return _solve(task, None, restart, factors)
+            try:
+                return _solve(task, guess, None, factors)
+            except ArithmeticError:
+                return _solve(task, None, None, factors)
+        except PETSc.Error as error:  # a factor of a coarse level or of the active rows
+            raise ArithmeticError("a matrix of the multigrid has no factor") from error
 
 
 def _solve(

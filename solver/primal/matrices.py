@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
 
 from mpi4py import MPI
@@ -18,6 +20,20 @@ def free_matrices(comm: MPI.Intracomm) -> None:
     """Free unused PETSc objects now; petsc4py would free them later (collective)."""
     for owner in (PETSc.COMM_SELF, comm):
         PETSc.garbage_cleanup(owner)
+
+
+@contextmanager
+def freed_matrices(comm: MPI.Intracomm) -> Iterator[None]:
+    """Free unused PETSc objects after a solve that all ranks end, with an answer or without.
+
+    An error of one rank alone must not wait for the others.
+    """
+    try:
+        yield
+    except ArithmeticError:
+        free_matrices(comm)
+        raise
+    free_matrices(comm)
 
 
 @dataclass(frozen=True, eq=False)
