@@ -13,10 +13,9 @@ FETI takes 55 to 282 operator applications there, and more than 800 if contact p
 So the solve begins with Total FETI, with a limit on its iterations (`patience`), and continues with
 multigrid.
 
-Several bodies from mesh files: multigrid takes 0.69 to 1.16 of the seconds of Total FETI at degree
-1 (27,000 to 176,000 unknowns), least where many sets are needed. At degree 2 it takes 1.2 to
-1.5 times as many (flange, hub, ball in grooves, 23,000 to 72,000); they stay with Total FETI. Boxes
-take a fifth to a half by Total FETI, whose subdomains share their factors.
+Several bodies from mesh files: multigrid takes 0.54 to 1.16 of the seconds of Total FETI (27,000 to
+176,000 unknowns, both degrees), least where many sets are needed. Boxes take a fifth to a half by
+Total FETI, whose subdomains share their factors.
 
 Bodies that ties join to one piece behave as one body: a cantilever, two blocks and a bracket, each
 cut in two (17,000 to 227,000 unknowns), take 44 to 55 microseconds of CPU time an unknown by
@@ -24,12 +23,14 @@ multigrid at degree 1 and 33 to 40 at degree 2, and 53 to 59 and 84 to 93 by Tot
 
 With friction (`make_trials.py --friction 0.3`) multigrid takes 0.34 to 1.19 of the CPU seconds of
 Total FETI on one thick body of 10,000 unknowns or more, where Total FETI takes up to 1,413
-applications and left one part uncertified. On two bodies with many rows in contact it takes 1.9
-times as many (hub on a shaft, bolted flange), on thin bodies, whose sets have a factor each, 1.6 to
-7.7 times. One thin body in the plane has an inexpensive factor: on 54 random strips 20 to 300 times
-as long as thick, with both laws and degrees, multigrid takes 0.3 to 1.6 of the CPU seconds of Total
-FETI (once 2.2), and certifies two answers that Total FETI does not. It takes 6 operator
-applications for 344 on `rough_rod.yaml`.
+applications and left one part uncertified. On several bodies from mesh files it takes 0.2 to 1.03
+of the CPU seconds (shaft and hub, bolted flange, pin in a lug, ball in grooves, wrench on a nut,
+tenon, key, dovetail, pipe clamp of three bodies; 10,000 to 101,000 unknowns, both degrees), and 28
+to 87 operator applications in place of 34 to 2,265. On thin bodies, whose sets have a factor each,
+it takes 1.6 to 7.7 times the seconds. One thin body in the plane has an inexpensive factor: on 54
+random strips 20 to 300 times as long as thick, with both laws and degrees, multigrid takes 0.3 to
+1.6 of the CPU seconds of Total FETI (once 2.2), and certifies two answers that Total FETI does not.
+It takes 8 operator applications for 344 on `rough_rod.yaml`.
 
 A body counts as thin there by its area, so that a curved strip does: a strap over a cylinder takes
 44 to 172 operator applications for 1,024 to 1,202.
@@ -39,8 +40,7 @@ tie are ill-conditioned in the dual one. On bimetal strips and rings (2,400 to 3
 degrees, boxes and files) multigrid takes 3 to 29 operator applications in 0.3 to 1.0 of the CPU
 seconds of Total FETI, which takes 106 to 3,418. With contact each takes fewer seconds on some.
 
-Increments of a history share the factors of Total FETI. So all other scenes with friction stay with
-Total FETI.
+Increments of a history share the factors of Total FETI, so that histories stay with it.
 """
 
 from __future__ import annotations
@@ -61,7 +61,8 @@ from solver.primal.thin import THIN
 from solver.tfeti.options import TotalFetiOptions
 
 LEAST_ALONE, LEAST_OF_SEVERAL = 10_000, 40_000
-"""Unknowns of bodies from mesh files, one or several, from which on multigrid is used."""
+"""Unknowns of bodies from mesh files, one or several, from which on multigrid is used; with
+friction the first for several bodies, too."""
 
 COMPRESSIBLE = 0.45
 """Poisson's ratio up to which smoothed aggregation works well."""
@@ -100,11 +101,10 @@ def with_chosen_method(scene: Scene) -> Scene:
     """The scene with `method: primal` if `auto` chooses multigrid.
 
     It does so if all bodies come from mesh files, in space, with enough unknowns for its levels to
-    save time, and if the scene names no other method or decomposition. Several bodies of degree 2
-    stay with Total FETI. One thin body begins with it (`may_peel`). Bodies that ties join to one
-    piece count as one body there. With friction all but one thick
-    body stay with it, and histories; in the plane one thin body does not, nor do thin tied bodies
-    without contact.
+    save time, and if the scene names no other method or decomposition. One thin body begins with
+    Total FETI (`may_peel`). Bodies that ties join to one piece count as one body there. With
+    friction thin bodies and histories stay with it; in the plane one thin body does not, nor do
+    thin tied bodies without contact.
     """
     bodies, alone = scene.bodies, _is_one_piece(scene.bodies, scene.ties)
     if scene.solver.method != "auto" or scene.decomposition.subdomains is not None:
@@ -113,11 +113,10 @@ def with_chosen_method(scene: Scene) -> Scene:
         return replace(scene, solver=replace(scene.solver, method="primal"))
     if _friction_is_faster_decomposed(scene):
         return scene
-    large = scene.unknowns >= (LEAST_ALONE if alone else LEAST_OF_SEVERAL)
+    least = LEAST_ALONE if alone or scene.has_friction else LEAST_OF_SEVERAL
     congruent = any(body.mesh.congruent for body in bodies)
-    pairs_of_degree_2 = not alone and any(body.degree > 1 for body in bodies)
     soft = any(m.poisson > COMPRESSIBLE for body in bodies for m in body.materials)
-    if scene.dimension == 2 or not large or congruent or soft or pairs_of_degree_2:
+    if scene.dimension == 2 or scene.unknowns < least or congruent or soft:
         return scene
     if alone and may_peel(scene):
         return scene
@@ -180,14 +179,13 @@ def why_total_feti(scene: Scene) -> str:
     if any(m.poisson > COMPRESSIBLE for body in bodies for m in body.materials):
         return f"multigrid converges slowly for Poisson's ratios above {COMPRESSIBLE}"
     if _friction_is_faster_decomposed(scene):
-        return "with friction it is faster on several bodies, thin bodies and load histories"
-    return "multigrid does not pay on so few unknowns, nor on several bodies of degree 2"
+        return "with friction it is faster on thin bodies and load histories"
+    return "multigrid does not pay on so few unknowns"
 
 
 def _friction_is_faster_decomposed(scene: Scene) -> bool:
-    """Whether a scene has friction on several bodies, on a thin one or in a load history."""
-    several = len(scene.bodies) > 1
-    return scene.has_friction and (several or bool(scene.steps) or _has_thin_body(scene.bodies))
+    """Whether a scene has friction on a thin body or in a load history."""
+    return scene.has_friction and (bool(scene.steps) or _has_thin_body(scene.bodies))
 
 
 def _is_thin_in_plane(scene: Scene) -> bool:

@@ -127,11 +127,11 @@ def test_small_bodies_of_a_mesh_file_stay_with_total_feti() -> None:
 
 
 @pytest.mark.parametrize("degree", [1, 2])
-def test_one_body_of_a_mesh_file_takes_multigrid_in_both_degrees(degree: int) -> None:
+def test_bodies_of_mesh_files_take_multigrid_in_both_degrees(degree: int) -> None:
     scene = pillow_block(degree)
     assert with_chosen_method(scene).solver.method == "primal"
     pair = with_chosen_method(replace(scene, bodies=scene.bodies * 2))
-    assert pair.solver.method == ("primal" if degree == 1 else "auto")
+    assert pair.solver.method == "primal"
     tied = replace(scene, bodies=scene.bodies * 2, ties=(Tie(0, "a", 1, "b", "contacts[0]"),))
     assert with_chosen_method(tied).solver.method == "primal"
 
@@ -170,7 +170,7 @@ def test_a_bimetal_strip_is_solved_undecomposed_and_agrees_with_total_feti() -> 
 
 
 def test_with_friction_one_thick_body_takes_multigrid() -> None:
-    """Several bodies, thin ones and histories stay with Total FETI."""
+    """Thin bodies and histories stay with Total FETI."""
     config = load(CONFIGS / "pillow_block.yaml", ["contacts.0.friction={coulomb: 0.3}"])
     scene = build_scene(config)
     body = scene.bodies[0]
@@ -181,7 +181,7 @@ def test_with_friction_one_thick_body_takes_multigrid() -> None:
 
     assert with_chosen_method(made()).solver.method == "primal"
     assert with_chosen_method(made(thickness=2.0)).solver.method == "auto"
-    assert with_chosen_method(replace(made(), bodies=made().bodies * 2)).solver.method == "auto"
+    assert with_chosen_method(replace(made(), bodies=made().bodies * 2)).solver.method == "primal"
     history = build_scene(load(CONFIGS / "press_and_push.yaml")).steps
     assert with_chosen_method(replace(made(), steps=history)).solver.method == "auto"
 
@@ -239,6 +239,23 @@ def test_friction_that_converges_slowly_is_left_to_multigrid() -> None:
     assert list(ways_to(scenes.build(made)))[0].patience == PATIENCE_WITH_FRICTION
     made["solver"]["method"] = "primal"
     assert methods(scenes.build(made, 2)) == ["primal", "auto", None]
+
+
+def test_several_bodies_from_mesh_files_with_friction_are_solved_by_multigrid() -> None:
+    """Without friction so few unknowns stay with Total FETI, and histories do."""
+
+    def chosen(*changes: str) -> str:
+        scene = build_scene(load(CONFIGS / "hub_on_shaft.yaml", changes))
+        return with_chosen_method(scene).solver.method
+
+    friction = "contacts.0.friction={coulomb: 0.2}"
+    assert chosen() == "auto"
+    assert chosen(friction) == "primal"
+    pushed = [
+        "conditions=[{on: shaft.end, displacement: [0, 0, 0], name: end}]",
+        "steps=[{end: 1}]",
+    ]
+    assert chosen(friction, *pushed) == "auto"
 
 
 def test_several_bodies_whose_active_sets_do_not_settle_are_left_to_multigrid() -> None:
