@@ -55,12 +55,23 @@ MISFIT = 0.5
 
 @dataclass(frozen=True, eq=False)
 class _Recovered:
-    """An answer, its elastic displacements, the changes that meet its tractions, and σ*."""
+    """An answer, its elastic displacements, the changes that meet its tractions, and σ*.
+
+    Attributes
+    ----------
+    sides
+        σ* at the nodes of each class, by material.
+    """
 
     solution: Solution
     elastic: Sequence[Array]
     changes: Array
-    stresses: list[Array]
+    sides: list[list[Array]]
+
+    @property
+    def by_class(self) -> list[list[Array]]:
+        """σ* at the nodes of each class: one for each material."""
+        return [list(of_class) for of_class in zip(*self.sides, strict=True)]
 
     def is_of(self, other: Solution) -> bool:
         """Whether the recovery belongs to the same multipliers and displacements."""
@@ -99,31 +110,32 @@ class ErrorEstimator:
             return [patches]
         return [Patches.of(self.model, k, patches.surface) for k in range(count)]
 
-    def _recovered(self, solution: Solution) -> list[list[Array]]:
-        """σ* of an answer at nodes of each class, by material."""
-        sides = [self.stresses(solution, patches) for patches in self.of_materials]
-        return [list(of_class) for of_class in zip(*sides, strict=True)]
-
-    def stresses(self, solution: Solution, patches: Patches | None = None) -> list[Array]:
+    def stresses(self, solution: Solution, patches: Patches) -> list[Array]:
         """σ* of an answer at nodes, (nodes, members, components) of each class (collective).
-
-        The data of the last answer are stored.
 
         Parameters
         ----------
         patches
-            Of the model's meshes, other ones than the estimate's.
+            Of the model's meshes: those of a material, or others.
         """
-        last = self._last
-        if last is None or not last.is_of(solution):
+        recovered = self._recovered(solution)
+        for of_material, stresses in zip(self.of_materials, recovered.sides, strict=True):
+            if of_material is patches:
+                return stresses
+        return self._meeting(patches, recovered.changes, recovered.elastic)
+
+    def _recovered(self, solution: Solution) -> _Recovered:
+        """The recovery of an answer in the cells of each material; the last one is stored."""
+        if self._last is None or not self._last.is_of(solution):
             touching = touching_nodes(self.model, solution)
             elastic = self.model.elastic(solution.displacements)
             changes = self.recovery.patches.surface.changes(self.model, touching)
-            recovered = self.recovery.meeting(changes, elastic)
-            self._last = last = _Recovered(solution, elastic, changes, recovered)
-        if patches is None or patches is self.recovery.patches:
-            return last.stresses
-        return StressRecovery(self.model, patches).meeting(last.changes, last.elastic)
+            sides = [self._meeting(patches, changes, elastic) for patches in self.of_materials]
+            self._last = _Recovered(solution, elastic, changes, sides)
+        return self._last
+
+    def _meeting(self, patches: Patches, changes: Array, elastic: Sequence[Array]) -> list[Array]:
+        return StressRecovery(self.model, patches).meeting(changes, elastic)
 
     def accuracy(self, solution: Solution) -> Accuracy:
         """The errors of an answer."""
@@ -134,7 +146,7 @@ class ErrorEstimator:
         bodies = self.model.problem.bodies
         sums = np.zeros((2, bodies.count))
         parts = (self.model.elastic(v) for v in (solution.displacements, bodies.members))
-        recovered = self._recovered(solution)
+        recovered = self._recovered(solution).by_class
         for number, (u, body) in enumerate(zip(*parts, strict=True)):
             for _, part, error, stress in self._distances(number, u, recovered[number]):
                 each = (
@@ -148,7 +160,7 @@ class ErrorEstimator:
     def cell_squares(self, solution: Solution) -> list[Array]:
         """η² by cell, (cells, members) of each class (collective)."""
         result = []
-        recovered = self._recovered(solution)
+        recovered = self._recovered(solution).by_class
         for number, u in enumerate(self.model.elastic(solution.displacements)):
             squares = np.empty((len(self.recovery.cells[number].nodes), u.shape[1]))
             for rows, part, error, _ in self._distances(number, u, recovered[number]):

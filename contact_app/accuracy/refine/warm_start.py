@@ -61,7 +61,7 @@ class LastLevel:
         """The tractions of an answer."""
         model = solved.model
         parts = (
-            solved.estimator.stresses(solved.solution),
+            solved.estimator.stresses(solved.solution, solved.estimator.recovery.patches),
             _friction(solved),
             _reactions(solved),
             _pressures(solved),
