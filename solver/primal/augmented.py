@@ -39,7 +39,7 @@ from solver.errors import QPError
 from solver.primal.backend import Multigrid, PrimalSet, PrimalState
 from solver.primal.factor import row_stiffness
 from solver.primal.line_search import minimum_along
-from solver.primal.merged import multiply, multiply_transposed
+from solver.primal.products import multiply, multiply_transposed
 from solver.primal.projector import Projector
 from solver.qp.mprgp import MPRGP
 from solver.qp.result import Counts, Monitor, Reason

@@ -25,7 +25,8 @@ from solver.primal.first_set import FirstSet, find_first_set
 from solver.primal.held_energy import HeldEnergy
 from solver.primal.lanczos import Lanczos
 from solver.primal.matrices import Matrices, free_matrices
-from solver.primal.merged import MergedSystem, bodies_alone, multiply, multiply_transposed
+from solver.primal.merged import MergedSystem, bodies_alone
+from solver.primal.products import multiply, multiply_transposed
 from solver.primal.projector import REDUNDANT, Projector
 from solver.primal.rigid_space import RigidSpace
 from solver.primal.springs import Springs

@@ -21,7 +21,7 @@ from solver.primal.backend import Multigrid, PrimalState
 from solver.primal.factor import FactorOptions
 from solver.primal.first_set import FirstSet
 from solver.primal.matrices import freed_matrices
-from solver.primal.merged import multiply
+from solver.primal.products import multiply
 from solver.primal.recovery import recover
 from solver.qp.outer_state import Restart
 from solver.qp.result import Counts, Reason

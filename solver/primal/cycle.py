@@ -29,8 +29,9 @@ from scipy import sparse
 from solver.primal.blocks import in_blocks
 from solver.primal.factor import row_stiffness
 from solver.primal.hierarchy import Hierarchy, MultigridOptions
-from solver.primal.merged import MergedSystem, multiply, multiply_transposed
+from solver.primal.merged import MergedSystem
 from solver.primal.petsc_options import lent_options
+from solver.primal.products import multiply, multiply_transposed
 from solver.primal.projector import Projector
 from solver.primal.smoother import Smoother
 from solver.tfeti.constraints.matrix import local_rows, petsc_rows, scale_rows

@@ -22,7 +22,8 @@ from scipy.sparse.csgraph import reverse_cuthill_mckee
 
 from solver.primal.block_rows import BlockRows
 from solver.primal.cholesky import factored
-from solver.primal.merged import MergedSystem, multiply, multiply_transposed
+from solver.primal.merged import MergedSystem
+from solver.primal.products import multiply, multiply_transposed
 from solver.primal.projector import Projector
 from solver.primal.thin import THIN
 from solver.tfeti.constraints.matrix import lent, local_rows

@@ -28,7 +28,8 @@ from solver.primal.factor import (
 )
 from solver.primal.friction_springs import FrictionSprings
 from solver.primal.hierarchy import Hierarchy
-from solver.primal.merged import MergedSystem, multiply, multiply_transposed
+from solver.primal.merged import MergedSystem
+from solver.primal.products import multiply, multiply_transposed
 from solver.primal.rigid_bodies import with_motions
 from solver.primal.spring_levels import (
     CycleLevel,

@@ -18,7 +18,8 @@ from solver.primal.aggregation import coarsened
 from solver.primal.block_rows import BlockRows
 from solver.primal.blocks import in_blocks, keep_in_blocks
 from solver.primal.lanczos import largest_eigenvalue
-from solver.primal.merged import MergedSystem, with_diagonal
+from solver.primal.merged import MergedSystem
+from solver.primal.products import with_diagonal
 from solver.primal.vertices import vertex_level
 from solver.tfeti.constraints.matrix import lent
 

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from petsc4py import PETSc
 from scipy.linalg import eigvalsh_tridiagonal
 
-from solver.primal.merged import multiply
+from solver.primal.products import multiply
 
 STEPS = 10
 """Steps of Lanczos' iteration for the largest eigenvalue, as many as PETSc takes."""

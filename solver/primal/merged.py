@@ -23,13 +23,13 @@ from scipy import sparse
 
 from solver.backend import Turn
 from solver.contact.row_kinds import RowKind
-from solver.primal.blocks import made_once
 from solver.primal.merged_nodes import MergedNodes
+from solver.primal.products import chosen_rows, multiply_transposed, set_diagonal
 from solver.tfeti.constraints.matrix import lent, local_rows, petsc_rows
 from solver.tfeti.decomposed import DecomposedProblem
 from solver.tfeti.dual_operator import interface_slices
 from solver.tfeti.subdomain.kernels import rigid_motions
-from solver.vectors import largest_magnitude, on_arrays
+from solver.vectors import largest_magnitude
 
 Array = NDArray[np.float64]
 
@@ -196,49 +196,6 @@ class MergedSystem:
         return [np.asfortranarray(here[self.nodes.unknowns(at, d)].T) for at in self.nodes.copies]
 
 
-def multiply(matrix: PETSc.Mat, x: Array) -> Array:
-    """A product on local parts (collective)."""
-    out = np.empty(matrix.getLocalSize()[0])
-    right, left = vectors_of(matrix)
-    on_arrays(matrix.mult, right, np.ascontiguousarray(x), left, out)
-    return out
-
-
-def multiply_transposed(matrix: PETSc.Mat, x: Array) -> Array:
-    """A product with the transpose (collective)."""
-    out = np.empty(matrix.getLocalSize()[1])
-    right, left = vectors_of(matrix)
-    on_arrays(matrix.multTranspose, left, np.ascontiguousarray(x), right, out)
-    return out
-
-
-def vectors_of(matrix: PETSc.Mat) -> tuple[PETSc.Vec, PETSc.Vec]:
-    """Vectors of the size of a matrix's columns and rows; only their shapes are used.
-
-    They are made once: to make one is collective.
-    """
-    vectors: tuple[PETSc.Vec, PETSc.Vec] = made_once(matrix, "vectors", matrix.createVecs)
-    return vectors
-
-
-def chosen_rows(matrix: PETSc.Mat, rows: NDArray[np.int64]) -> PETSc.Mat:
-    """Some of this rank's rows, all columns (collective)."""
-    first = matrix.getOwnershipRange()[0]
-    chosen = PETSc.IS().createGeneral((first + rows).astype(PETSc.IntType), comm=matrix.comm)
-    begin, end = matrix.getOwnershipRangeColumn()
-    columns = PETSc.IS().createStride(end - begin, begin, 1, comm=matrix.comm)
-    return matrix.createSubMatrix(chosen, columns)
-
-
-def chosen_columns(matrix: PETSc.Mat, columns: NDArray[np.int64]) -> PETSc.Mat:
-    """Some of this rank's columns, all rows (collective)."""
-    first = matrix.getOwnershipRangeColumn()[0]
-    chosen = PETSc.IS().createGeneral((first + columns).astype(PETSc.IntType), comm=matrix.comm)
-    begin, end = matrix.getOwnershipRange()
-    rows = PETSc.IS().createStride(end - begin, begin, 1, comm=matrix.comm)
-    return matrix.createSubMatrix(rows, chosen)
-
-
 def merge(problem: DecomposedProblem) -> MergedSystem:
     """Put the subdomains of an unfactored problem together (collective)."""
     comm, d = problem.comm, problem.dimension
@@ -255,7 +212,7 @@ def merge(problem: DecomposedProblem) -> MergedSystem:
     stiffless = problem.bodies.rigid[body] & ~held
     support = chosen_rows(K, np.flatnonzero(held))
     _eliminate(comm, K, held | stiffless)
-    _set_diagonal(K, stiffless, 0.0)
+    set_diagonal(K, stiffless, 0.0)
     K.setOption(PETSc.Mat.Option.SPD, True)
     kinds = problem.kinds
     bound = RowKind.GLUING, RowKind.DIRICHLET
@@ -460,24 +417,6 @@ def _rigid(problem: DecomposedProblem, nodes: MergedNodes) -> Array:
         unknowns = np.flatnonzero(np.repeat(of == body, d))
         motions[unknowns] = np.eye(len(unknowns), motions.shape[1])
     return motions
-
-
-def _set_diagonal(K: PETSc.Mat, where: NDArray[np.bool_], value: float) -> None:
-    """Give entries of the diagonal a value (collective)."""
-    if not K.comm.tompi4py().allreduce(int(where.any())):
-        return
-    diagonal = K.getDiagonal()
-    diagonal.getArray()[where] = value
-    K.setDiagonal(diagonal)
-
-
-def with_diagonal(K: PETSc.Mat, where: NDArray[np.bool_], value: float) -> PETSc.Mat:
-    """The matrix with another value in some diagonal entries; itself without any (collective)."""
-    if not K.comm.tompi4py().allreduce(int(where.any())):
-        return K
-    result = K.copy()
-    _set_diagonal(result, where, value)
-    return result
 
 
 def _eliminate(comm: MPI.Intracomm, K: PETSc.Mat, held: NDArray[np.bool_]) -> None:

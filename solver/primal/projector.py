@@ -18,7 +18,8 @@ from numpy.typing import NDArray
 from petsc4py import PETSc
 
 from solver.primal.cholesky import SmallInverse
-from solver.primal.merged import MergedSystem, chosen_rows, multiply, multiply_transposed
+from solver.primal.merged import MergedSystem
+from solver.primal.products import chosen_rows, multiply, multiply_transposed
 from solver.primal.rigid_bodies import RowsOfMotions
 from solver.tfeti.constraints.matrix import lent
 

@@ -22,7 +22,8 @@ from scipy import sparse
 
 from solver.primal.blocks import in_blocks
 from solver.primal.factor import squared_rows
-from solver.primal.merged import MergedSystem, chosen_columns, multiply, multiply_transposed
+from solver.primal.merged import MergedSystem
+from solver.primal.products import chosen_columns, multiply, multiply_transposed
 from solver.primal.projector import Projector
 from solver.primal.springs import Springs
 

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from petsc4py import PETSc
 
 from solver.primal.lanczos import largest_eigenvalue
-from solver.primal.merged import multiply
+from solver.primal.products import multiply
 from solver.primal.projector import Projector
 
 Array = NDArray[np.float64]

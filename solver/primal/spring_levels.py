@@ -31,7 +31,7 @@ from solver.primal.factor import spring_matrix, with_matrix, with_springs
 from solver.primal.friction_springs import FrictionSprings
 from solver.primal.hierarchy import Hierarchy
 from solver.primal.line_search import minimum_along
-from solver.primal.merged import multiply, multiply_transposed
+from solver.primal.products import multiply, multiply_transposed
 from solver.tfeti.constraints.matrix import lent, local_rows
 
 Array = NDArray[np.float64]

@@ -17,7 +17,8 @@ from numpy.typing import NDArray
 
 from solver.backend import Statuses
 from solver.primal.factor import row_stiffness
-from solver.primal.merged import MergedSystem, chosen_rows, multiply, multiply_transposed
+from solver.primal.merged import MergedSystem
+from solver.primal.products import chosen_rows, multiply, multiply_transposed
 from solver.primal.projector import Projector
 
 Array = NDArray[np.float64]

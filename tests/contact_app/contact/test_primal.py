@@ -28,7 +28,8 @@ from solver.primal.factor import FactorOptions, squared
 from solver.primal.first_set import find_first_set
 from solver.primal.hierarchy import build_hierarchy
 from solver.primal.lanczos import largest_eigenvalue
-from solver.primal.merged import merge, multiply, vectors_of
+from solver.primal.merged import merge
+from solver.primal.products import multiply, vectors_of
 from solver.primal.projector import Projector
 from solver.primal.vertices import vertex_level
 from solver.qp.mprgp import MPRGP

@@ -19,7 +19,8 @@ from solver.primal.by_active_sets import solve_by_multigrid
 from solver.primal.factor import FactorOptions
 from solver.primal.first_set import find_first_set
 from solver.primal.hierarchy import build_hierarchy
-from solver.primal.merged import merge, multiply
+from solver.primal.merged import merge
+from solver.primal.products import multiply
 from solver.qp.mprgp import MPRGP
 from solver.tfeti.methods.task import Task
 from tests import friction_reference, scenes

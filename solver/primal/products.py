@@ -1,0 +1,73 @@
+"""Products of distributed PETSc matrices with local parts of vectors, and parts of matrices."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+from petsc4py import PETSc
+
+from solver.primal.blocks import made_once
+from solver.vectors import on_arrays
+
+Array = NDArray[np.float64]
+
+
+def multiply(matrix: PETSc.Mat, x: Array) -> Array:
+    """A product on local parts (collective)."""
+    out = np.empty(matrix.getLocalSize()[0])
+    right, left = vectors_of(matrix)
+    on_arrays(matrix.mult, right, np.ascontiguousarray(x), left, out)
+    return out
+
+
+def multiply_transposed(matrix: PETSc.Mat, x: Array) -> Array:
+    """A product with the transpose (collective)."""
+    out = np.empty(matrix.getLocalSize()[1])
+    right, left = vectors_of(matrix)
+    on_arrays(matrix.multTranspose, left, np.ascontiguousarray(x), right, out)
+    return out
+
+
+def vectors_of(matrix: PETSc.Mat) -> tuple[PETSc.Vec, PETSc.Vec]:
+    """Vectors of the size of a matrix's columns and rows; only their shapes are used.
+
+    They are made once: to make one is collective.
+    """
+    vectors: tuple[PETSc.Vec, PETSc.Vec] = made_once(matrix, "vectors", matrix.createVecs)
+    return vectors
+
+
+def chosen_rows(matrix: PETSc.Mat, rows: NDArray[np.int64]) -> PETSc.Mat:
+    """Some of this rank's rows, all columns (collective)."""
+    first = matrix.getOwnershipRange()[0]
+    chosen = PETSc.IS().createGeneral((first + rows).astype(PETSc.IntType), comm=matrix.comm)
+    begin, end = matrix.getOwnershipRangeColumn()
+    columns = PETSc.IS().createStride(end - begin, begin, 1, comm=matrix.comm)
+    return matrix.createSubMatrix(chosen, columns)
+
+
+def chosen_columns(matrix: PETSc.Mat, columns: NDArray[np.int64]) -> PETSc.Mat:
+    """Some of this rank's columns, all rows (collective)."""
+    first = matrix.getOwnershipRangeColumn()[0]
+    chosen = PETSc.IS().createGeneral((first + columns).astype(PETSc.IntType), comm=matrix.comm)
+    begin, end = matrix.getOwnershipRange()
+    rows = PETSc.IS().createStride(end - begin, begin, 1, comm=matrix.comm)
+    return matrix.createSubMatrix(rows, chosen)
+
+
+def set_diagonal(K: PETSc.Mat, where: NDArray[np.bool_], value: float) -> None:
+    """Give entries of the diagonal a value (collective)."""
+    if not K.comm.tompi4py().allreduce(int(where.any())):
+        return
+    diagonal = K.getDiagonal()
+    diagonal.getArray()[where] = value
+    K.setDiagonal(diagonal)
+
+
+def with_diagonal(K: PETSc.Mat, where: NDArray[np.bool_], value: float) -> PETSc.Mat:
+    """The matrix with another value in some diagonal entries; itself without any (collective)."""
+    if not K.comm.tompi4py().allreduce(int(where.any())):
+        return K
+    result = K.copy()
+    set_diagonal(result, where, value)
+    return result
