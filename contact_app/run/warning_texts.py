@@ -9,7 +9,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from contact_app.accuracy.faceted_curves import compared
+from contact_app.accuracy.faceted_curves import FITTED, FITTED_SMOOTH, compared
 
 SMALL_STRAIN, SMALL_ROTATION = 0.05, 0.1
 """Strain, and rotation in radians, above which a warning follows: they are not small."""
@@ -176,7 +176,7 @@ def flat_facets(names: str, sagitta: float, moved: float, gap: float, is_round: 
         Whether the gap is that of smooth surfaces through the nodes.
     """
     distance = SMOOTH_SURFACE * sagitta if is_round else sagitta
-    share = compared(distance, moved, gap)
+    share = compared(distance, moved, gap, FITTED_SMOOTH if is_round else FITTED)
     if not share:
         return ""
     second = "degree: 2 and a mesh file of second order (in Gmsh: Mesh.ElementOrder = 2)"

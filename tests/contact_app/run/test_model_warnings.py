@@ -8,6 +8,7 @@ from typing import Any
 import pytest
 
 from contact_app.run.solve import solve_scene
+from contact_app.run.warning_texts import flat_facets
 from contact_app.scene.build import build_scene
 from contact_app.scene.configuration import load
 from tests import rings, scenes
@@ -98,6 +99,18 @@ def test_a_constant_pressure_on_a_narrow_face_causes_no_warning() -> None:
     config = Path(__file__).parents[3] / "configs" / "confined_column.yaml"
     found = solve_scene(build_scene(load(config))).summary
     assert "facets" not in " ".join(found["certificate"]["warnings"])
+
+
+@pytest.mark.parametrize(
+    ("gap", "moved", "warned"),
+    [(1e-5, 0.05, False), (1e-3, 0.05, True), (1e-2, 0.05, False), (1e-5, 2e-3, True)],
+)
+def test_smooth_surfaces_cause_a_warning_if_a_gap_larger_than_their_error_depends_on_them(
+    gap: float, moved: float, warned: bool
+) -> None:
+    """Flat facets 0.016 beside the curve: a cone in its seat, two plays, and a small load."""
+    text = flat_facets("plug and seat", 0.016, moved, gap, is_round=True)
+    assert bool(text) == warned
 
 
 def test_few_facets_across_a_long_contact_cause_a_warning() -> None:
