@@ -139,6 +139,10 @@ class SetState(Protocol):
     """The approximate answer on a set; arrays are (rows,), local parts."""
 
     @property
+    def active(self) -> Mask:
+        """Rows that hold with equality."""
+
+    @property
     def multiplier(self) -> Array:
         """λ."""
 

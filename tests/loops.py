@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from solver import MPRGP
-from solver.contact.active_set import active_set_loop
+from solver.contact.active_set import ActiveSetMethod
+from solver.contact.retries import solve_with_retries
 from solver.contact.solve_on_set import Outcome, StoppingTest
 from solver.tfeti.active_set_problem import State
 from solver.tfeti.backend import TotalFeti
@@ -18,5 +19,5 @@ def loop(backend: TotalFeti, violation: float = 1e-8, steps: int = 10_000) -> Ou
         return state.worst(problem) / violation
 
     test = StoppingTest(required, lambda state: required(state) <= 1.0)
-    start = initial_active_set(problem, None)
-    return active_set_loop(backend, start, test, MPRGP(max_iterations=steps))
+    method = ActiveSetMethod(backend, test, MPRGP(max_iterations=steps))
+    return solve_with_retries(method, initial_active_set(problem, None))

@@ -5,10 +5,10 @@ prescribed; a backend (`solver.backend`) solves this problem. The solution of th
 is the solution of the contact problem. `active_set_loop` looks for this set (Hintermüller, Ito,
 Kunisch, *The primal-dual active set strategy as a semismooth Newton method*, 2002).
 
-`_Run.sets` is the loop. `solve_on_set` solves on a set only as accurately as the next decision
-needs, and evaluates its KKT residuals. By `ActiveSetUpdate`, rows whose tensile multiplier exceeds
-the error leave the set, and rows that are penetrated by more than the error join it. Where the sets
-do not settle, `active_set_loop` begins anew with other rules, and at last leaves the problem to
+`solve_on_set` solves on a set only as accurately as the next decision needs, and evaluates its KKT
+residuals. By `ActiveSetUpdate`, rows whose tensile multiplier exceeds the error leave the set, and
+rows that are penetrated by more than the error join it. Where the sets do not settle,
+`solver.contact.retries` begins the loop anew with other rules, and the caller at last goes on with
 SMALBE-M.
 """
 
@@ -16,7 +16,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
 from enum import Enum
-from typing import Generic
+from typing import Any, Generic
 
 import numpy as np
 from mpi4py import MPI
@@ -30,7 +30,8 @@ from solver.contact.active_set_update import (
     SetRules,
     changed_rows,
 )
-from solver.contact.law import ContactLaw, Frictionless, StateData
+from solver.contact.law import ContactLaw, Frictionless
+from solver.contact.loop_state import LoopState
 from solver.contact.monitoring import on_active_set
 from solver.contact.solve_on_set import Outcome, StateSaver, StoppingTest, solve_on_set
 from solver.errors import QPError
@@ -64,283 +65,237 @@ class Start:
     statuses: Statuses | None = None
 
 
-def active_set_loop(
-    backend: Backend[S],
-    start: Start,
-    test: StoppingTest[S],
-    inner: MPRGP,
-    monitor: Monitor | None = None,
-    saver: StateSaver[S] | None = None,
-    options: ActiveSetOptions | None = None,
-    law: ContactLaw | None = None,
-) -> Outcome[S]:
-    """Solve on active sets, one after another, until an answer is accepted (collective).
-
-    Parameters
-    ----------
-    inner
-        Limits the iterations of all sets together.
-
-    Returns
-    -------
-    The last outcome, with the work of all sets; its reason is None where the sets do not settle.
-    The caller may then go on with SMALBE-M, whose convergence is proved.
-    """
-    options, law = options or ActiveSetOptions(), law or Frictionless()
-    run = _Run(backend, test, inner, monitor, saver, options)
-    outcome, failure = run.sets(start, law)
-    if failure is _Failure.UNSETTLED:
-        outcome, statuses = run.after(outcome).contact_without_friction(start, law)
-        patient = replace(run, options=replace(options, settling=0))
-        outcome, failure = patient.after(outcome).sets(replace(start, statuses=statuses), law)
-    guessed = start.statuses is not None and outcome.reason in (None, Reason.SLIDES)
-    if failure is _Failure.AHEAD or guessed:  # sets may settle if no point is released too early
-        backend.forget()
-        patient = replace(run, options=replace(options, looks_ahead=False, settling=0))
-        outcome, _ = patient.after(outcome).sets(replace(start, statuses=None), law)
-    return outcome
-
-
-class _Failure(Enum):
-    """Why sets did not settle."""
-
-    AHEAD = "points were released ahead of a state"
-    UNSETTLED = "with friction each set has other contact"
-    OTHER = "other reasons"
-
-
 @dataclass(frozen=True, eq=False)
-class _Run(Generic[S]):
-    """One run of sets, after the work of earlier runs.
+class ActiveSetMethod(Generic[S]):
+    """The method of active sets for one problem.
 
     Attributes
     ----------
-    backend, test, inner, monitor, saver, options
-        Arguments of `active_set_loop`.
+    backend
+        Solves on a set.
+    test
+        Accepts or rejects the answer of a set.
+    inner
+        MPRGP; it limits the iterations of all sets together.
+    monitor
+        Called with each iteration.
+    saver
+        Saves states for a checkpoint.
     work_before
-        Work of earlier runs.
+        Work before the first set.
     """
 
     backend: Backend[S]
     test: StoppingTest[S]
     inner: MPRGP
-    monitor: Monitor | None
-    saver: StateSaver[S] | None
-    options: ActiveSetOptions
+    monitor: Monitor | None = None
+    saver: StateSaver[S] | None = None
+    options: ActiveSetOptions = ActiveSetOptions()
+    law: ContactLaw = Frictionless()
     work_before: Counts = field(default_factory=Counts)
 
-    def after(self, outcome: Outcome[S]) -> _Run[S]:
-        """The run after another one."""
+    def after(self, outcome: Outcome[S]) -> ActiveSetMethod[S]:
+        """The same method after an outcome, whose work counts."""
         return replace(self, work_before=outcome.counts)
 
-    def contact_without_friction(
-        self, start: Start, law: ContactLaw
-    ) -> tuple[Outcome[S], Statuses | None]:
-        """Active set without friction, and the statuses of the law at its state (collective).
-
-        None where bodies are held by friction alone.
-        """
-        settled = StoppingTest[S](lambda state: 1.0, lambda state: True)
-        outcome, _ = replace(self, test=settled).sets(start, Frictionless())
-        state, before = outcome.state, outcome.following
-        if outcome.reason is not Reason.ACCEPTED or state is None:
-            return outcome, None
-        error = self.options.significant * self.options.first_reduction
-        data = StateData.of(self.backend.comm, state, before.active, error)
-        return outcome, law.following(before.active, data, before, False)[0]
-
-    def sets(self, start: Start, law: ContactLaw) -> tuple[Outcome[S], _Failure]:
-        """Solve on sets until they settle or fail (collective).
-
-        Returns
-        -------
-        The last outcome with the work of all runs, and the reason if the sets failed.
-        """
-        loop = _Loop(self, start, law)  # with the initial active set
-        for number in range(self.options.most_sets):
-            if not loop.solve_and_evaluate(number):
-                break
-            failure = loop.failure()
-            if failure is not None:
-                return loop.result(), failure
-            loop.update()
-            if loop.lifts_off():
-                loop.keep(self.backend.estimated_contact())
-            if loop.forces_vanish():
-                loop.open_all()
-        return loop.result(), _Failure.AHEAD if loop.failed_ahead() else _Failure.OTHER
-
-    def solve(
-        self,
-        number: int,
-        statuses: Statuses,
-        multiplier: NDArray[np.float64] | None,
-        rules: SetRules[S],
-        before: Counts,
-    ) -> Outcome[S] | None:
-        """Solve on one set, after the work of earlier sets (collective).
-
-        Returns
-        -------
-        The outcome with the work on this set; without a state where the active rows hold a body so
-        badly that rounding errors let it go. None where they do not hold some body at all.
-        """
-        try:
-            on_set, saver = self.backend.on_set(statuses, multiplier), self.saver
-        except ArithmeticError:
-            return None
-        inner = replace(self.inner, max_iterations=self.inner.max_iterations - before.inner)
-        watch = replace(saver, before=saver.before + before).watch(on_set) if saver else None
-        active = self.backend.comm.allreduce(int(statuses.active.sum()))
-        monitor = on_active_set(self.monitor, number + 1, active, before.inner)
-        try:
-            return solve_on_set(
-                on_set, rules.update, self.test, inner, monitor, watch, rules.reduction
-            )
-        except QPError:
-            return Outcome(None, None, statuses, on_set.counts)
+    def with_options(self, **options: Any) -> ActiveSetMethod[S]:
+        """The same method with other options."""
+        return replace(self, options=replace(self.options, **options))
 
 
-class _Loop(Generic[S]):
-    """The sets of one run: the next set, and the history of those before it.
+class Failure(Enum):
+    """Why sets did not settle."""
 
-    `_Run.sets` calls its methods, one for each step from a set to the next.
+    AHEAD = "points were released ahead of a state"
+    UNSETTLED = "with friction each set has other contact"
+    VANISHED = "forces that only cause each other fell to zero"
+    OTHER = "other reasons"
+
+
+def active_set_loop(method: ActiveSetMethod[S], start: Start) -> tuple[Outcome[S], Failure | None]:
+    """Solve on active sets, one after another, until an answer is accepted (collective).
+
+    Returns
+    -------
+    The last outcome with the work of all sets, and the reason if the sets did not settle. The
+    caller may then go on with SMALBE-M, whose convergence is proved.
     """
+    loop = _initial_active_set(method, start)
+    for _ in range(method.options.most_sets):
+        loop = _with_rules(method, loop)
+        loop, solved = _solve_and_evaluate_kkt(method, loop)
+        if solved is None or solved.released is None:  # a body is not held, or no row changes
+            return loop.result, _failure_at_end(method, start, loop)
+        loop = _with_changes(method, loop, solved)
+        failure = _failure(method, start, loop)
+        if failure is not None:
+            return loop.result, failure
+        loop = _update_set(method, start, loop, solved)
+    return loop.result, _failure_at_end(method, start, loop)
 
-    def __init__(self, run: _Run[S], start: Start, law: ContactLaw) -> None:
-        self._run, self._start, self._law = run, start, law
-        backend, options, ahead = run.backend, run.options, run.options.looks_ahead
-        update = ActiveSetUpdate(backend, backend.hierarchy(coarsened=False), law, options, ahead)
-        coarsened = start.multiplier is not None or not law.settles
-        self._rules = SetRules(update, options.first_reduction, coarsened)
-        self._multiplier = start.multiplier
-        self._statuses = start.statuses or law.initial(start.active, start.multiplier, ahead)
-        self._outcome: Outcome[S] = Outcome(None, None, self._statuses, run.work_before)
-        self._counts, self._unheld = run.work_before, 0
-        self._turnovers, self._on_all_rows = list[Turnover](), list[Turnover]()
-        self._sliding, self._stuck_again, self._yielded, self._sticks = 0, 0, 0, False
-        self._strained, self._early = list[float](), EarlyReleases.none(start.active)
 
-    def result(self) -> Outcome[S]:
-        """The outcome of the last set, with the work of all."""
-        return replace(self._outcome, counts=self._counts)
+def _initial_active_set(method: ActiveSetMethod[S], start: Start) -> LoopState[S]:
+    """The state before the first set."""
+    backend, options, law = method.backend, method.options, method.law
+    levels = backend.hierarchy(coarsened=False)
+    update = ActiveSetUpdate(backend, levels, law, options, options.looks_ahead)
+    coarsened = start.multiplier is not None or not law.settles
+    statuses = start.statuses or law.initial(start.active, start.multiplier, options.looks_ahead)
+    return LoopState(
+        SetRules(update, options.first_reduction, coarsened),
+        statuses,
+        start.multiplier,
+        Outcome(None, None, statuses, method.work_before),
+        method.work_before,
+        EarlyReleases.none(start.active),
+    )
 
-    def solve_and_evaluate(self, number: int) -> bool:
-        """Solve on the next set and evaluate its KKT residuals (collective).
 
-        If a set leaves a body unheld, sliding points yield like springs; after many such sets
-        friction is said not to hold the body. They also yield where all points slide and many of
-        them stuck again after two such sets: friction of given size and direction moves the bodies
-        too far then.
+def _with_rules(method: ActiveSetMethod[S], loop: LoopState[S]) -> LoopState[S]:
+    """The state with the rules of its set, and statuses that follow from these (collective).
 
-        Returns
-        -------
-        Whether the residuals ask for another set.
-        """
-        run, law, state = self._run, self._law, self._outcome.state
-        self._rules, self._statuses = self._rules.for_set(number, self._statuses, self._turnovers)
-        if not law.settles and state is not None and self._sticks_after_sliding():
-            self._statuses = law.yielding(self._statuses, state.jumps)
-        solved = self._solved(number)
-        self._unheld = self._unheld + 1 if solved is None else 0
-        if self._unheld and state is not None and not law.settles:
-            if self._unheld == run.options.sliding:
-                self._outcome = replace(self._outcome, reason=Reason.SLIDES)
-                return False
-            self._statuses = law.yielding(self._statuses, state.jumps)
-            solved = self._solved(number)
-        if solved is None:
-            return False
-        self._outcome, self._counts = solved, self._counts + solved.counts
-        run.backend.release()
-        if solved.reason is not None or solved.state is None or solved.released is None:
-            return False
-        self._turnovers.append(_turnover(run.backend, self._statuses, solved.following))
-        if self._rules.update.hierarchy.finest:
-            self._on_all_rows.append(self._turnovers[-1])
-        self._strained.append(solved.state.strained)
-        self._early = self._early.after(solved.following.active, solved.released)
-        return True
+    Sliding points yield where all points slide and many stuck again after two such sets.
+    """
+    rules, statuses = loop.rules.for_set(loop.number, loop.statuses, loop.turnovers)
+    loop = replace(loop, rules=rules, statuses=statuses)
+    law, backend, state = method.law, method.backend, loop.outcome.state
+    if law.settles or state is None:
+        return loop
+    tangential, share = ~backend.contact_rows, method.options.stuck_again
+    loop = replace(loop, sliding=loop.sliding.after(backend.comm, statuses, tangential, share))
+    if not loop.sliding.yielded:
+        return loop
+    return replace(loop, statuses=law.yielding(statuses, state.jumps))
 
-    def _sticks_after_sliding(self) -> bool:
-        """Whether all points slide, and many stuck after two such sets before (collective).
 
-        Then also after the next such sets, if any point stuck after the last one; and points yield
-        for more sets each time.
-        """
-        backend, statuses, options = self._run.backend, self._statuses, self._run.options
-        tangential = ~backend.contact_rows
-        tractions = np.zeros(0) if statuses.tractions is None else statuses.tractions[tangential]
-        local = [int((statuses.holding & tangential).sum()), np.count_nonzero(tractions)]
-        sticking_rows, sliding_rows = backend.comm.allreduce(np.array(local))
-        if self._sliding:
-            again = self._stuck_again >= 2
-            self._sticks = sticking_rows >= (1 if again else options.stuck_again * self._sliding)
-            self._stuck_again += int(self._sticks)
-        self._sliding = 0 if sticking_rows else int(sliding_rows)
-        goes_on = self._sticks or 0 < self._yielded < self._stuck_again
-        yields = bool(self._sliding) and self._stuck_again >= 2 and goes_on
-        self._yielded = self._yielded + 1 if yields else 0
-        return yields
+def _solve_and_evaluate_kkt(
+    method: ActiveSetMethod[S], loop: LoopState[S]
+) -> tuple[LoopState[S], Outcome[S] | None]:
+    """Solve on the set until its KKT residuals decide on the next one (collective).
 
-    def _solved(self, number: int) -> Outcome[S] | None:
-        return self._run.solve(number, self._statuses, self._multiplier, self._rules, self._counts)
+    If the set leaves a body unheld, sliding points yield like springs; after many such sets
+    friction is said not to hold the body.
 
-    def failure(self) -> _Failure | None:
-        """The reason why the sets do not settle, by their history; None while they may."""
-        options, law = self._run.options, self._law
-        if law.settles:
-            sets = self._on_all_rows
-            peels = options.peels(sets) and options.all_peel(sets[-2:])
-            stops = (peels and not options.may_peel) or options.jumps(sets)
-            return _Failure.OTHER if stops else None
-        if self.forces_vanish() and not law.may_vanish:
-            self._outcome = replace(self._outcome, state=None)  # SMALBE-M begins without forces
-            return _Failure.OTHER
-        unsettled = self._start.multiplier is None and options.is_unsettled(self._turnovers)
-        return _Failure.UNSETTLED if unsettled else None
+    Returns
+    -------
+    The state after the solve, and the outcome on the set; None where the set leaves a body unheld.
+    """
+    outcome, unheld = _outcome_on_set(method, loop), loop.unheld
+    if outcome is None and loop.outcome.state is not None and not method.law.settles:
+        unheld += 1
+        if unheld == method.options.sliding:
+            return replace(loop, outcome=replace(loop.outcome, reason=Reason.SLIDES)), None
+        statuses = method.law.yielding(loop.statuses, loop.outcome.state.jumps)
+        loop = replace(loop, statuses=statuses)
+        outcome = _outcome_on_set(method, loop)
+    elif outcome is not None:
+        unheld = 0
+    if outcome is None:
+        return loop, None
+    method.backend.release()
+    counts = loop.counts + outcome.counts
+    return replace(loop, outcome=outcome, counts=counts, unheld=unheld), outcome
 
-    def update(self) -> None:
-        """Make the next set, from the KKT residuals of the last state (collective)."""
-        outcome, run = self._outcome, self._run
-        assert outcome.state is not None
-        early = self._early.are_right(run.backend.comm, run.options.returning)
-        self._rules = self._rules.with_ahead(early)
-        self._multiplier, self._statuses = outcome.state.multiplier, outcome.following
 
-    def lifts_off(self) -> bool:
-        """Whether many rows of flat contact open in the first two sets."""
-        is_second = len(self._turnovers) == 2
-        return self._start.is_flat and is_second and self._run.options.all_peel(self._turnovers)
+def _outcome_on_set(method: ActiveSetMethod[S], loop: LoopState[S]) -> Outcome[S] | None:
+    """Solve on one set, after the work of earlier sets (collective).
 
-    def keep(self, contact: Mask) -> None:
-        """Take all contact rows out of the next set but those of a mask (rows,) (collective)."""
-        active = self._statuses.active & (contact | ~self._run.backend.contact_rows)
-        self._statuses = self._law.consistent(replace(self._statuses, active=active))
+    Returns
+    -------
+    The outcome with the work on this set; without a state where the active rows hold a body so
+    badly that rounding errors let it go. None where they do not hold some body at all.
+    """
+    backend, before, saver = method.backend, loop.counts, method.saver
+    try:
+        on_set = backend.on_set(loop.statuses, loop.multiplier)
+    except ArithmeticError:
+        return None
+    inner = replace(method.inner, max_iterations=method.inner.max_iterations - before.inner)
+    watch = replace(saver, before=saver.before + before).watch(on_set) if saver else None
+    active = backend.comm.allreduce(int(loop.statuses.active.sum()))
+    monitor = on_active_set(method.monitor, loop.number + 1, active, before.inner)
+    try:
+        return solve_on_set(on_set, loop.rules, method.test, inner, monitor, watch)
+    except QPError:
+        return Outcome(None, None, loop.statuses, on_set.counts)
 
-    def forces_vanish(self) -> bool:
-        """Whether forces that only cause each other fall from set to set."""
-        return not self._law.settles and self._run.options.vanish(self._strained)
 
-    def open_all(self) -> None:
-        """Take all contact rows out of the next set, and begin it without forces (collective)."""
-        self._multiplier = None
-        self.keep(np.zeros_like(self._statuses.active))
-        self._strained.clear()
+def _with_changes(
+    method: ActiveSetMethod[S], loop: LoopState[S], solved: Outcome[S]
+) -> LoopState[S]:
+    """The state with the rows in its history that change after a set (collective)."""
+    assert solved.state is not None
+    assert solved.released is not None
+    turnover = _turnover(method.backend, loop.statuses, solved.following)
+    on_all_rows = loop.on_all_rows
+    if loop.rules.update.hierarchy.finest:
+        on_all_rows = (*on_all_rows, turnover)
+    return replace(
+        loop,
+        turnovers=(*loop.turnovers, turnover),
+        on_all_rows=on_all_rows,
+        strained=(*loop.strained, solved.state.strained),
+        early=loop.early.after(solved.following.active, solved.released),
+    )
 
-    def failed_ahead(self) -> bool:
-        """Whether the sets failed after points were released ahead of a state (collective)."""
-        if self._outcome.reason not in (None, Reason.SLIDES):
-            return False
-        comm, start = self._run.backend.comm, self._start
-        ahead = self._run.options.looks_ahead
-        return self._early.any(comm) or (ahead and _begins_ahead(comm, start, self._law))
+
+def _failure(method: ActiveSetMethod[S], start: Start, loop: LoopState[S]) -> Failure | None:
+    """The reason why the sets do not settle, by their history; None while they may."""
+    options, law = method.options, method.law
+    if law.settles:
+        sets = loop.on_all_rows
+        peels = options.peels(sets) and options.all_peel(sets[-2:])
+        stops = (peels and not options.may_peel) or options.jumps(sets)
+        return Failure.OTHER if stops else None
+    if options.vanish(loop.strained) and not law.may_vanish:
+        return Failure.VANISHED
+    unsettled = start.multiplier is None and options.is_unsettled(loop.turnovers)
+    return Failure.UNSETTLED if unsettled else None
+
+
+def _failure_at_end(method: ActiveSetMethod[S], start: Start, loop: LoopState[S]) -> Failure | None:
+    """The reason why the last set has no answer; None if it has one (collective)."""
+    if loop.outcome.reason not in (None, Reason.SLIDES):
+        return None
+    comm, ahead = method.backend.comm, method.options.looks_ahead
+    released = loop.early.any(comm) or (ahead and _begins_ahead(comm, start, method.law))
+    return Failure.AHEAD if released else Failure.OTHER
 
 
 def _begins_ahead(comm: MPI.Intracomm, start: Start, law: ContactLaw) -> bool:
     """Whether the law lets points slide in the first set that it could let stick (collective)."""
     one, other = (law.initial(start.active, start.multiplier, ahead) for ahead in (True, False))
     return changed_rows(comm, one, other) > 0
+
+
+def _update_set(
+    method: ActiveSetMethod[S], start: Start, loop: LoopState[S], solved: Outcome[S]
+) -> LoopState[S]:
+    """The state with the next set, by the KKT residuals of the last one (collective).
+
+    Where flat contact opens in the first two sets, only the estimated contact stays. Where forces
+    of friction and contact only cause each other, all contact opens.
+    """
+    backend, options = method.backend, method.options
+    assert solved.state is not None
+    rules = loop.rules.with_ahead(loop.early.are_right(backend.comm, options.returning))
+    statuses, strained = solved.following, loop.strained
+    multiplier: NDArray[np.float64] | None = solved.state.multiplier
+    if start.is_flat and len(loop.turnovers) == 2 and options.all_peel(loop.turnovers):
+        statuses = _with_contact(method, statuses, backend.estimated_contact())
+    if not method.law.settles and options.vanish(strained):
+        statuses = _with_contact(method, statuses, np.zeros_like(statuses.active))
+        multiplier, strained = None, ()
+    return replace(
+        loop, number=loop.number + 1, rules=rules, statuses=statuses, multiplier=multiplier,
+        strained=strained,
+    )  # fmt: skip
+
+
+def _with_contact(method: ActiveSetMethod[S], statuses: Statuses, contact: Mask) -> Statuses:
+    """The statuses without the contact rows outside of a mask (rows,) (collective)."""
+    active = statuses.active & (contact | ~method.backend.contact_rows)
+    return method.law.consistent(replace(statuses, active=active))
 
 
 def _turnover(backend: Backend[S], statuses: Statuses, following: Statuses) -> Turnover:

@@ -7,6 +7,7 @@ constraint hierarchy. Sets are solved more accurately where one returns or many 
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Generic
 
@@ -105,7 +106,7 @@ class SetRules(Generic[S]):
     visited: frozenset[int] = frozenset()
 
     def for_set(
-        self, number: int, statuses: Statuses, turnovers: list[Turnover]
+        self, number: int, statuses: Statuses, turnovers: Sequence[Turnover]
     ) -> tuple[SetRules[S], Statuses]:
         """The rules and the statuses of a set, numbered from 0 (collective)."""
         rules, statuses = self._on_levels(number, statuses, turnovers)
@@ -118,7 +119,7 @@ class SetRules(Generic[S]):
         return replace(self, update=replace(self.update, looks_ahead=ahead))
 
     def _on_levels(
-        self, number: int, statuses: Statuses, turnovers: list[Turnover]
+        self, number: int, statuses: Statuses, turnovers: Sequence[Turnover]
     ) -> tuple[SetRules[S], Statuses]:
         """The rules on the coarsest level of contact rows, if contact peels off or takes long."""
         options = self.update.options

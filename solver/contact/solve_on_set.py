@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from solver.backend import S, SetSolve, Statuses
-from solver.contact.active_set_update import ActiveSetUpdate, changed_rows
+from solver.contact.active_set_update import SetRules, changed_rows
 from solver.qp.iterate import Iterate, Watch
 from solver.qp.mprgp import MPRGP
 from solver.qp.result import Counts, Monitor, Reason
@@ -100,22 +100,21 @@ class Outcome(Generic[S]):
 
 def solve_on_set(
     on_set: SetSolve[S],
-    update: ActiveSetUpdate[S],
+    rules: SetRules[S],
     test: StoppingTest[S],
     inner: MPRGP,
     monitor: Monitor | None = None,
     watch: Watch | None = None,
-    first_reduction: float | None = None,
 ) -> Outcome[S]:
     """Solve on an active set until the set has to change, or its answer is accepted (collective).
 
     Parameters
     ----------
-    first_reduction
-        Reduction of the residual before the first evaluation; that of the options if None.
+    rules
+        Reduction of the residual before the first evaluation, and the update of the set.
     """
-    options, comm = update.options, update.backend.comm
-    tolerance = (first_reduction or options.first_reduction) * on_set.residual
+    update, options, comm = rules.update, rules.update.options, rules.update.backend.comm
+    tolerance = rules.reduction * on_set.residual
     evaluations = 0
     while True:
         ended = on_set.solve(inner, tolerance, monitor, watch)

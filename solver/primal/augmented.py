@@ -30,11 +30,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from solver.backend import Statuses
-from solver.contact.active_set_options import ActiveSetOptions
-from solver.contact.active_set_update import ActiveSetUpdate
+from solver.contact.active_set import ActiveSetMethod
+from solver.contact.active_set_update import ActiveSetUpdate, SetRules
 from solver.contact.law import Frictionless
 from solver.contact.monitoring import on_active_set
-from solver.contact.solve_on_set import Outcome, StoppingTest, solve_on_set
+from solver.contact.solve_on_set import Outcome, solve_on_set
 from solver.errors import QPError
 from solver.primal.backend import Multigrid, PrimalSet, PrimalState
 from solver.primal.factor import row_stiffness
@@ -116,51 +116,47 @@ class _Iterate:
 
 
 class AugmentedLagrangian:
-    """The method for one problem, after the work of earlier sets.
+    """The method for one problem, after active sets that did not settle.
 
     Parameters
     ----------
-    test, inner, monitor
-        As in `active_set_loop`.
+    sets
+        The method of these sets: its test, limit and monitor serve here, too.
     """
 
     def __init__(
         self,
         backend: Multigrid,
-        test: StoppingTest[PrimalState],
-        inner: MPRGP,
-        monitor: Monitor | None,
-        sets: ActiveSetOptions,
+        sets: ActiveSetMethod[PrimalState],
         options: AugmentedOptions | None = None,
     ) -> None:
         self.backend, self.system = backend, backend.system
-        self.test, self.inner, self.monitor = test, inner, monitor
+        self._sets, self.test = sets, sets.test
         self.options = options or AugmentedOptions()
         self.W = self.options.stiffness * row_stiffness(self.system)
         self.rows = self.system.normal & (self.W > 0.0)
         levels = backend.hierarchy(coarsened=False)
-        self._update = ActiveSetUpdate(backend, levels, Frictionless(), sets)
+        update = ActiveSetUpdate(backend, levels, Frictionless(), sets.options)
+        self._rules = SetRules(update, sets.options.first_reduction, coarsened=True)
         self._tied = Projector(self.system, self.system.equality)
         self._counts, self._steps, self._faint = Counts(), 0, self.options.faint
 
-    def solve(self, u: Array, before: Counts) -> Outcome[PrimalState]:
+    def solve(self, u: Array) -> Outcome[PrimalState]:
         """Take Newton steps from a displacement until an answer is accepted (collective).
 
         Parameters
         ----------
         u : (unknowns,)
-        before
-            Work of earlier sets.
 
         Returns
         -------
         The last outcome, with all work; its reason is None after the largest number of steps.
         """
-        self._counts, backend, tied = before, self.backend, self._tied
+        self._counts, backend, tied = self._sets.work_before, self.backend, self._tied
         u = u - tied.lifting((multiply(self.system.C, u) - self.system.c)[tied.rows])
         backend.begin_at(u)
         now = self._iterate(u, backend.left(), np.zeros(len(self.W)))
-        outcome: Outcome[PrimalState] = Outcome(None, None, self._statuses(now), before)
+        outcome: Outcome[PrimalState] = Outcome(None, None, self._statuses(now), self._counts)
         load, stuck = self._norm(self.system.load), 0
         limit = self.options.first * load
         for number in range(1, self.options.most_steps + 1):
@@ -261,7 +257,7 @@ class AugmentedLagrangian:
         try:
             on_set = self.backend.on_set(statuses, None)
             monitor = self._monitor(statuses)
-            outcome = solve_on_set(on_set, self._update, self.test, self._inner(), monitor)
+            outcome = solve_on_set(on_set, self._rules, self.test, self._inner(), monitor)
         except (ArithmeticError, QPError):
             return Outcome(None, None, statuses, self._counts)
         self._counts = self._counts + on_set.counts
@@ -269,12 +265,12 @@ class AugmentedLagrangian:
         return replace(outcome, counts=self._counts)
 
     def _inner(self) -> MPRGP:
-        left = self.inner.max_iterations - self._counts.inner
-        return replace(self.inner, max_iterations=left)
+        inner = self._sets.inner
+        return replace(inner, max_iterations=inner.max_iterations - self._counts.inner)
 
     def _monitor(self, statuses: Statuses) -> Monitor | None:
         rows = int(self.system.comm.allreduce(int(statuses.active.sum())))
-        return on_active_set(self.monitor, self._steps, rows, self._counts.inner)
+        return on_active_set(self._sets.monitor, self._steps, rows, self._counts.inner)
 
     def _length(self, now: _Iterate, state: PrimalState) -> float:
         """The share of a step with the least Lagrangian (collective)."""

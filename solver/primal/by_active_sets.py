@@ -10,11 +10,12 @@ from numpy.typing import NDArray
 from petsc4py import PETSc
 
 from solver.backend import Statuses
-from solver.contact.active_set import Start, active_set_loop
-from solver.contact.checkpoint import Saver, without_outer_iterations
+from solver.contact.active_set import Start
+from solver.contact.checkpoint import Saver
 from solver.contact.law import ContactLaw
+from solver.contact.retries import solve_with_retries
 from solver.contact.solution import Solution
-from solver.contact.solve_on_set import Outcome, StateSaver, StoppingTest
+from solver.contact.solve_on_set import Outcome
 from solver.contact.stopping import CertificateTest, StoppingRule
 from solver.primal.augmented import AugmentedLagrangian
 from solver.primal.backend import Multigrid, PrimalState
@@ -26,8 +27,8 @@ from solver.primal.recovery import recover
 from solver.qp.outer_state import Restart
 from solver.qp.result import Counts, Reason
 from solver.tfeti.certify import certify, friction_residual
-from solver.tfeti.contact_law import SURE, contact_law, options_of
-from solver.tfeti.methods.task import Task
+from solver.tfeti.contact_law import SURE
+from solver.tfeti.methods.task import Task, state_saver
 
 METHOD = "primal"
 
@@ -98,8 +99,9 @@ def _solve(
     factors: FactorOptions | None,
 ) -> Solution:
     """Run `solve_by_multigrid` without handling of errors."""
-    backend, before = Multigrid(task.problem, factors, task.problem.reused.place), Counts()
-    problem, law = task.problem, contact_law(task.problem)
+    backend = Multigrid(task.problem, factors, task.problem.reused.place)
+    before = Counts() if restart is None else restart.counts
+    problem = task.problem
     sums = [np.abs(f).sum(axis=0) for f in problem.forces]
     loads = problem.comm.allreduce(problem.bodies.sum_members(sums))
     test = CertificateTest(
@@ -107,45 +109,30 @@ def _solve(
         partial(_certified, backend, task.rule),
         partial(_required_reduction, backend, task.rule, loads),
     )
+    method = task.active_set_method(backend, test, state_saver(Saver(task.checkpoint, before)))
+    method = method.with_options(
+        first_reduction=FIRST_REDUCTION, sets_before_levels=SETS_BEFORE_LEVELS
+    )
+    if problem.friction is None:
+        affordable = backend.matrices.seconds <= backend.factors.slow_seconds
+        may_peel = backend.matrices.peels or not affordable
+        method = method.with_options(significant=SIGNIFICANT, may_peel=may_peel)
     statuses = None
     if restart is not None:
-        active, before = problem.inequality & (restart.multiplier > 0.5), restart.counts
+        active = problem.inequality & (restart.multiplier > 0.5)
     elif guess is not None:
         active = problem.inequality & (guess > 0.0)
     else:
         first = backend.first_set()
         backend.begin_at(first.u)
         active = backend.closed_in(first)
-        statuses = _statuses_of(backend, law, first, active)
-    saver = Saver(task.checkpoint).after(before)
-    options = replace(
-        task.active_sets,
-        first_reduction=FIRST_REDUCTION,
-        sets_before_levels=SETS_BEFORE_LEVELS,
-    )
-    if problem.friction is None:
-        affordable = backend.matrices.seconds <= backend.factors.slow_seconds
-        may_peel = backend.matrices.peels or not affordable
-        options = replace(options, significant=SIGNIFICANT, may_peel=may_peel)
+        statuses = _statuses_of(backend, method.law, first, active)
     near = restart.x if restart is not None else guess
-
-    def save(state: PrimalState, work: Counts) -> None:
-        saver(without_outer_iterations(state.multiplier, state.active, work))
-
-    stopping = StoppingTest(test.required_reduction, test.accept, task.rule.may_end_early)
-    outcome = active_set_loop(
-        backend,
-        Start(active, near if problem.friction is not None else None, statuses=statuses),
-        stopping,
-        task.inner,
-        task.monitor,
-        StateSaver(lambda: saver.due, save),
-        options_of(problem, options),
-        law,
-    )
+    start = Start(active, near if problem.friction is not None else None, statuses=statuses)
+    outcome = solve_with_retries(method, start)
     if outcome.reason is None and problem.friction is None:
-        lagrangian = AugmentedLagrangian(backend, stopping, task.inner, task.monitor, options)
-        outcome = lagrangian.solve(backend.first_set().u, outcome.counts)
+        lagrangian = AugmentedLagrangian(backend, method.after(outcome))
+        outcome = lagrangian.solve(backend.first_set().u)
     return _answer(test, outcome, before)
 
 

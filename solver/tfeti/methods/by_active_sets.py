@@ -8,21 +8,22 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 
-from solver.contact.active_set import Start, active_set_loop
-from solver.contact.checkpoint import Saver, without_outer_iterations
+from solver.contact.active_set import Start
+from solver.contact.checkpoint import Saver
+from solver.contact.retries import solve_with_retries
 from solver.contact.solution import Solution
-from solver.contact.solve_on_set import Outcome, StateSaver, StoppingTest
+from solver.contact.solve_on_set import Outcome, StateSaver
 from solver.contact.stopping import CertificateTest, StoppingRule
 from solver.qp.outer_state import Restart
 from solver.qp.result import Counts, Reason
 from solver.tfeti.active_set_problem import State
 from solver.tfeti.backend import TotalFeti
 from solver.tfeti.certify import friction_residual
-from solver.tfeti.contact_law import SURE, contact_law, options_of
+from solver.tfeti.contact_law import SURE
 from solver.tfeti.dual import DualProblem
 from solver.tfeti.duality_gap import duality_gap
 from solver.tfeti.methods.answers import answer_of_state
-from solver.tfeti.methods.task import Task
+from solver.tfeti.methods.task import Task, state_saver
 from solver.tfeti.winkler import gaps_are_zero, winkler_contact
 
 METHOD = "active-set"
@@ -66,12 +67,7 @@ def _solve(
     if restart is not None:
         active = task.problem.inequality & (restart.multiplier > 0.5)
         start, before = Start(active, restart.x), restart.counts
-    saver = saver.after(before)
-
-    def save(state: State, work: Counts) -> None:
-        saver(without_outer_iterations(state.multiplier, state.active, work))
-
-    outcome, answer = solve_from(task, start, StateSaver(lambda: saver.due, save))
+    outcome, answer = solve_from(task, start, state_saver(saver.after(before)))
     return replace(outcome, counts=before + outcome.counts), answer
 
 
@@ -91,7 +87,7 @@ def initial_active_set(problem: DualProblem, guess: NDArray[np.float64] | None) 
 
 
 def solve_from(
-    task: Task, start: Start, saver: StateSaver[State] | None
+    task: Task, start: Start, saver: StateSaver[State]
 ) -> tuple[Outcome[State], Solution | None]:
     """The loop from an initial active set, with the certificate as its test (collective).
 
@@ -105,12 +101,8 @@ def solve_from(
         partial(answer_of_state, task.problem, task.rule),
         partial(_required_reduction, task.problem, task.rule),
     )
-    stopping_test = StoppingTest(test.required_reduction, test.accept, task.rule.may_end_early)
-    law = contact_law(task.problem)
-    options = options_of(task.problem, task.active_sets)
-    outcome = active_set_loop(
-        TotalFeti(task.problem), start, stopping_test, task.inner, task.monitor, saver, options, law
-    )
+    method = task.active_set_method(TotalFeti(task.problem), test, saver)
+    outcome = solve_with_retries(method, start)
     if outcome.reason not in ENDS:
         return outcome, None
     answer = test.answer

@@ -4,11 +4,15 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
+from solver.backend import Backend, S
+from solver.contact.active_set import ActiveSetMethod
 from solver.contact.active_set_options import ActiveSetOptions
-from solver.contact.checkpoint import Checkpoint
-from solver.contact.stopping import StoppingRule
+from solver.contact.checkpoint import Checkpoint, Saver, without_outer_iterations
+from solver.contact.solve_on_set import StateSaver, StoppingTest
+from solver.contact.stopping import CertificateTest, StoppingRule
 from solver.qp.mprgp import MPRGP
-from solver.qp.result import Monitor
+from solver.qp.result import Counts, Monitor
+from solver.tfeti.contact_law import contact_law, options_of
 from solver.tfeti.dual import DualProblem
 
 
@@ -37,3 +41,20 @@ class Task:
     monitor: Monitor | None = None
     checkpoint: Checkpoint | None = None
     active_sets: ActiveSetOptions = field(default_factory=ActiveSetOptions)
+
+    def active_set_method(
+        self, backend: Backend[S], test: CertificateTest[S], saver: StateSaver[S]
+    ) -> ActiveSetMethod[S]:
+        """Active sets on a backend, with the certificate as the test of their answers."""
+        stopping = StoppingTest(test.required_reduction, test.accept, self.rule.may_end_early)
+        options, law = options_of(self.problem, self.active_sets), contact_law(self.problem)
+        return ActiveSetMethod(backend, stopping, self.inner, self.monitor, saver, options, law)
+
+
+def state_saver(saver: Saver) -> StateSaver[S]:
+    """Saves the states of active sets with a saver of an algorithm without outer iterations."""
+
+    def save(state: S, work: Counts) -> None:
+        saver(without_outer_iterations(state.multiplier, state.active, work))
+
+    return StateSaver(lambda: saver.due, save)

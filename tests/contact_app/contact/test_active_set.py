@@ -11,7 +11,7 @@ from contact_app.model.model import build_model
 from solver import MPRGP, Reason
 from solver.backend import Statuses
 from solver.contact.active_set_options import ActiveSetOptions
-from solver.contact.active_set_update import ActiveSetUpdate
+from solver.contact.active_set_update import ActiveSetUpdate, SetRules
 from solver.contact.law import Frictionless
 from solver.contact.solution import Accuracy
 from solver.contact.solve_on_set import StoppingTest, solve_on_set
@@ -142,8 +142,10 @@ def test_an_active_set_stalled_by_rounding_errors_ends(cell: str) -> None:
     test = StoppingTest(lambda state: 1.0, lambda state: False)
     backend = TotalFeti(problem)
     hierarchy = backend.hierarchy(coarsened=False)
-    update = ActiveSetUpdate(backend, hierarchy, Frictionless(), ActiveSetOptions())
-    found = solve_on_set(on_set, update, test, inner)
+    options = ActiveSetOptions()
+    update = ActiveSetUpdate(backend, hierarchy, Frictionless(), options)
+    rules = SetRules(update, options.first_reduction, coarsened=True)
+    found = solve_on_set(on_set, rules, test, inner)
     assert found.reason in (None, Reason.ROUND_OFF)
     assert found.counts.hessian == spent
 

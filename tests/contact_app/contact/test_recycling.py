@@ -10,7 +10,8 @@ from numpy.typing import NDArray
 from contact_app.model.model import build_model
 from solver import MPRGP, Reason
 from solver.backend import Statuses
-from solver.contact.active_set import active_set_loop
+from solver.contact.active_set import ActiveSetMethod
+from solver.contact.retries import solve_with_retries
 from solver.contact.solve_on_set import StoppingTest
 from solver.tfeti.active_set_problem import ActiveSetProblem, State
 from solver.tfeti.backend import TotalFeti
@@ -107,7 +108,8 @@ def test_near_incompressibility_takes_half_the_products(problem: DualProblem) ->
 
         test = StoppingTest(required, lambda state: required(state) <= 1.0)
         backend, start = TotalFeti(problem, options), initial_active_set(problem, None)
-        found = active_set_loop(backend, start, test, MPRGP(max_iterations=5000))
+        method = ActiveSetMethod(backend, test, MPRGP(max_iterations=5000))
+        found = solve_with_retries(method, start)
         assert found.reason is Reason.ACCEPTED
         return found.counts.hessian
 

@@ -6,9 +6,10 @@ import numpy as np
 from mpi4py import MPI
 
 from contact_app.model.model import build_model
-from solver.contact.active_set import active_set_loop
+from solver.contact.active_set import ActiveSetMethod
 from solver.contact.active_set_options import ActiveSetOptions
 from solver.contact.friction_law import Friction
+from solver.contact.retries import solve_with_retries
 from solver.contact.slip_front import SlipFront
 from solver.contact.solve_on_set import Outcome, StoppingTest
 from solver.qp.mprgp import MPRGP
@@ -40,11 +41,14 @@ def test_sets_that_fail_ahead_of_the_states_are_tried_without() -> None:
         return max(left, state.worst(problem)) / 1e-8
 
     def sets(ahead: bool) -> Outcome[State]:
-        return active_set_loop(
-            TotalFeti(problem), initial_active_set(problem, None),
-            StoppingTest(lack, lambda state: lack(state) <= 1.0), MPRGP(),
-            options=ActiveSetOptions(looks_ahead=ahead, sliding=1), law=law,
-        )  # fmt: skip
+        method = ActiveSetMethod(
+            TotalFeti(problem),
+            StoppingTest(lack, lambda state: lack(state) <= 1.0),
+            MPRGP(),
+            options=ActiveSetOptions(looks_ahead=ahead, sliding=1),
+            law=law,
+        )
+        return solve_with_retries(method, initial_active_set(problem, None))
 
     found, safe = sets(True), sets(False)
     assert found.reason is safe.reason is Reason.ACCEPTED

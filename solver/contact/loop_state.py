@@ -1,0 +1,120 @@
+"""The state of the active-set loop between two sets, and the history of the sets before.
+
+The records are immutable: each step of `solver.contact.active_set.active_set_loop` makes the next
+state from the last one.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Generic
+
+import numpy as np
+from mpi4py import MPI
+from numpy.typing import NDArray
+
+from solver.backend import S, Statuses
+from solver.contact.active_set_options import Turnover
+from solver.contact.active_set_update import EarlyReleases, SetRules
+from solver.contact.solve_on_set import Outcome
+from solver.qp.result import Counts
+
+
+@dataclass(frozen=True)
+class SlidingSets:
+    """Sets on which no point sticks, and the sets after them on which points stick again.
+
+    Friction of given size and direction moves the bodies too far on such sets. If many points stick
+    again after two of them, the sliding points yield like springs on the next ones. After that a
+    single point that sticks again is enough, and the points yield for more sets each time.
+
+    Attributes
+    ----------
+    rows
+        Tangential rows of the sliding points if no point sticks on the last set; zero otherwise.
+    followed
+        Number of such sets after which many points stuck.
+    sticks
+        Whether they stuck after the last such set.
+    yielded
+        Number of sets in a row whose sliding points yield, the last one included.
+    """
+
+    rows: int = 0
+    followed: int = 0
+    sticks: bool = False
+    yielded: int = 0
+
+    def after(
+        self, comm: MPI.Intracomm, statuses: Statuses, tangential: NDArray[np.bool_], share: float
+    ) -> SlidingSets:
+        """The record with one set more (collective).
+
+        Parameters
+        ----------
+        tangential : (rows,)
+            Mask of the tangential rows.
+        share
+            `ActiveSetOptions.stuck_again`.
+        """
+        tractions = np.zeros(0) if statuses.tractions is None else statuses.tractions[tangential]
+        local = [int((statuses.holding & tangential).sum()), np.count_nonzero(tractions)]
+        sticking, sliding = comm.allreduce(np.array(local))
+        followed, sticks = self.followed, self.sticks
+        if self.rows:
+            sticks = bool(sticking >= (1 if followed >= 2 else share * self.rows))
+            followed += int(sticks)
+        rows = 0 if sticking else int(sliding)
+        yields = rows > 0 and followed >= 2 and (sticks or 0 < self.yielded < followed)
+        return SlidingSets(rows, followed, sticks, self.yielded + 1 if yields else 0)
+
+
+@dataclass(frozen=True, eq=False)
+class LoopState(Generic[S]):
+    """The next set, the outcome of the last one, and the history of all.
+
+    Attributes
+    ----------
+    rules
+        Rules by which the set is solved and changed.
+    statuses
+        Statuses of the rows on the set.
+    multiplier : (rows,)
+        Multiplier with which the solve begins; None for the smallest one in equilibrium.
+    outcome
+        Outcome of the last set.
+    counts
+        Work of all sets, that of earlier loops included.
+    early
+        Points that were released before a state showed that they slide.
+    number
+        Number of the set, from 0.
+    unheld
+        Number of sets in a row that left a body unheld.
+    sliding
+        Sets on which no point sticks.
+    turnovers
+        Changes of contact rows from set to set.
+    on_all_rows
+        Those of them on the finest level of the constraint hierarchy.
+    strained
+        a(u, u) of each set.
+    """
+
+    rules: SetRules[S]
+    statuses: Statuses
+    multiplier: NDArray[np.float64] | None
+    outcome: Outcome[S]
+    counts: Counts
+    early: EarlyReleases
+    number: int = 0
+    unheld: int = 0
+    sliding: SlidingSets = SlidingSets()
+    turnovers: tuple[Turnover, ...] = ()
+    on_all_rows: tuple[Turnover, ...] = ()
+    strained: tuple[float, ...] = ()
+
+    @property
+    def result(self) -> Outcome[S]:
+        """The outcome of the last set, with the work of all."""
+        return replace(self.outcome, counts=self.counts)
