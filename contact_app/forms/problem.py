@@ -41,7 +41,7 @@ from contact_app.forms.warnings import FormAnswer, form_warnings
 from contact_app.machine.environment import slow_blas_warning
 from contact_app.machine.timings import Timings
 from contact_app.results.friction import friction_at_rows
-from contact_app.run.fallback import FAILURES, failure_text, solve_directly
+from contact_app.run.fallback import FAILURES, failure_text
 from meshes import dolfinx_compat
 from solver.contact.certificate import Certificate
 from solver.contact.options import Method, SolverOptions
@@ -50,8 +50,13 @@ from solver.driver import reason_text, solve
 from solver.qp.result import Monitor, Reason
 from solver.tfeti.options import TotalFetiOptions
 
-BY_NEWTON = "solved for the displacements by Newton's method, which takes longer"
-"""Warning on the last method that was tried."""
+WAYS: dict[Method, tuple[Method, Method]] = {
+    "auto": ("primal", "auto"),
+    "primal": ("primal", "auto"),
+    "active-set": ("active-set", "primal"),
+    "smalbe": ("smalbe", "primal"),
+}
+"""Two methods for each method of the user: the second one follows without a certificate."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -97,8 +102,9 @@ class ContactProblem:
     method
         ``auto``: Total FETI with congruent sub-boxes where the mesh is a regular grid; else active
         sets on the undecomposed bodies with multigrid, and Total FETI with one subdomain a rank
-        where that ends without a certificate; last, without friction, Newton's method. Or an
-        algorithm by name, as `solver.method` of a scene: ``primal``, ``active-set``, ``smalbe``.
+        where that ends without a certificate. Or an algorithm by name, as `solver.method` of a
+        scene: ``primal``, ``active-set``, ``smalbe``; if it ends without a certificate, Total FETI
+        follows ``primal``, and ``primal`` the others.
     max_iterations
         Of the solver.
     u
@@ -167,22 +173,25 @@ class ContactProblem:
         """
         self._answer = None
         timings, messages = Timings(), []
-        method = self.options.method
-        model: FormModel | None = None
-        solution: Solution | None = None
-        if method == "auto":
-            model, solution = self._on_grid(timings, monitor)
-        if solution is None and method in ("auto", "primal"):
+        method, failure = self.options.method, None
+        model, solution = self._on_grid(timings, monitor) if method == "auto" else (None, None)
+        first, second = WAYS[method]
+        for way in (first, second) if solution is None else ():
             try:
-                model, solution = self._by("primal", timings, monitor)
-                why = "" if _is_final(solution) else reason_text(solution).partition(";")[0]
+                model, solution = self._by(way, timings, monitor)
+                if _is_final(solution):
+                    break
+                why = reason_text(solution).partition(";")[0]
             except CouldNotRunError as error:
-                why = str(error)
-            if why:
-                messages.append(f"multigrid left no certified answer ({why}): solved by Total FETI")
-        if solution is None or messages:
-            model, solution, why = self._by_total_feti(timings, monitor)
-            messages += [why] * bool(why)
+                failure, why = error, str(error)
+            if way == first:
+                one, other = (
+                    "multigrid" if m == "primal" else "Total FETI" for m in (first, second)
+                )
+                messages.append(f"{one} left no certified answer ({why}): solved by {other}")
+        if solution is None:
+            assert failure is not None
+            raise failure
         assert model is not None
         messages += filter(None, [slow_blas_warning()])
         self._answer = self._evaluated(model, solution, timings, messages)
@@ -202,41 +211,6 @@ class ContactProblem:
         except (NotCongruentError, CouldNotRunError):
             return None, None
         return (model, solution) if _is_final(solution) else (None, None)
-
-    def _by_total_feti(
-        self, timings: Timings, monitor: Monitor | None
-    ) -> tuple[FormModel, Solution, str]:
-        """The answer of the dual methods, or, where these fail, of Newton's (collective).
-
-        Returns
-        -------
-        The model, the answer, and a sentence on what failed before.
-
-        Raises
-        ------
-        CouldNotRunError
-            There is none.
-        """
-        method: Method = "auto" if self.options.method == "primal" else self.options.method
-        solution, failure = None, None
-        try:
-            model, solution = self._by(method, timings, monitor)
-            if _is_final(solution):
-                return model, solution, ""
-            why = reason_text(solution)
-        except CouldNotRunError as error:
-            failure, why = error, str(error)
-        if self._model is not None and not any(contact.law for contact in self.contacts):
-            model = self._model[-1]
-            dofs, tolerance = model.parts.nodes * model.parts.dimension, self.options.tolerance
-            with timings.measure("solve"):
-                direct = solve_directly(model.problem, dofs, float(tolerance), solution, monitor)
-            if direct is not None and (solution is None or direct.converged):
-                return model, direct, f"Total FETI left no certified answer ({why}): {BY_NEWTON}"
-        if solution is None:
-            assert failure is not None
-            raise failure
-        return model, solution, ""
 
     def _by(
         self, method: Method, timings: Timings, monitor: Monitor | None, grid: Grid | None = None

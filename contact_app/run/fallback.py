@@ -3,15 +3,10 @@
 With cells a hundred times longer than wide, forces between subdomains cancel to the last digit of
 the answer. Conjugate gradients then end at rounding errors, take more steps than there are
 multipliers (the limit in exact arithmetic), or meet directions whose curvature is lost in rounding
-errors, along which the cost seems unbounded. Two methods remain:
-
-1. the scene in as few subdomains as bodies and ranks allow (`fewest_subdomains`). Held unknowns are
-then eliminated, and the dual problem has contact rows alone; 2. Newton's method for the
-displacements of this system, with a sparse factor per step (`solve_directly`); it needs no dual
-operator.
-
-Both are tried for any end of the first method, also an exception of the solver, unless the user
-stopped it or limited its iterations.
+errors, along which the cost seems unbounded. The scene is then solved in as few subdomains as
+bodies and ranks allow (`fewest_subdomains`): held unknowns are eliminated, and the dual problem has
+contact rows alone. `run.ways` has the methods that follow. They are tried for any end of a method,
+also an exception of the solver, unless the user stopped it or limited its iterations.
 """
 
 from __future__ import annotations
@@ -23,7 +18,7 @@ import numpy as np
 from mpi4py import MPI
 
 from contact_app.errors import CouldNotRunError
-from contact_app.machine.memory import available_bytes, factor_bytes, needed_bytes
+from contact_app.machine.memory import available_bytes, needed_bytes
 from contact_app.model.model import Model
 from contact_app.scene.bodies import Body
 from contact_app.scene.scene import Decomposition, Scene
@@ -31,10 +26,6 @@ from solver import Reason
 from solver.contact.solution import Solution
 from solver.driver import ROUNDED_AWAY
 from solver.errors import QPError, UnboundedError
-from solver.qp.result import Monitor
-from solver.tfeti.certify import certify
-from solver.tfeti.dual import DualProblem
-from solver.tfeti.feasible import feasible_multiplier
 
 STEPS = 10
 """Steps over the rows of B above which the iteration limit is not the reason why a solve ended."""
@@ -114,48 +105,6 @@ def _fits(bodies: Sequence[Body], comm: MPI.Intracomm) -> bool:
     factors = tuple((size, d) for size in sizes)
     needed = needed_bytes(sum(sizes), rows=0, factors=factors)
     return needed <= float(comm.allreduce(available_bytes(), op=MPI.MIN))
-
-
-def solve_directly(
-    problem: DualProblem,
-    dofs: int,
-    tolerance: float,
-    before: Solution | None,
-    monitor: Monitor | None,
-) -> Solution | None:
-    """The answer by Newton's method (collective); None if it fails.
-
-    Parameters
-    ----------
-    dofs
-        Unknowns of the undecomposed bodies.
-    tolerance
-        Of the certificate.
-    before
-        The last answer of the dual methods, if any.
-    """
-    if not problem.comm.allreduce(problem.size) or not _has_room(problem, dofs):
-        return None
-    from solver.primal.newton import solve_by_newton
-
-    start = None if before is None else before.multiplier
-    try:
-        answer = solve_by_newton(problem, start, monitor)
-    except FAILURES:
-        return None
-    multiplier = feasible_multiplier(problem, answer.multiplier, answer.multiplier > 0.0)
-    certificate, measures = certify(problem, multiplier, answer.displacements, tolerance)
-    counts = answer.counts if before is None else before.counts + answer.counts
-    return Solution(
-        multiplier, answer.displacements, certificate, measures, counts, answer.reason, tolerance,
-        method="newton",
-    )  # fmt: skip
-
-
-def _has_room(problem: DualProblem, dofs: int) -> bool:
-    """Whether there is memory for a factor of the whole problem (collective)."""
-    factor = factor_bytes(dofs, problem.dimension)
-    return factor <= float(problem.comm.allreduce(available_bytes(), op=MPI.SUM))
 
 
 def cause(bodies: Sequence[Body]) -> str:

@@ -18,21 +18,14 @@ from contact_app.machine.environment import slow_blas_warning
 from contact_app.machine.memory import give_back
 from contact_app.machine.timings import Timings
 from contact_app.model.candidates import Needed
-from contact_app.model.method import is_undecomposed, with_chosen_method
+from contact_app.model.method import with_chosen_method
 from contact_app.model.model import Model, build_model
 from contact_app.model.outline import Report
 from contact_app.results.fields import cell_fields, node_fields
 from contact_app.results.report import log
 from contact_app.results.rigid import placements_of
 from contact_app.run.communication import Communication
-from contact_app.run.fallback import (
-    FAILURES,
-    NoAnswerError,
-    cause,
-    failure_text,
-    is_final,
-    solve_directly,
-)
+from contact_app.run.fallback import FAILURES, NoAnswerError, failure_text
 from contact_app.run.model_warnings import model_warnings
 from contact_app.run.placing import (
     PLACINGS,
@@ -49,7 +42,7 @@ from contact_app.scene.scene import Scene
 from solver import Counts
 from solver.contact.checkpoint import Checkpoint, CheckpointError
 from solver.contact.solution import Solution
-from solver.driver import reason_text, solve
+from solver.driver import solve
 from solver.qp.result import Monitor
 
 EXTENSIONS = 4
@@ -249,7 +242,7 @@ def _solve_once(request: _Request) -> SolvedScene:
     communication = Communication(comm)
     estimator = request.estimator(model)
     with timings.measure("solve"):
-        solution, failed = _solution_of(model, estimator, request)
+        solution = _solution_of(model, estimator, request)
     give_back()  # return freed memory to the system, so that the estimate of free memory sees it
     record = communication.per_multiplication(solution.counts)
     with timings.measure("estimate"):
@@ -265,48 +258,25 @@ def _solve_once(request: _Request) -> SolvedScene:
         warnings += rotation_warnings(
             model.scene.placements, model.scene.rigid_bodies, placements_of(model, solution)
         )
-        warnings += [sentence for sentence in (failed, slow_blas_warning()) if sentence]
+        warnings += filter(None, [slow_blas_warning()])
     return warned(solved, warnings)
 
 
-def _solution_of(
-    model: Model, estimator: ErrorEstimator, request: _Request
-) -> tuple[Solution, str]:
-    """The answer of the dual methods; if they fail in the fewest subdomains, of Newton's method.
-
-    Returns
-    -------
-    The answer, and a sentence on the method that failed before.
+def _solution_of(model: Model, estimator: ErrorEstimator, request: _Request) -> Solution:
+    """The answer of the scene's method.
 
     Raises
     ------
     NoAnswerError
-        The solver failed, and Newton's method failed or is not to be tried yet.
+        The solver failed.
     """
-    scene, options, solution = model.scene, model.scene.solver, None
+    options = model.scene.solver
     begin = request.start.on(model) if request.start is not None else None
     try:
-        solution = solve(
+        return solve(
             model.problem, options, request.monitor, request.checkpoint, estimator.accuracy, begin
         )
-        if is_final(model, solution, options.max_iterations):
-            return solution, ""
-        why = reason_text(solution)
     except CheckpointError as error:
         raise ConfigurationError(str(error)) from error
     except FAILURES as error:
-        why = failure_text(error)
-    fewest = model.partition.count <= max(len(scene.bodies), model.comm.size)
-    if fewest and not is_undecomposed(scene.solver) and not scene.has_friction:
-        direct = solve_directly(
-            model.problem, model.dofs, options.least_tolerance, solution, request.monitor
-        )
-        if direct is not None and (solution is None or direct.converged):
-            return direct, (
-                f"the dual problem could not be solved to a certificate "
-                f"({why}){cause(scene.bodies)}: solved for the displacements by Newton's "
-                "method instead, which takes longer"
-            )
-    if solution is None:
-        raise NoAnswerError(why, model.partition.count)
-    return solution, ""
+        raise NoAnswerError(failure_text(error), model.partition.count) from error

@@ -20,8 +20,7 @@ multigrid       all for which it was not tried before    nothing: the answer bef
 ==============  =======================================  =========================================
 
 A method ends the search if its answer is certified, or if the user stopped or limited it
-(`run.fallback.is_final`). Otherwise the next one is tried, and a message has the reason. Within
-Total FETI, `solve._solution_of` has a fallback that needs no other model.
+(`run.fallback.is_final`). Otherwise the next one is tried, and a message has the reason.
 """
 
 from __future__ import annotations

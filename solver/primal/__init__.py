@@ -6,7 +6,5 @@ conjugate gradients with algebraic multigrid on an active set: `merged` puts the
 together, `projector` holds the active rows, `hierarchy` has the levels, `vertices` the one of
 degree 1 below degree 2, `cycle` truncates their coarse spaces, `rigid_space` corrects rigid motions
 of bodies that only contact holds, `factor` replaces the cycle for thin bodies, `first_set` finds
-the first set on coarse levels, `recovery` computes all multipliers. `newton` is the safe method
-where dual methods end at rounding errors: augmented Lagrangians, semismooth Newton steps and sparse
-factors.
+the first set on coarse levels, `recovery` computes all multipliers.
 """

@@ -63,7 +63,7 @@ class Solver(Model):
         "al. (2020), MPRGP with the named expansion inside SMALBE-M; the default if an "
         "expansion is named. primal: active sets on the undecomposed bodies, conjugate "
         "gradients with algebraic multigrid on each set. If a method ends without a "
-        "certificate, others follow (Total FETI, fewer subdomains, Newton's method), and a "
+        "certificate, others follow (Total FETI, fewer subdomains, multigrid), and a "
         "warning says so.",
     )
     tolerance: Annotated[
