@@ -170,7 +170,7 @@ def test_a_bimetal_strip_is_solved_undecomposed_and_agrees_with_total_feti() -> 
 
 
 def test_with_friction_one_thick_body_takes_multigrid() -> None:
-    """Thin bodies and histories stay with Total FETI."""
+    """Thin bodies stay with Total FETI; load histories are chosen for as single solves are."""
     config = load(CONFIGS / "pillow_block.yaml", ["contacts.0.friction={coulomb: 0.3}"])
     scene = build_scene(config)
     body = scene.bodies[0]
@@ -183,7 +183,7 @@ def test_with_friction_one_thick_body_takes_multigrid() -> None:
     assert with_chosen_method(made(thickness=2.0)).solver.method == "auto"
     assert with_chosen_method(replace(made(), bodies=made().bodies * 2)).solver.method == "primal"
     history = build_scene(load(CONFIGS / "press_and_push.yaml")).steps
-    assert with_chosen_method(replace(made(), steps=history)).solver.method == "auto"
+    assert with_chosen_method(replace(made(), steps=history)).solver.method == "primal"
 
 
 @pytest.mark.parametrize(
@@ -242,7 +242,7 @@ def test_friction_that_converges_slowly_is_left_to_multigrid() -> None:
 
 
 def test_several_bodies_from_mesh_files_with_friction_are_solved_by_multigrid() -> None:
-    """Without friction so few unknowns stay with Total FETI, and histories do."""
+    """Without friction so few unknowns stay with Total FETI."""
 
     def chosen(*changes: str) -> str:
         scene = build_scene(load(CONFIGS / "hub_on_shaft.yaml", changes))
@@ -255,7 +255,7 @@ def test_several_bodies_from_mesh_files_with_friction_are_solved_by_multigrid() 
         "conditions=[{on: shaft.end, displacement: [0, 0, 0], name: end}]",
         "steps=[{end: 1}]",
     ]
-    assert chosen(friction, *pushed) == "auto"
+    assert chosen(friction, *pushed) == "primal"
 
 
 def test_several_bodies_whose_active_sets_do_not_settle_are_left_to_multigrid() -> None:
