@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from contact_app.errors import ConfigurationError
 from contact_app.model.averaged_rows import GapAndNormal, has_averaged_rows
-from contact_app.model.boundaries import boundary_nodes, facets_of, surface_facets
+from contact_app.model.boundaries import boundary_nodes, surface_facets
 from contact_app.model.facets import moments, shapes_on_lattice
 from contact_app.model.model import Model
 from contact_app.results.fields import NodeFields
@@ -140,7 +140,7 @@ def entered_between(model: Model, solution: Solution, number: int) -> float:
     averaged = has_averaged_rows(scene.bodies[contact.body])
     if contact.obstacle.curvature_radius is None and not averaged:
         return depth
-    chosen = facets_of(scene.bodies, model.partition, contact.body, contact.boundary)
+    chosen = model.geometry.facets_of(contact.body, contact.boundary)
     for s, rows, (cls, column) in zip(model.partition.subdomains, chosen, model.place, strict=True):
         if len(rows) == 0:
             continue
@@ -216,7 +216,7 @@ def coarse_contact(model: Model, solution: Solution, nodes: NodeFields) -> float
 
 def _facet_size(model: Model, contact: Contact) -> float:
     """Root of the mean area of the facets of a contact boundary (collective)."""
-    chosen = facets_of(model.scene.bodies, model.partition, contact.body, contact.boundary)
+    chosen = model.geometry.facets_of(contact.body, contact.boundary)
     sums = np.zeros(2)
     for s, rows in zip(model.partition.subdomains, chosen, strict=True):
         if len(rows):
@@ -364,7 +364,7 @@ def pressed_facets(model: Model, nodes: NodeFields) -> list[PressedFacets]:
         owned = np.zeros(len(nodes.points))
         owned[at_nodes.nodes - nodes.first] = at_nodes.pressure
         pressure = exchange.from_owners(owned[exchange.nodes - exchange.first])
-        chosen = facets_of(scene.bodies, model.partition, contact.body, contact.boundary)
+        chosen = model.geometry.facets_of(contact.body, contact.boundary)
         places, at = [], []
         for start, s, rows in zip(starts, subdomains, chosen, strict=False):
             facets = s.reference.facets[rows]

@@ -67,7 +67,7 @@ def entering_each_other(names: str, depth: float, moved: float) -> str:
 
 def entered(model: Model, nodes: NodeFields, pair: BodyContact) -> float:
     """Largest depth of a vertex of one side in the other one, a length (collective)."""
-    on, against = sides_of(model.scene, model.partition, pair)
+    on, against = sides_of(model.geometry, pair)
     displaced = _displaced(model, nodes, on), _displaced(model, nodes, against)
     return depth_in_each_other(model.comm, (on, against), displaced, pair.round)
 

@@ -136,7 +136,7 @@ def pair_sagittas(model: Model, nodes: NodeFields) -> list[float]:
         points, gaps = (np.concatenate(part) for part in zip(*parts, strict=True))
         sagitta = max((_sagitta(*side, points, gaps) for side in both), default=0.0)
         if sagitta > 0.0:
-            surfaces = sides_of(scene, model.partition, pair)
+            surfaces = sides_of(model.geometry, pair)
             sagitta *= not facets_match(*surfaces, points[gaps <= sagitta])
         sagittas_of_pairs.append(sagitta)
     return sagittas_of_pairs

@@ -26,7 +26,6 @@ from numpy.typing import NDArray
 
 from contact_app.model.boundaries import boundary_facets, surface_facets
 from contact_app.model.model import Model
-from contact_app.model.pairs import gather_surface
 from contact_app.results.fields import NodeFields
 from contact_app.scene.conditions import BodyContact, Contact
 from meshes.contact_surface import Surface
@@ -264,9 +263,7 @@ def skin_near(model: Model, body: int, boundary: str, point: Array, reach: float
             contact = np.intersect1d(rows, boundary_facets(s, scene.bodies[body], boundary))
         every.append(rows)
         of_contact.append(contact)
-    surface, pressed = (
-        gather_surface(scene.bodies, scene.mirrors, partition, rows) for rows in (every, of_contact)
-    )
+    surface, pressed = (model.geometry.surface_of(rows) for rows in (every, of_contact))
     if surface is None or pressed is None:
         return None
     return Skin.of(surface, pressed, scene.bodies[body].name, scene.bodies[body].softest)

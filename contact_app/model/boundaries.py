@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from typing import NoReturn
 
 import numpy as np
@@ -10,7 +9,7 @@ from numpy.typing import NDArray
 
 from contact_app.errors import ConfigurationError
 from contact_app.scene.bodies import Body
-from meshes import Partition, Subdomain
+from meshes import Subdomain
 
 
 def boundary_facets(subdomain: Subdomain, body: Body, boundary: str) -> NDArray[np.int32]:
@@ -36,17 +35,6 @@ def surface_facets(subdomain: Subdomain, body: Body) -> NDArray[np.int32]:
     """Rows of the reference's facets on the surface of a body, cuts of symmetry not among them."""
     cuts = [subdomain.boundaries[name] for name in body.cuts if name in subdomain.boundaries]
     return np.setdiff1d(subdomain.exterior, np.concatenate(cuts)) if cuts else subdomain.exterior
-
-
-def facets_of(
-    bodies: Sequence[Body], partition: Partition, body: int, boundary: str
-) -> list[NDArray[np.int32]]:
-    """Rows of the reference's facets of each subdomain of this rank on a boundary of a body."""
-    none = np.zeros(0, np.int32)
-    return [
-        boundary_facets(s, bodies[body], boundary) if s.body == body else none
-        for s in partition.subdomains
-    ]
 
 
 def boundary_nodes(subdomain: Subdomain, body: Body, boundary: str) -> NDArray[np.int64]:

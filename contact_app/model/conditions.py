@@ -11,26 +11,28 @@ from numpy.typing import NDArray
 from contact_app.errors import ConfigurationError, ContactError, NoEquilibriumError
 from contact_app.machine.ranks import agreed
 from contact_app.model.averaged_rows import averaged_rows, has_averaged_rows
-from contact_app.model.boundaries import boundary_nodes, facets_of
+from contact_app.model.boundaries import boundary_nodes
+from contact_app.model.geometry import Geometry
 from contact_app.model.pairs import of_what_is_solved, owned_rows, sides_of
-from contact_app.scene.conditions import Contact, DisplacementCondition
+from contact_app.scene.conditions import BodyContact, Contact, DisplacementCondition
 from contact_app.scene.scene import Scene
-from meshes import Partition
 from meshes.facing import SurfacesApartError
 from meshes.mortar import mean_gaps
 from solver.tfeti.constraints.conditions import ContactRows, ContradictionError, NodeConditions
 from solver.tfeti.constraints.exchange import NodeExchange
 
 
-def node_conditions(scene: Scene, partition: Partition) -> NodeConditions:
+def node_conditions(
+    geometry: Geometry, displacements: Sequence[DisplacementCondition], contacts: Sequence[Contact]
+) -> NodeConditions:
     """Held nodes and contact rows at the nodes of this rank's subdomains."""
-    d = scene.dimension
+    d = geometry.dimension
     held: list[tuple] = []
     touching: list[tuple] = []
-    for s in partition.subdomains:
-        body = scene.bodies[s.body]
+    for s in geometry.partition.subdomains:
+        body = geometry.bodies[s.body]
         points = s.points()
-        for i, condition in enumerate(scene.displacements):
+        for i, condition in enumerate(displacements):
             if condition.body != s.body:
                 continue
             nodes = boundary_nodes(s, body, condition.boundary)
@@ -43,7 +45,7 @@ def node_conditions(scene: Scene, partition: Partition) -> NodeConditions:
                     np.broadcast_to(values, shape), np.full(len(nodes), i),
                 )
             )  # fmt: skip
-        for i, contact in enumerate(scene.contacts):
+        for i, contact in enumerate(contacts):
             if contact.body != s.body or has_averaged_rows(body):
                 continue
             nodes = boundary_nodes(s, body, contact.boundary)
@@ -52,7 +54,9 @@ def node_conditions(scene: Scene, partition: Partition) -> NodeConditions:
             try:
                 gap, normal = contact.gap_and_normal(points[nodes])
             except ConfigurationError as error:
-                raise ConfigurationError(f"{scene.at(contact.source)}.obstacle: {error}") from None
+                raise ConfigurationError(
+                    f"{geometry.at(contact.source)}.obstacle: {error}"
+                ) from None
             touching.append(
                 (s.nodes[nodes], points[nodes], -normal[:, :d], gap, np.full(len(nodes), i))
             )
@@ -64,58 +68,59 @@ def node_conditions(scene: Scene, partition: Partition) -> NodeConditions:
 
 
 def rows_in_the_mean(
-    scene: Scene, partition: Partition, exchange: NodeExchange, number: int
+    geometry: Geometry, exchange: NodeExchange, contact: Contact, number: int
 ) -> ContactRows:
-    """Rows of a contact that is enforced on averages about vertices."""
-    contact = scene.contacts[number]
-    body = scene.bodies[contact.body]
-    chosen = facets_of(scene.bodies, partition, contact.body, contact.boundary)
+    """Rows of a contact, given its number, that is enforced on averages about vertices."""
+    partition, body = geometry.partition, geometry.bodies[contact.body]
+    chosen = geometry.facets_of(contact.body, contact.boundary)
     if not partition.comm.allreduce(sum(map(len, chosen))):
         raise ConfigurationError(
-            f"{scene.at(contact.source)}.on: no whole facet of the surface of {body.name} lies on "
-            f"{contact.boundary}; contact of tetrahedra of degree 2 needs facets all of whose "
+            f"{geometry.at(contact.source)}.on: no whole facet of the surface of {body.name} lies "
+            f"on {contact.boundary}; contact of tetrahedra of degree 2 needs facets all of whose "
             "nodes are on it"
         )
     with agreed(partition.comm):
         try:
             return averaged_rows(partition, exchange, chosen, contact, number)
         except ConfigurationError as error:
-            raise ConfigurationError(f"{scene.at(contact.source)}.obstacle: {error}") from None
+            raise ConfigurationError(f"{geometry.at(contact.source)}.obstacle: {error}") from None
 
 
 def mortar_rows(
-    scene: Scene, partition: Partition, exchange: NodeExchange, number: int
+    geometry: Geometry, exchange: NodeExchange, pair: BodyContact, number: int
 ) -> ContactRows:
-    """Mortar rows of a pair of bodies; the message names a side that has no facet."""
-    pair = scene.pairs[number]
-    on, against = (
-        side.smooth() if pair.round else side for side in sides_of(scene, partition, pair)
-    )
+    """Mortar rows of a pair of bodies, given its number among all contacts."""
+    on, against = (side.smooth() if pair.round else side for side in sides_of(geometry, pair))
     try:
-        rows = mean_gaps(on, against, partition.comm)
+        rows = mean_gaps(on, against, geometry.comm)
     except SurfacesApartError as error:
-        raise ConfigurationError(f"{scene.at(pair.source)}: {error}") from error
+        raise ConfigurationError(f"{geometry.at(pair.source)}: {error}") from error
     rows = replace(rows, gaps=rows.gaps - pair.interference)
-    if scene.mirrors:
-        rows = of_what_is_solved(scene.bodies, scene.mirrors, partition.nodes, rows)
-    return owned_rows(exchange, rows, len(scene.contacts) + number)
+    if geometry.mirrors:
+        rows = of_what_is_solved(geometry, rows)
+    return owned_rows(exchange, rows, number)
 
 
-def refuse_empty_boundaries(scene: Scene, partition: Partition, conditions: NodeConditions) -> None:
-    """Refuse conditions and contacts whose boundary has no node."""
+def refuse_empty_boundaries(
+    geometry: Geometry,
+    displacements: Sequence[DisplacementCondition],
+    contacts: Sequence[Contact],
+    conditions: NodeConditions,
+) -> None:
+    """Refuse conditions and contacts whose boundary has no node (collective)."""
     groups: tuple[tuple[Sequence[DisplacementCondition | Contact], NDArray[np.int64]], ...] = (
-        (scene.displacements, conditions.held_source),
-        (scene.contacts, conditions.contact_source),
+        (displacements, conditions.held_source),
+        (contacts, conditions.contact_source),
     )
     for things, sources in groups:
-        count = partition.comm.allreduce(np.bincount(sources, minlength=len(things)))
+        count = geometry.comm.allreduce(np.bincount(sources, minlength=len(things)))
         for thing, nodes in zip(things, count, strict=False):
             if nodes == 0 and not (
-                isinstance(thing, Contact) and has_averaged_rows(scene.bodies[thing.body])
+                isinstance(thing, Contact) and has_averaged_rows(geometry.bodies[thing.body])
             ):
                 raise ConfigurationError(
-                    f"{scene.at(thing.source)}.on: no node of the surface of "
-                    f"{scene.bodies[thing.body].name} lies on {thing.boundary}; change the "
+                    f"{geometry.at(thing.source)}.on: no node of the surface of "
+                    f"{geometry.bodies[thing.body].name} lies on {thing.boundary}; change the "
                     "boundary's `where` or the mesh"
                 )
 

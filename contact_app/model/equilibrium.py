@@ -17,11 +17,11 @@ from scipy.linalg import block_diag
 
 from contact_app.errors import ConfigurationError, NoEquilibriumError
 from contact_app.model.far_obstacles import far_obstacle_hints
+from contact_app.model.geometry import Geometry
 from contact_app.model.rigid import RigidUnknowns
 from contact_app.scene.bodies import MOTION_NAMES, Body
-from contact_app.scene.conditions import BodyContact, Contact
+from contact_app.scene.conditions import BodyContact, Contact, RigidTie, Tie
 from contact_app.scene.scene import Scene
-from meshes import Partition
 from meshes.connected import connected
 from solver.contact.equilibrium import (
     BodyBalance,
@@ -45,7 +45,7 @@ Array = NDArray[np.float64]
 
 def body_balances(
     scene: Scene,
-    partition: Partition,
+    geometry: Geometry,
     holding: tuple[HeldRows, ContactRows],
     contact: ContactRows,
     loads: Iterable[Array | None],
@@ -61,8 +61,8 @@ def body_balances(
         Held nodes and tied rows that this rank owns.
     """
     held, tied = holding
-    d, comm = scene.dimension, partition.comm
-    rigid, elastic = RigidUnknowns.of(scene, partition), len(scene.bodies)
+    d, comm, partition = geometry.dimension, geometry.comm, geometry.partition
+    rigid, elastic = RigidUnknowns.of(geometry), len(scene.bodies)
     count = elastic + rigid.count
     work, scale = np.zeros((count, MOTIONS[d])), np.zeros(count)
     for s, load in zip(partition.subdomains, loads, strict=True):
@@ -74,16 +74,14 @@ def body_balances(
     for nth in range(rigid.count):
         work[elastic + nth] = rigid.loads(nth)
         scale[elastic + nth] = np.abs(work[elastic + nth]).sum()
-    touching, joined = (
-        contact_motions(scene.bodies, partition, rows, rigid) for rows in (contact, tied)
-    )
+    touching, joined = (contact_motions(geometry, rows) for rows in (contact, tied))
     points = None
     if friction is not None:
-        slips = contact_motions(scene.bodies, partition, friction.rows, rigid)
+        slips = contact_motions(geometry, friction.rows)
         points = ContactPoints(friction, friction.places(contact), slips)
     balances: list[BodyBalance | None] = [None] * count
-    for group in groups_in_contact(scene):
-        held_rows, requested = _holding(scene, partition, held, rigid, group)
+    for group in groups_in_contact(geometry, scene.touching, scene.all_ties):
+        held_rows, requested = _holding(geometry, held, group)
         columns = (group[:, None] * MOTIONS[d] + np.arange(MOTIONS[d])).ravel()
         some, tied_rows = touching[:, columns], joined[:, columns]
         nonzero = np.diff(some.indptr) > 0
@@ -165,27 +163,24 @@ def loose_bodies(bodies: Sequence[Body], balances: list[BodyBalance]) -> LooseBo
 
 
 def _holding(
-    scene: Scene,
-    partition: Partition,
-    held: HeldRows,
-    rigid: RigidUnknowns,
-    group: NDArray[np.int64],
+    geometry: Geometry, held: HeldRows, group: NDArray[np.int64]
 ) -> tuple[list[Array], list[Array]]:
     """Held rows of each body of a group on its rigid motions, and motions held on request."""
-    d, comm, elastic = scene.dimension, partition.comm, len(scene.bodies)
+    d, comm, bodies = geometry.dimension, geometry.comm, geometry.bodies
+    rigid, first_node = geometry.rigid, geometry.partition.first_node
     held_rows, requested = [], []
     for b in group:
-        if b >= elastic:
-            held_rows.append(np.eye(MOTIONS[d])[rigid.held(b - elastic)[0]])
+        if b >= len(bodies):
+            held_rows.append(np.eye(MOTIONS[d])[rigid.held(rigid.moving[b - len(bodies)])[0]])
             requested.append(np.zeros((0, MOTIONS[d])))
             continue
-        first, last = partition.first_node[b], partition.first_node[b + 1]
+        first, last = first_node[b], first_node[b + 1]
         in_body = (held.nodes >= first) & (held.nodes < last)
-        motions = rigid_motions(held.points[in_body], d, *body_frame(scene.bodies[b]))
+        motions = rigid_motions(held.points[in_body], d, *body_frame(bodies[b]))
         held_rows.append(motions[held.held[in_body]])
         left = held_motions(comm, held_rows[-1])
-        _refuse_held_twice(scene.at(f"bodies[{b}].hold"), scene.bodies[b], left)
-        listed = list(scene.bodies[b].hold) if comm.rank == 0 else []  # once over all ranks
+        _refuse_held_twice(geometry.at(f"bodies[{b}].hold"), bodies[b], left)
+        listed = list(bodies[b].hold) if comm.rank == 0 else []  # once over all ranks
         requested.append(np.eye(MOTIONS[d])[listed])
     return held_rows, requested
 
@@ -235,32 +230,39 @@ class ContactPoints:
         )  # fmt: skip
 
 
-def group_numbers(scene: Scene) -> NDArray[np.int64]:
+def group_numbers(
+    geometry: Geometry,
+    touching: Sequence[Contact | BodyContact],
+    ties: Sequence[Tie | RigidTie],
+) -> NDArray[np.int64]:
     """The group of each body, (bodies,): elastic ones first, then moving rigid ones.
 
     Bodies of a group may touch or hold together, directly or through others.
     """
-    elastic, count = len(scene.bodies), len(scene.body_names)
-    pairs = [(pair.body, pair.other) for pair in scene.pairs]
-    pairs += [(tie.body, tie.other) for tie in scene.ties]
-    place = {number: elastic + nth for nth, number in enumerate(scene.moving)}
-    pairs += [(c.body, place[c.rigid]) for c in scene.contacts if c.rigid in place]
-    pairs += [(tie.body, place[tie.rigid]) for tie in scene.rigid_ties if tie.rigid in place]
-    ends = np.array(pairs).reshape(-1, 2)
-    return connected(ends.T, count)
+    elastic, moving = len(geometry.bodies), geometry.rigid.moving
+    place = {number: elastic + nth for nth, number in enumerate(moving)}
+    joints = (*touching, *ties)
+    pairs = [(j.body, j.other) for j in joints if isinstance(j, BodyContact | Tie)]
+    with_rigid = [j for j in joints if isinstance(j, Contact | RigidTie)]
+    pairs += [(j.body, place[j.rigid]) for j in with_rigid if j.rigid in place]
+    ends = np.array(pairs, np.int64).reshape(-1, 2)
+    return connected(ends.T, elastic + len(moving))
 
 
-def groups_in_contact(scene: Scene) -> list[NDArray[np.int64]]:
+def groups_in_contact(
+    geometry: Geometry,
+    touching: Sequence[Contact | BodyContact],
+    ties: Sequence[Tie | RigidTie],
+) -> list[NDArray[np.int64]]:
     """Bodies that may touch each other, directly or through others."""
-    label = group_numbers(scene)
+    label = group_numbers(geometry, touching, ties)
     return [np.flatnonzero(label == k) for k in np.unique(label)]
 
 
-def contact_motions(
-    bodies: Sequence[Body], partition: Partition, contact: ContactRows, rigid: RigidUnknowns
-) -> sparse.csr_matrix:
+def contact_motions(geometry: Geometry, contact: ContactRows) -> sparse.csr_matrix:
     """Contact rows applied to the rigid motions of each body, (rows, bodies · motions)."""
-    d, more = partition.dimension, contact.rigid
+    rigid, bodies, partition = RigidUnknowns.of(geometry), geometry.bodies, geometry.partition
+    d, more = geometry.dimension, contact.rigid
 
     def motions_of(b: int, points: Array) -> Array:
         return rigid_motions(points, d, *body_frame(bodies[b]))

@@ -8,8 +8,8 @@ import numpy as np
 from mpi4py import MPI
 from numpy.typing import NDArray
 
-from contact_app.model.boundaries import facets_of
 from contact_app.model.facets import moments
+from contact_app.model.geometry import Geometry
 from contact_app.model.pairs import sides_of
 from contact_app.model.rigid import RigidUnknowns, with_slips
 from contact_app.model.tangential_rows import (
@@ -17,13 +17,9 @@ from contact_app.model.tangential_rows import (
     slips_at_obstacle,
     slips_between,
     summed_at,
-    tangential_rows,
 )
 from contact_app.model.ties import decided_by
-from contact_app.scene.bodies import Body
 from contact_app.scene.conditions import BodyContact, Contact
-from contact_app.scene.scene import Scene
-from meshes import Partition
 from meshes.ties import MeanJumps, mean_jumps
 from solver.tfeti.constraints.conditions import ContactRows, HeldRows
 from solver.tfeti.constraints.exchange import NodeExchange
@@ -32,30 +28,18 @@ from solver.tfeti.constraints.friction import FrictionRows
 Array = NDArray[np.float64]
 
 
-def friction_rows(
-    scene: Scene,
-    partition: Partition,
+def rough_contacts(
+    geometry: Geometry,
+    touching: Sequence[Contact | BodyContact],
     exchange: NodeExchange,
-    contact: ContactRows,
     held: HeldRows,
-    tied: ContactRows,
-    merged: ContactRows,
-) -> FrictionRows | None:
-    """The tangential rows of all contacts with friction (collective); None where there are none.
-
-    Parameters
-    ----------
-    contact, held, tied, merged
-        As `tangential_rows` takes them.
-    """
-    if not scene.has_friction:
-        return None
-    rough = [
-        _rough(scene, partition, exchange, held, number)
-        for number, touching in enumerate(scene.touching)
-        if touching.friction is not None
+) -> list[RoughContact]:
+    """The contacts with friction among all contacts, in the order of their numbers."""
+    return [
+        _rough(geometry, exchange, held, item, number)
+        for number, item in enumerate(touching)
+        if item.friction is not None
     ]
-    return tangential_rows(exchange, rough, contact, merged, held, tied)
 
 
 def always_rough(
@@ -86,49 +70,52 @@ def without_area(
 
 
 def _rough(
-    scene: Scene, partition: Partition, exchange: NodeExchange, held: HeldRows, number: int
+    geometry: Geometry,
+    exchange: NodeExchange,
+    held: HeldRows,
+    touching: Contact | BodyContact,
+    number: int,
 ) -> RoughContact:
     """One contact with friction."""
-    touching = scene.touching[number]
     assert touching.friction is not None
 
     def slips(contact: ContactRows) -> tuple[ContactRows, NDArray[np.bool_]]:
         if isinstance(touching, BodyContact):
-            jumps = _jumps(scene, partition, exchange, touching, held)
+            jumps = _jumps(geometry, exchange, touching, held)
             return slips_between(exchange, contact, jumps, number)
-        rows, is_free = slips_at_obstacle(contact, None if touching.rigid in scene.moving else held)
+        moves = touching.rigid in geometry.rigid.moving
+        rows, is_free = slips_at_obstacle(contact, None if moves else held)
         if touching.rigid is not None:
-            rows = with_slips(rows, RigidUnknowns.of(scene, partition), touching.rigid)
+            rows = with_slips(rows, RigidUnknowns.of(geometry), touching.rigid)
         return rows, is_free
 
     def shares(nodes: NDArray[np.int64]) -> Array:
-        return _shares(scene.bodies, partition, exchange, touching, nodes)
+        return _shares(geometry, exchange, touching, nodes)
 
     return RoughContact(number, touching.friction, shares, slips)
 
 
 def _jumps(
-    scene: Scene, partition: Partition, exchange: NodeExchange, pair: BodyContact, held: HeldRows
+    geometry: Geometry, exchange: NodeExchange, pair: BodyContact, held: HeldRows
 ) -> MeanJumps:
     """Mean jumps of the displacements of a pair, of all ranks (collective)."""
-    sides, decided = sides_of(scene, partition, pair), decided_by(exchange, held)
-    return mean_jumps(*sides, decided, partition.comm, gives=False)
+    sides, decided = sides_of(geometry, pair), decided_by(exchange, held)
+    return mean_jumps(*sides, decided, geometry.comm, gives=False)
 
 
 def _shares(
-    bodies: Sequence[Body],
-    partition: Partition,
+    geometry: Geometry,
     exchange: NodeExchange,
     touching: Contact | BodyContact,
     nodes: NDArray[np.int64],
 ) -> Array:
     """∫ φ_k over the boundary of a contact at some nodes this rank owns, (n,) (collective)."""
     every, values = [np.zeros(0, np.int64)], [np.zeros(0)]
-    chosen = facets_of(bodies, partition, touching.body, touching.boundary)
-    for s, rows in zip(partition.subdomains, chosen, strict=True):
+    chosen = geometry.facets_of(touching.body, touching.boundary)
+    for s, rows in zip(geometry.partition.subdomains, chosen, strict=True):
         if len(rows):
             facets = s.reference.facets[rows]
-            share = moments(s.points()[facets], partition.dimension).sum(axis=1)
+            share = moments(s.points()[facets], geometry.dimension).sum(axis=1)
             every.append(s.nodes[facets].ravel())
             values.append(share.ravel())
     return summed_at(exchange, np.concatenate(every), np.concatenate(values), nodes)

@@ -18,13 +18,15 @@ from numpy.typing import NDArray
 
 from contact_app.errors import ConfigurationError
 from contact_app.model.assembly import Element
-from contact_app.scene.scene import Scene
-from meshes import Partition
+from contact_app.model.geometry import Geometry
+from contact_app.scene.conditions import Temperature
 
 Array = NDArray[np.float64]
 
 
-def node_temperatures(scene: Scene, partition: Partition) -> list[Array | None]:
+def node_temperatures(
+    geometry: Geometry, temperatures: Sequence[Temperature]
+) -> list[Array | None]:
     """Temperature at the nodes (nodes,) of each subdomain of this rank; None without heat.
 
     Raises
@@ -32,36 +34,42 @@ def node_temperatures(scene: Scene, partition: Partition) -> list[Array | None]:
     ConfigurationError
         An expression has no value at a node; raised on the rank of the node.
     """
-    heated = {item.body for item in scene.temperatures}
+    rises = _rises_of_bodies(geometry, temperatures)
     return [
-        _temperature(scene, s.body, s.points()) if s.body in heated else None
-        for s in partition.subdomains
+        _temperature(geometry, rises[s.body], s.points()) if rises[s.body] else None
+        for s in geometry.partition.subdomains
     ]
 
 
-def _temperature(scene: Scene, body: int, points: Array) -> Array:
+def _rises_of_bodies(
+    geometry: Geometry, temperatures: Sequence[Temperature]
+) -> list[list[Temperature]]:
+    """The rises of each body."""
+    count = range(len(geometry.bodies))
+    return [[item for item in temperatures if item.body == body] for body in count]
+
+
+def _temperature(geometry: Geometry, rises: Sequence[Temperature], points: Array) -> Array:
     """Sum of the rises of a body at points (n, 3), (n,)."""
     total = np.zeros(len(points))
-    for item in scene.temperatures:
-        if item.body != body:
-            continue
+    for item in rises:
         rise = item.rise(points)
         wrong = ~np.isfinite(rise)
         if wrong.any():
-            place = ", ".join(f"{x:g}" for x in points[np.argmax(wrong)][: scene.dimension])
+            place = ", ".join(f"{x:g}" for x in points[np.argmax(wrong)][: geometry.dimension])
             raise ConfigurationError(
-                f"{scene.at(item.source)}.temperature: `{item.rise.text}` has no finite value "
-                f"at ({place}), a point of {scene.bodies[body].name}"
+                f"{geometry.at(item.source)}.temperature: `{item.rise.text}` has no finite value "
+                f"at ({place}), a point of {geometry.bodies[item.body].name}"
             )
         total += rise
     return total
 
 
 def thermal_loads(
-    scene: Scene,
-    partition: Partition,
+    geometry: Geometry,
     elements: dict[int, Element],
-    temperatures: Sequence[Array | None],
+    plane: str | None,
+    temperatures: Sequence[Temperature],
 ) -> list[Array | None]:
     """Load vector (unknowns,) of the heat of each subdomain of this rank, None without heat.
 
@@ -72,21 +80,25 @@ def thermal_loads(
     """
     uniform: dict[tuple[int, int], Array] = {}
     loads: list[Array | None] = []
-    for s, temperature in zip(partition.subdomains, temperatures, strict=True):
-        if temperature is None:
+    rises_of_bodies = _rises_of_bodies(geometry, temperatures)
+    for s in geometry.partition.subdomains:
+        rises = rises_of_bodies[s.body]
+        if not rises:
             loads.append(None)
             continue
-        element, materials = elements[id(s.reference)], scene.bodies[s.body].materials
-        even = all(item.rise.constant for item in scene.temperatures if item.body == s.body)
+        element, materials = elements[id(s.reference)], geometry.bodies[s.body].materials
+        even = all(item.rise.constant for item in rises)
         key = (id(s.reference), s.body)
         if not even or key not in uniform:
             load = element.thermal_load(
-                materials, scene.plane, partial(_moved, scene, s.body, s.translation)
+                materials, plane, partial(_moved, geometry, rises, s.translation)
             )
             uniform[key] = load
         loads.append(uniform[key])
     return loads
 
 
-def _moved(scene: Scene, body: int, translation: Array, points: Array) -> Array:
-    return _temperature(scene, body, points + translation)
+def _moved(
+    geometry: Geometry, rises: Sequence[Temperature], translation: Array, points: Array
+) -> Array:
+    return _temperature(geometry, rises, points + translation)

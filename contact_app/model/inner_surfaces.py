@@ -16,8 +16,9 @@ from numpy.typing import NDArray
 
 from contact_app.errors import ConfigurationError
 from contact_app.model.facets import moments
+from contact_app.model.geometry import Geometry
 from contact_app.model.probes import OUTSIDE, in_cell
-from contact_app.scene.scene import InnerSection, Scene
+from contact_app.scene.scene import InnerSection
 from meshes import CellMesh, Partition, dolfinx_compat
 from meshes.inner_surface import sides_where
 from meshes.quadratic import VERTICES
@@ -48,7 +49,7 @@ class InnerSurface:
     centre: Array
 
 
-def locate_inner_surface(scene: Scene, partition: Partition, section: InnerSection) -> InnerSurface:
+def locate_inner_surface(geometry: Geometry, section: InnerSection) -> InnerSurface:
     """The inner surface of a section (collective).
 
     Raises
@@ -56,7 +57,7 @@ def locate_inner_surface(scene: Scene, partition: Partition, section: InnerSecti
     ConfigurationError
         There is no such surface, it does not divide the body, or the point is on none of its sides.
     """
-    body = scene.bodies[section.body]
+    body = geometry.bodies[section.body]
     shape = body.mesh.shape(body.degree)  # as it is cut into subdomains, node by node
     mesh: CellMesh = shape if isinstance(shape, CellMesh) else shape.cell_mesh()
     if section.boundary in mesh.inner:
@@ -67,13 +68,13 @@ def locate_inner_surface(scene: Scene, partition: Partition, section: InnerSecti
         sides = sides_where(mesh, body.boundaries[section.boundary](points))
         if sides is None:
             _refuse(
-                scene.at("output"), section, "on",
+                geometry.at("output"), section, "on",
                 f"the facets between cells on {body.name}.{section.boundary} do not divide "
                 f"{body.name} into two sides; all nodes of a facet have to satisfy `where`",
             )  # fmt: skip
         side = sides
-    local = _of_subdomains(partition, section.body, mesh, side)
-    if not _is_behind(scene, partition, section, local):
+    local = _of_subdomains(geometry.partition, section.body, mesh, side)
+    if not _is_behind(geometry, section, local):
         side = ~side
         local = tuple(None if mask is None else ~mask for mask in local)
     return InnerSurface(local, *_area_and_centre(mesh, side))
@@ -99,26 +100,24 @@ def _of_subdomains(
     return tuple(masks)
 
 
-def _is_behind(
-    scene: Scene, partition: Partition, section: InnerSection, masks: tuple[Bools | None, ...]
-) -> bool:
+def _is_behind(geometry: Geometry, section: InnerSection, masks: tuple[Bools | None, ...]) -> bool:
     """Whether the point of a section lies on the side of the masks (collective)."""
-    point, comm = np.array(section.behind), partition.comm
+    point, comm, d = np.array(section.behind), geometry.comm, geometry.dimension
     best: tuple[float, bool] = np.inf, False
-    for s, mask in zip(partition.subdomains, masks, strict=True):
+    for s, mask in zip(geometry.partition.subdomains, masks, strict=True):
         if mask is None:
             continue
-        outside, nodes, shares = in_cell(s, point, scene.dimension)
+        outside, nodes, shares = in_cell(s, point, d)
         if outside < best[0]:
             cells = s.reference.cells
             at = int(np.argmax((cells == nodes).all(axis=1)))
             best = outside, bool(mask[at])
     least, rank = comm.allreduce((best[0], comm.rank), op=MPI.MIN)
     if least > OUTSIDE:
-        place = ", ".join(f"{v:g}" for v in section.behind[: scene.dimension])
-        name = scene.bodies[section.body].name
+        place = ", ".join(f"{v:g}" for v in section.behind[:d])
+        name = geometry.bodies[section.body].name
         _refuse(
-            scene.at("output"), section, "behind", f"the point ({place}) does not lie in {name}"
+            geometry.at("output"), section, "behind", f"the point ({place}) does not lie in {name}"
         )
     return bool(comm.bcast(best[1], root=rank))
 

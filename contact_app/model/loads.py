@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Hashable, Sequence
+from dataclasses import dataclass
 from functools import partial
 
 import numpy as np
@@ -10,18 +11,32 @@ from numpy.typing import NDArray
 
 from contact_app.model.assembly import Element
 from contact_app.model.boundaries import boundary_facets, refuse_without_facet
+from contact_app.model.geometry import Geometry
 from contact_app.model.total_loads import LinearTraction
 from contact_app.scene.bodies import Body
-from contact_app.scene.conditions import Pressure, Traction
+from contact_app.scene.conditions import BodyForce, Pressure, Traction
 from contact_app.scene.scene import Scene
-from meshes import Partition, Subdomain
+from meshes import Subdomain
 
 FacetLoad = Traction | Pressure
 
 
+@dataclass(frozen=True)
+class Loads:
+    """Loads with a given density: on facets of boundaries, and on bodies."""
+
+    on_facets: tuple[FacetLoad, ...]
+    forces: tuple[BodyForce, ...]
+
+    @classmethod
+    def of(cls, scene: Scene) -> Loads:
+        """The loads of a scene."""
+        return cls((*scene.tractions, *scene.pressures), scene.forces)
+
+
 def load_vectors(
-    scene: Scene,
-    partition: Partition,
+    geometry: Geometry,
+    loads: Loads,
     elements: dict[int, Element],
     linear: Sequence[LinearTraction] = (),
 ) -> list[NDArray[np.float64] | None]:
@@ -37,25 +52,27 @@ def load_vectors(
     ConfigurationError
         A load has no facet.
     """
-    facet_loads: tuple[FacetLoad, ...] = (*scene.tractions, *scene.pressures)
-    has_facets = np.zeros(len(facet_loads), bool)
+    bodies = geometry.bodies
+    has_facets = np.zeros(len(loads.on_facets), bool)
     cache: dict[Hashable, NDArray[np.float64]] = {}
-    loads = []
-    for s in partition.subdomains:
-        for i, load in enumerate(facet_loads):
-            has_facets[i] |= bool(len(_facets(scene.bodies, s, load)))
-        loads.append(subdomain_load(scene, s, elements[id(s.reference)], linear, cache))
-    has_facets = partition.comm.allreduce(has_facets.astype(int)) > 0
-    for load, some in zip(facet_loads, has_facets, strict=True):
+    vectors = []
+    for s in geometry.partition.subdomains:
+        for i, load in enumerate(loads.on_facets):
+            has_facets[i] |= bool(len(_facets(bodies[s.body], s, load)))
+        element = elements[id(s.reference)]
+        vectors.append(subdomain_load(bodies[s.body], s, element, loads, linear, cache))
+    has_facets = geometry.comm.allreduce(has_facets.astype(int)) > 0
+    for load, some in zip(loads.on_facets, has_facets, strict=True):
         if not some:
-            refuse_without_facet(scene.at(load.source), scene.bodies[load.body], load.boundary)
-    return loads
+            refuse_without_facet(geometry.at(load.source), bodies[load.body], load.boundary)
+    return vectors
 
 
 def subdomain_load(
-    scene: Scene,
+    body: Body,
     s: Subdomain,
     element: Element,
+    loads: Loads,
     linear: Sequence[LinearTraction] = (),
     cache: dict[Hashable, NDArray[np.float64]] | None = None,
 ) -> NDArray[np.float64] | None:
@@ -73,30 +90,29 @@ def subdomain_load(
             cache[key] = make()
         return cache[key]
 
-    facet_loads: tuple[FacetLoad, ...] = (*scene.tractions, *scene.pressures)
-    for i, load in enumerate(facet_loads):
-        rows = _facets(scene.bodies, s, load)
+    for i, load in enumerate(loads.on_facets):
+        rows = _facets(body, s, load)
         if len(rows):
             key: Hashable = (id(s.reference), i, rows.tobytes())
             parts.append(reused(key, partial(_on_facets, element, rows, load)))
     for traction in linear:
         if traction.body == s.body:
-            rows = boundary_facets(s, scene.bodies[s.body], traction.boundary)
+            rows = boundary_facets(s, body, traction.boundary)
             if len(rows):
                 values = traction.at(s.points(), element.dimension)
                 parts.append(element.linear_traction(rows, values))
-    for i, force in enumerate(scene.forces):
+    for i, force in enumerate(loads.forces):
         if force.body == s.body:
             key = (id(s.reference), "force", i)
             parts.append(reused(key, partial(element.body_force, np.array(force.vector))))
     return np.sum(parts, axis=0) if parts else None
 
 
-def _facets(bodies: Sequence[Body], s: Subdomain, load: FacetLoad) -> NDArray[np.int32]:
-    """Facets of a subdomain on which a load acts."""
+def _facets(body: Body, s: Subdomain, load: FacetLoad) -> NDArray[np.int32]:
+    """Facets of a subdomain of a body on which a load acts."""
     if load.body != s.body:
         return np.zeros(0, np.int32)
-    return boundary_facets(s, bodies[s.body], load.boundary)
+    return boundary_facets(s, body, load.boundary)
 
 
 def _on_facets(element: Element, rows: NDArray[np.int32], load: FacetLoad) -> NDArray[np.float64]:

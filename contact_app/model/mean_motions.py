@@ -13,8 +13,6 @@ other motions. The condition is independent of the decomposition and, in the lim
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-
 import numpy as np
 from mpi4py import MPI
 from numpy.typing import NDArray
@@ -22,8 +20,7 @@ from numpy.typing import NDArray
 from contact_app.model.assembly import Element
 from contact_app.model.boundaries import surface_facets
 from contact_app.model.equilibrium import body_frame
-from contact_app.scene.bodies import Body
-from meshes import Partition
+from contact_app.model.geometry import Geometry
 from solver.tfeti.constraints.conditions import ContactEntries, ContactRows, HeldRows
 from solver.tfeti.constraints.exchange import NodeExchange
 from solver.tfeti.constraints.merge import cut_held
@@ -33,45 +30,35 @@ Array = NDArray[np.float64]
 
 
 def mean_motion_rows(
-    bodies: Sequence[Body],
-    partition: Partition,
-    exchange: NodeExchange,
-    elements: dict[int, Element],
-    held: HeldRows,
-    length: float,
+    geometry: Geometry, exchange: NodeExchange, elements: dict[int, Element], held: HeldRows
 ) -> ContactRows:
-    """Rows that this rank owns, without held components (collective).
-
-    Parameters
-    ----------
-    length
-        A length of the scene.
-    """
+    """Rows that this rank owns, without held components (collective)."""
+    partition = geometry.partition
     parts = [ContactRows.empty(partition.dimension)]
-    for b, body in enumerate(bodies):
+    for b, body in enumerate(geometry.bodies):
         if body.hold:
             first = int(partition.first_node[b])
-            points, weights, nodes = _weights(bodies, partition, elements, b)
+            points, weights, nodes = _weights(geometry, elements, b)
             gathered = exchange.among(np.full(len(nodes), first))
             nodes, points, weights = map(gathered.to_owners, (nodes, points, weights))
             if exchange.first <= first < exchange.last:
                 centre = body_frame(body)[0]
                 parts.append(_rows(b, (first, centre), nodes, points - centre, weights))
-    return cut_held(exchange, ContactRows.join(parts), held, length, sides=0)
+    return cut_held(exchange, ContactRows.join(parts), held, geometry.length, sides=0)
 
 
 def _weights(
-    bodies: Sequence[Body], partition: Partition, elements: dict[int, Element], b: int
+    geometry: Geometry, elements: dict[int, Element], b: int
 ) -> tuple[Array, Array, NDArray[np.int64]]:
     """Surface nodes of a body on this rank, their weights in the held m_k, their numbers.
 
     (k, 3), (k, dimension, held) and (k,); a node occurs once per subdomain (collective).
     """
-    d, body = partition.dimension, bodies[b]
+    d, body = geometry.dimension, geometry.bodies[b]
     square = np.zeros((MOTIONS[d], MOTIONS[d]))
     points, weights = [np.zeros((0, 3))], [np.zeros((0, d, MOTIONS[d]))]
     nodes = [np.zeros(0, np.int64)]
-    for s in partition.subdomains:
+    for s in geometry.partition.subdomains:
         facets = surface_facets(s, body) if s.body == b else np.zeros(0, np.int32)
         if len(facets):
             motions = rigid_motions(s.points(), d, *body_frame(body))
@@ -85,7 +72,7 @@ def _weights(
             points.append(s.points()[some])
             weights.append(integrals.reshape(-1, d, MOTIONS[d])[some])
             nodes.append(s.nodes[some].astype(np.int64))
-    square = partition.comm.allreduce(square, op=MPI.SUM)
+    square = geometry.comm.allreduce(square, op=MPI.SUM)
     chosen = np.linalg.inv(square)[:, list(body.hold)]
     return np.concatenate(points), np.concatenate(weights) @ chosen, np.concatenate(nodes)
 

@@ -30,6 +30,7 @@ from contact_app.model.equilibrium import (
     upward,
 )
 from contact_app.model.friction import without_area
+from contact_app.model.geometry import Geometry
 from contact_app.model.method import feti_options, is_undecomposed
 from contact_app.model.outline import Outline, Report, outline_of_scene
 from contact_app.model.probes import Probe
@@ -103,6 +104,11 @@ class Model:
     sections: tuple[SectionPiece, ...] = ()
     notes: tuple[str, ...] = ()
     cautions: tuple[str, ...] = ()
+
+    @cached_property
+    def geometry(self) -> Geometry:
+        """The bodies, cut into subdomains."""
+        return Geometry.of(self.scene, self.partition)
 
     @property
     def comm(self) -> MPI.Intracomm:
@@ -208,7 +214,7 @@ def model_of_outline(
     partition, surface, exchange = outline.partition, outline.surface, outline.exchange
     held, balances, eliminated = outline.held, outline.balances, outline.eliminated
     body_of_held = np.searchsorted(partition.first_node, held.nodes, side="right") - 1
-    unknowns = RigidUnknowns.of(scene, partition)
+    geometry, unknowns = outline.geometry, RigidUnknowns.of(outline.geometry)
     of_copies = subdomains_of_copies(surface, partition, unknowns.count)
     friction = outline.tangential
     slips = None if friction is None else friction.rows
@@ -216,9 +222,7 @@ def model_of_outline(
     rows, shared = write_rows(exchange, of_copies, held, shared, eliminated[body_of_held], options)
     if friction is not None:
         friction = replace(friction, rows=shared.tangential)
-    supports = support_rows(
-        scene.bodies, partition, RigidUnknowns.of(scene, partition), surface, balances
-    )
+    supports = support_rows(geometry, surface, balances)
     lifting = _lifting(partition, surface, exchange, held, eliminated)
     classes = _congruent(scene.bodies, partition, lifting)
     place = np.empty((len(partition.subdomains), 2), np.int64)
@@ -233,7 +237,7 @@ def model_of_outline(
     )
     problem = DualProblem(
         build_system(
-            subdomains, constraints, group_numbers(scene),
+            subdomains, constraints, group_numbers(geometry, scene.touching, scene.all_ties),
             lambda: timings.measure("factorization"), options, loose_bodies(scene.bodies, balances),
         )
     )  # fmt: skip

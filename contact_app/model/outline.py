@@ -30,9 +30,10 @@ from contact_app.model.conditions import (
 )
 from contact_app.model.decomposition import choose_split
 from contact_app.model.equilibrium import body_balances, groups_in_contact
-from contact_app.model.friction import always_rough, friction_rows
+from contact_app.model.friction import always_rough, rough_contacts
+from contact_app.model.geometry import Geometry
 from contact_app.model.heat import node_temperatures, thermal_loads
-from contact_app.model.loads import load_vectors
+from contact_app.model.loads import Loads, load_vectors
 from contact_app.model.mean_motions import mean_motion_rows
 from contact_app.model.method import subdomains_of
 from contact_app.model.probes import Probe, locate_probes
@@ -40,13 +41,13 @@ from contact_app.model.rigid import (
     exchange_with,
     moving_contacts,
     moving_rows,
-    scene_length,
 )
 from contact_app.model.sections import SectionPiece, locate_sections
 from contact_app.model.surface_copies import SurfaceCopies
+from contact_app.model.tangential_rows import tangential_rows
 from contact_app.model.ties import TiedRows, tied_rows, without_determined
 from contact_app.model.total_loads import LinearTraction, linear_tractions
-from contact_app.scene.conditions import BodyContact, Contact
+from contact_app.scene.conditions import BodyContact, Contact, DisplacementCondition
 from contact_app.scene.scene import Scene
 from meshes import Partition, decompose
 from solver.contact.equilibrium import BodyBalance
@@ -114,7 +115,7 @@ class Outline:
         Tangential rows at all candidate rows of this rank; None without friction.
     """
 
-    partition: Partition
+    geometry: Geometry
     surface: SurfaceCopies
     exchange: NodeExchange
     uncut: tuple[ContactRows, ...]
@@ -134,6 +135,11 @@ class Outline:
     thermal: list[NDArray[np.float64] | None]
     balances: list[BodyBalance]
     friction: FrictionRows | None = None
+
+    @property
+    def partition(self) -> Partition:
+        """The subdomains."""
+        return self.geometry.partition
 
     @property
     def all_contact(self) -> ContactRows:
@@ -196,35 +202,43 @@ def outline_of_scene(
     timings = timings or Timings()
     with timings.measure("setup"):
         partition = partition_scene(scene, comm)
-    surface, probes = SurfaceCopies(partition), locate_probes(scene, partition)
+    geometry = Geometry.of(scene, partition)
+    surface, probes = SurfaceCopies(partition), locate_probes(geometry, scene.output.probes)
     exchange = exchange_with(surface, partition, len(scene.moving))
-    conditions = _conditions(scene, partition)
-    uncut = tuple(mortar_rows(scene, partition, exchange, i) for i in range(len(scene.pairs)))
+    conditions = _conditions(geometry, scene.displacements, scene.contacts)
+    uncut = tuple(
+        mortar_rows(geometry, exchange, pair, i)
+        for i, pair in enumerate(scene.pairs, start=len(scene.contacts))
+    )
     uncut += tuple(
-        rows_in_the_mean(scene, partition, exchange, i)
+        rows_in_the_mean(geometry, exchange, c, i)
         for i, c in enumerate(scene.contacts)
         if has_averaged_rows(scene.bodies[c.body]) and c.rigid not in scene.moving
     )
-    held, contact, merged = _merged_rows(scene, partition, exchange, conditions, uncut)
-    tied = tied_rows(scene, partition, exchange, held, scene_length(scene.bodies))
-    contact, merged = without_determined(scene, partition, contact, merged, tied.rows)
+    held, contact, merged = _merged_rows(scene, geometry, exchange, conditions, uncut)
+    tied = tied_rows(geometry, scene.all_ties, exchange, held)
+    contact, merged = without_determined(
+        geometry, scene.all_ties, scene.touching, contact, merged, tied.rows
+    )
     elements: dict[int, Element] = {}
     for subdomain in partition.subdomains:
         reference = subdomain.reference
         if id(reference) not in elements:
             elements[id(reference)] = Element(reference, scene.dimension)
-    means = mean_motion_rows(
-        scene.bodies, partition, exchange, elements, held, scene_length(scene.bodies)
-    )
-    acting = _loads(scene, partition, elements, timings)
-    friction = friction_rows(scene, partition, exchange, contact, held, tied.rows, merged)
-    balances = body_balances(scene, partition, (held, tied.rows), contact, acting.loads, friction)
+    means = mean_motion_rows(geometry, exchange, elements, held)
+    acting = _loads(scene, geometry, elements, timings)
+    friction = None
+    if scene.has_friction:
+        rough = rough_contacts(geometry, scene.touching, exchange, held)
+        friction = tangential_rows(exchange, rough, contact, merged, held, tied.rows)
+    balances = body_balances(scene, geometry, (held, tied.rows), contact, acting.loads, friction)
     if isinstance(needed, str):
         all_rows = np.ones(len(contact.nodes), bool)
-        needed = all_rows if needed == "all" else _distinct(scene, contact, balances)
+        needed = all_rows if needed == "all" else _distinct(scene, geometry, contact, balances)
     return Outline(
-        partition, surface, exchange, uncut, held, contact.of(needed), needed, contact.of(~needed),
-        merged, elements, acting.linear, probes, locate_sections(scene, partition),
+        geometry, surface, exchange, uncut, held, contact.of(needed), needed, contact.of(~needed),
+        merged, elements, acting.linear, probes,
+        locate_sections(geometry, scene.output.sections),
         acting.loads, tied, means, acting.temperatures, acting.thermal, balances, friction,
     )  # fmt: skip
 
@@ -248,29 +262,31 @@ def outline_of_case(
     """
     if scene.rigid_bodies:  # each case has other placements
         return None
-    timings, partition = timings or Timings(), outline.partition
+    timings, exchange = timings or Timings(), outline.exchange
+    geometry = Geometry.of(scene, outline.partition)
     rows = outline.all_contact
     held, contact, merged, tied = outline.held, rows, outline.merged, outline.tied
-    means, length = outline.means, scene_length(scene.bodies)
+    means = outline.means
     if any(condition.name is not None for condition in scene.displacements):
-        conditions = _conditions(scene, partition)
-        held, contact, merged = _merged_rows(
-            scene, partition, outline.exchange, conditions, outline.uncut
+        conditions = _conditions(geometry, scene.displacements, scene.contacts)
+        held, contact, merged = _merged_rows(scene, geometry, exchange, conditions, outline.uncut)
+        tied = tied_rows(geometry, scene.all_ties, exchange, held)
+        means = mean_motion_rows(geometry, exchange, outline.elements, held)
+        contact, merged = without_determined(
+            geometry, scene.all_ties, scene.touching, contact, merged, tied.rows
         )
-        tied = tied_rows(scene, partition, outline.exchange, held, length)
-        means = mean_motion_rows(
-            scene.bodies, partition, outline.exchange, outline.elements, held, length
-        )
-        contact, merged = without_determined(scene, partition, contact, merged, tied.rows)
-        if not partition.comm.allreduce(int(_same_rows(contact, rows)), op=MPI.MIN):
+        if not geometry.comm.allreduce(int(_same_rows(contact, rows)), op=MPI.MIN):
             return None
-    acting = _loads(scene, partition, outline.elements, timings)
-    friction = friction_rows(scene, partition, outline.exchange, contact, held, tied.rows, merged)
-    balances = body_balances(scene, partition, (held, tied.rows), contact, acting.loads, friction)
-    needed = _distinct(scene, contact, balances)
+    acting = _loads(scene, geometry, outline.elements, timings)
+    friction = None
+    if scene.has_friction:
+        rough = rough_contacts(geometry, scene.touching, exchange, held)
+        friction = tangential_rows(exchange, rough, contact, merged, held, tied.rows)
+    balances = body_balances(scene, geometry, (held, tied.rows), contact, acting.loads, friction)
+    needed = _distinct(scene, geometry, contact, balances)
     return replace(
-        outline, held=held, contact=contact.of(needed), needed=needed, left_out=contact.of(~needed),
-        merged=merged, linear=acting.linear, loads=acting.loads,
+        outline, geometry=geometry, held=held, contact=contact.of(needed), needed=needed,
+        left_out=contact.of(~needed), merged=merged, linear=acting.linear, loads=acting.loads,
         tied=tied, means=means, temperatures=acting.temperatures, thermal=acting.thermal,
         balances=balances, friction=friction,
     )  # fmt: skip
@@ -287,16 +303,16 @@ class _Loads:
 
 
 def _loads(
-    scene: Scene, partition: Partition, elements: dict[int, Element], timings: Timings
+    scene: Scene, geometry: Geometry, elements: dict[int, Element], timings: Timings
 ) -> _Loads:
     """The loads of a scene on its subdomains (collective)."""
     with timings.measure("assembly"):
-        linear = linear_tractions(scene, partition, elements)
-        loads = load_vectors(scene, partition, elements, linear)
-        with agreed(partition.comm):
-            temperatures = node_temperatures(scene, partition)
-        with agreed(partition.comm):
-            thermal = thermal_loads(scene, partition, elements, temperatures)
+        linear = linear_tractions(geometry, elements, scene.total_loads)
+        loads = load_vectors(geometry, Loads.of(scene), elements, linear)
+        with agreed(geometry.comm):
+            temperatures = node_temperatures(geometry, scene.temperatures)
+        with agreed(geometry.comm):
+            thermal = thermal_loads(geometry, elements, scene.plane, scene.temperatures)
     return _Loads(linear, loads, temperatures, thermal)
 
 
@@ -305,31 +321,32 @@ def _same_rows(one: ContactRows, other: ContactRows) -> bool:
     return np.array_equal(one.nodes, other.nodes) and np.array_equal(one.sources, other.sources)
 
 
-def _conditions(scene: Scene, partition: Partition) -> NodeConditions:
+def _conditions(
+    geometry: Geometry, displacements: Sequence[DisplacementCondition], contacts: Sequence[Contact]
+) -> NodeConditions:
     """Held nodes and contact rows of nodes; boundaries without a node are refused (collective)."""
-    with agreed(partition.comm):
-        conditions = node_conditions(scene, partition)
-    refuse_empty_boundaries(scene, partition, conditions)
+    with agreed(geometry.comm):
+        conditions = node_conditions(geometry, displacements, contacts)
+    refuse_empty_boundaries(geometry, displacements, contacts, conditions)
     return conditions
 
 
 def _merged_rows(
     scene: Scene,
-    partition: Partition,
+    geometry: Geometry,
     exchange: NodeExchange,
     conditions: NodeConditions,
     uncut: Sequence[ContactRows],
 ) -> tuple[HeldRows, ContactRows, ContactRows]:
     """Held nodes, contact rows without held components, and redundant rows (collective)."""
-    length = scene_length(scene.bodies)
     moving = np.isin(conditions.contact_source, moving_contacts(scene.contacts, scene.moving))
     fixed = conditions.of_contacts(~moving)
     try:
         held = merge_held(exchange, conditions)
-        contact, merged = merge_contact(exchange, fixed, held, length, uncut)
+        contact, merged = merge_contact(exchange, fixed, held, geometry.length, uncut)
         if scene.moving:
             of_moving = conditions.of_contacts(moving)
-            on_motions = moving_rows(scene, partition, exchange, of_moving, held)
+            on_motions = moving_rows(geometry, scene.contacts, exchange, of_moving, held)
             contact, merged = (
                 ContactRows.join([a, b]) for a, b in zip((contact, merged), on_motions, strict=True)
             )
@@ -339,11 +356,11 @@ def _merged_rows(
 
 
 def _distinct(
-    scene: Scene, contact: ContactRows, balances: Sequence[BodyBalance]
+    scene: Scene, geometry: Geometry, contact: ContactRows, balances: Sequence[BodyBalance]
 ) -> NDArray[np.bool_]:
     """Mask of the candidate rows that become contact rows, (rows,)."""
-    steady, held = np.array([b.steady for b in balances]), np.zeros(len(scene.body_names), bool)
-    for group in groups_in_contact(scene):
+    steady, held = np.array([b.steady for b in balances]), np.zeros(len(balances), bool)
+    for group in groups_in_contact(geometry, scene.touching, scene.all_ties):
         held[group] = steady[group].all()
     of_contacts = np.array([held[item.body] for item in scene.touching], bool)
     return distinct(contact, of_contacts) | always_rough(scene.touching, contact)

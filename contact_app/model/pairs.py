@@ -11,57 +11,19 @@ own there; entries of rows at these nodes are moved to the nodes of which they a
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-
 import numpy as np
-from numpy.typing import NDArray
 
 from contact_app.errors import ConfigurationError
-from contact_app.model.boundaries import facets_of
+from contact_app.model.geometry import Geometry
 from contact_app.model.planes import on_planes
-from contact_app.scene.bodies import Body
 from contact_app.scene.conditions import BodyContact, Tie
-from contact_app.scene.scene import Mirror, Scene
-from meshes import Partition, Reference, dolfinx_compat
 from meshes.contact_surface import Surface
 from meshes.mortar import NEGLIGIBLE, MeanGaps
 from solver.tfeti.constraints.conditions import ContactEntries, ContactRows
 from solver.tfeti.constraints.exchange import NodeExchange
 
 
-def gather_surface(
-    bodies: Sequence[Body],
-    mirrors: Sequence[Mirror],
-    partition: Partition,
-    chosen: Sequence[NDArray[np.int32]],
-) -> Surface | None:
-    """The facets of a boundary, of the whole, on all ranks (collective); None if there are none.
-
-    Parameters
-    ----------
-    chosen
-        Rows of the reference's facets of each subdomain of this rank.
-    """
-    parts = []
-    for s, rows in zip(partition.subdomains, chosen, strict=True):
-        if len(rows):
-            facets = s.reference.facets[rows]
-            behind = _behind(s.reference, rows) + s.translation
-            parts.append((s.nodes[facets], s.points()[facets], behind))
-    gathered = [part for rank in partition.comm.allgather(parts) for part in rank]
-    if not gathered:
-        return None
-    nodes, points, inside = (np.concatenate(part) for part in zip(*gathered, strict=True))
-    for k, mirror in enumerate(mirrors):
-        off_planes = ~on_planes(bodies, mirrors, points)[k]
-        nodes = np.concatenate([nodes, nodes + off_planes * (partition.nodes << k)])
-        points, inside = (np.concatenate([x, mirror.image(x)]) for x in (points, inside))
-    return Surface.of(partition.dimension, nodes, points, inside)
-
-
-def sides_of(
-    scene: Scene, partition: Partition, pair: BodyContact | Tie
-) -> tuple[Surface, Surface]:
+def sides_of(geometry: Geometry, pair: BodyContact | Tie) -> tuple[Surface, Surface]:
     """Both surfaces of a pair of bodies, on all ranks (collective).
 
     Raises
@@ -73,29 +35,23 @@ def sides_of(
     for key, body, boundary in (
         ("on", pair.body, pair.boundary), ("against", pair.other, pair.other_boundary)
     ):  # fmt: skip
-        side = gather_surface(
-            scene.bodies,
-            scene.mirrors,
-            partition,
-            facets_of(scene.bodies, partition, body, boundary),
-        )
+        side = geometry.surface_of(geometry.facets_of(body, boundary))
         if side is None:
             raise ConfigurationError(
-                f"{scene.at(pair.source)}.{key}: no whole facet of the surface of "
-                f"{scene.bodies[body].name} lies on {boundary}; contact and ties between bodies "
+                f"{geometry.at(pair.source)}.{key}: no whole facet of the surface of "
+                f"{geometry.bodies[body].name} lies on {boundary}; contact and ties between bodies "
                 "need facets all of whose nodes are on it"
             )
         sides.append(side)
     return sides[0], sides[1]
 
 
-def of_what_is_solved(
-    bodies: Sequence[Body], mirrors: Sequence[Mirror], total: int, means: MeanGaps
-) -> MeanGaps:
-    """Rows of the whole as rows of the solved part, given its number of nodes.
+def of_what_is_solved(geometry: Geometry, means: MeanGaps) -> MeanGaps:
+    """Rows of the whole as rows of the solved part.
 
     A row about a node on a plane is that of the whole, and half its pressure's force is here.
     """
+    mirrors, total = geometry.mirrors, geometry.partition.nodes
     original = means.nodes < total
     number = np.cumsum(original) - 1
     here = original[means.row]
@@ -110,7 +66,7 @@ def of_what_is_solved(
     key, first, place = np.unique(key, axis=0, return_index=True, return_inverse=True)
     value = np.bincount(place.reshape(-1), value, minlength=len(key)).astype(np.float64)
     some = np.abs(value) > NEGLIGIBLE
-    planes = on_planes(bodies, mirrors, means.points[original]).sum(axis=0)
+    planes = on_planes(geometry.bodies, mirrors, means.points[original]).sum(axis=0)
     return MeanGaps(
         nodes=means.nodes[original],
         points=means.points[original],
@@ -124,14 +80,6 @@ def of_what_is_solved(
         value=value[some],
         entry_points=points[first[some]],
     )
-
-
-def _behind(reference: Reference, rows: NDArray[np.int32]) -> NDArray[np.float64]:
-    """Middle of the cell behind each facet, (rows, 3)."""
-    topology = reference.mesh.topology
-    links, offsets = dolfinx_compat.adjacency(topology.connectivity(topology.dim - 1, topology.dim))
-    cells = links[offsets[reference.facet_entities[rows]]]
-    return reference.points[dolfinx_compat.cell_nodes(reference.mesh)[cells]].mean(axis=1)
 
 
 def owned_rows(exchange: NodeExchange, means: MeanGaps, source: int) -> ContactRows:

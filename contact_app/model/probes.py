@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -9,9 +10,10 @@ from mpi4py import MPI
 from numpy.typing import NDArray
 
 from contact_app.errors import ConfigurationError
+from contact_app.model.geometry import Geometry
 from contact_app.model.planes import subsets
-from contact_app.scene.scene import Mirror, Scene
-from meshes import Partition, Reference, Subdomain
+from contact_app.scene.scene import Mirror
+from meshes import Reference, Subdomain
 from meshes.crossing import Boxes
 from meshes.point_location import locate_in
 
@@ -45,37 +47,37 @@ class Probe:
     mirrors: tuple[Mirror, ...]
 
 
-def locate_probes(scene: Scene, partition: Partition) -> tuple[Probe, ...]:
-    """The cells of all probes (collective).
+def locate_probes(
+    geometry: Geometry, probes: Sequence[tuple[str, tuple[float, float, float]]]
+) -> tuple[Probe, ...]:
+    """The cells of probes with names and points (collective).
 
     Raises
     ------
     ConfigurationError
         A point lies in no body.
     """
-    return tuple(
-        _located(scene, partition, name, np.array(point)) for name, point in scene.output.probes
-    )
+    return tuple(_located(geometry, name, np.array(point)) for name, point in probes)
 
 
-def _located(scene: Scene, partition: Partition, name: str, point: Array) -> Probe:
+def _located(geometry: Geometry, name: str, point: Array) -> Probe:
     """The cell of a point and its shares at the nodes of this cell; empty on other ranks."""
-    comm = partition.comm
+    comm, d = geometry.comm, geometry.dimension
     best, probe = np.inf, Probe(name, None, np.zeros(0, np.int64), np.zeros(0), ())
-    for subset in subsets(len(scene.mirrors)):
-        mirrors = tuple(scene.mirrors[k] for k in subset)
+    for subset in subsets(len(geometry.mirrors)):
+        mirrors = tuple(geometry.mirrors[k] for k in subset)
         here = point[None]
         for mirror in mirrors:
             here = mirror.image(here)
-        for number, subdomain in enumerate(partition.subdomains):
-            outside, nodes, shares = in_cell(subdomain, here[0], scene.dimension)
+        for number, subdomain in enumerate(geometry.partition.subdomains):
+            outside, nodes, shares = in_cell(subdomain, here[0], d)
             if outside < best - OUTSIDE:
                 best, probe = outside, Probe(name, number, nodes, shares, mirrors)
     least, rank = comm.allreduce((best, comm.rank), op=MPI.MIN)
     if least > OUTSIDE:
-        place = ", ".join(f"{v:g}" for v in point[: scene.dimension])
+        place = ", ".join(f"{v:g}" for v in point[:d])
         raise ConfigurationError(
-            f"{scene.at('output')}.probes.{name}: the point ({place}) lies in no body"
+            f"{geometry.at('output')}.probes.{name}: the point ({place}) lies in no body"
         )
     if rank != comm.rank:
         return Probe(name, None, np.zeros(0, np.int64), np.zeros(0), ())

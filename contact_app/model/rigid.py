@@ -21,16 +21,16 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from mpi4py import MPI
 from numpy.typing import NDArray
 
+from contact_app.errors import NoEquilibriumError
 from contact_app.model.averaged_rows import has_averaged_rows
 from contact_app.model.conditions import rows_in_the_mean
-from contact_app.model.rigid_room import HeldNodes, refuse_no_room
+from contact_app.model.geometry import Geometry
+from contact_app.model.rigid_room import HeldNodes, no_room
 from contact_app.model.surface_copies import SurfaceCopies
-from contact_app.scene.bodies import Body
-from contact_app.scene.conditions import Contact
-from contact_app.scene.scene import Scene
+from contact_app.scene.conditions import BodyContact, Contact
+from contact_app.scene.rigid import RigidBodies
 from meshes import Partition
 from solver.tfeti.build import CongruentSubdomains
 from solver.tfeti.constraints.conditions import (
@@ -54,72 +54,89 @@ FAINT = 1e-12
 """Coefficients that are rounding errors, over the largest that a row could have."""
 
 
-def scene_length(bodies: Sequence[Body]) -> float:
-    """A length of the scene: the largest extent of an elastic body."""
-    return max(float(np.ptp([b.mesh.lower, b.mesh.upper], axis=0).max()) for b in bodies)
-
-
 @dataclass(frozen=True, eq=False)
 class RigidUnknowns:
     """The unknowns of the moving rigid bodies of a scene.
 
     Attributes
     ----------
+    bodies
+        All rigid bodies of the scene.
+    elastic
+        Number of elastic bodies.
     first
         Number of their first node: they come after those of the meshes.
     length
         L.
     """
 
-    scene: Scene
+    bodies: RigidBodies
+    elastic: int
     first: int
     length: float
 
     @classmethod
-    def of(cls, scene: Scene, partition: Partition) -> RigidUnknowns:
+    def of(cls, geometry: Geometry) -> RigidUnknowns:
         """The unknowns of a scene with cut meshes."""
-        return cls(scene, partition.nodes, scene_length(scene.bodies))
+        return cls(geometry.rigid, len(geometry.bodies), geometry.partition.nodes, geometry.length)
+
+    @property
+    def dimension(self) -> int:
+        """2 or 3."""
+        return self.bodies.dimension
+
+    @property
+    def moving(self) -> tuple[int, ...]:
+        """Numbers of the moving bodies among all rigid ones."""
+        return self.bodies.moving
 
     @property
     def count(self) -> int:
         """Moving rigid bodies."""
-        return len(self.scene.moving)
+        return len(self.moving)
 
     @property
     def size(self) -> int:
         """Unknowns of a body, with one that is always held in the plane."""
-        return NODES * self.scene.dimension
+        return NODES * self.dimension
 
     @property
     def units(self) -> Array:
         """Factors that make components displacements: one, and L for rotations."""
-        d = self.scene.dimension
+        d = self.dimension
         return np.where(np.arange(MOTIONS[d]) < d, 1.0, self.length)
 
     def center(self, nth: int) -> Array:
         """Reference point of the nth moving body where it is placed, (3,)."""
-        return self.placed_center(self.scene.moving[nth])
+        return self.placed_center(self.moving[nth])
 
     def placed_center(self, number: int) -> Array:
         """Reference point where a body is placed, (3,), by its number among all rigid ones."""
-        placed = self.scene.placements[number].displacement
-        return np.array(self.scene.rigid_bodies[number].center) + np.array(placed)
+        placed = self.bodies.placements[number].displacement
+        return self.drawn_center(number) + np.array(placed)
+
+    def drawn_center(self, number: int) -> Array:
+        """Reference point of a body in the scene file, (3,), by its number among all rigid ones."""
+        return np.array(self.bodies.bodies[number].center)
 
     def placed(self, nth: int) -> Array:
         """Components by which the nth moving body is placed, as displacements."""
-        placement = self.scene.placements[self.scene.moving[nth]]
-        return placement.components(self.scene.dimension) * self.units
+        placement = self.bodies.placements[self.moving[nth]]
+        return placement.components(self.dimension) * self.units
 
-    def held(self, nth: int) -> tuple[NDArray[np.bool_], Array]:
-        """Held components of the nth moving body (mask) and their values, as displacements."""
-        held, values = self.scene.held_components(self.scene.moving[nth])
+    def held(self, number: int) -> tuple[NDArray[np.bool_], Array]:
+        """Held components of a body (mask) and their values, as displacements.
+
+        By its number among all rigid ones.
+        """
+        held, values = self.bodies.held(number)
         return held, values * self.units
 
     def loads(self, nth: int) -> Array:
         """Force on the nth moving body, and its moment over L."""
-        d, number = self.scene.dimension, self.scene.moving[nth]
+        d, number = self.dimension, self.moving[nth]
         result = np.zeros(MOTIONS[d])
-        for load in self.scene.rigid_loads:
+        for load in self.bodies.loads:
             if load.body == number:
                 moment = load.moment if d == 3 else load.moment[2:]
                 result += np.array([*load.force[:d], *moment]) / self.units
@@ -133,7 +150,7 @@ class RigidUnknowns:
         self, nodes: NDArray[np.int64], component: NDArray[np.int64]
     ) -> NDArray[np.int64]:
         """Component of the rigid motion (displacement, then rotation) of components of nodes."""
-        return (nodes - self.first) % NODES * self.scene.dimension + component
+        return (nodes - self.first) % NODES * self.dimension + component
 
 
 def exchange_with(surface: SurfaceCopies, partition: Partition, unknowns: int) -> NodeExchange:
@@ -167,8 +184,8 @@ def moving_contacts(contacts: Sequence[Contact], moving: Sequence[int]) -> NDArr
 
 
 def moving_rows(
-    scene: Scene,
-    partition: Partition,
+    geometry: Geometry,
+    contacts: Sequence[Contact],
     exchange: NodeExchange,
     conditions: NodeConditions,
     held: HeldRows,
@@ -180,29 +197,30 @@ def moving_rows(
     conditions
         Those at the nodes of these contacts.
     """
-    unknowns, d = RigidUnknowns.of(scene, partition), scene.dimension
+    unknowns, d = RigidUnknowns.of(geometry), geometry.dimension
     parts = [contact_rows(exchange, conditions)]
-    for number in moving_contacts(scene.contacts, scene.moving):
-        if has_averaged_rows(scene.bodies[scene.contacts[number].body]):
-            parts.append(rows_in_the_mean(scene, partition, exchange, int(number)))
-    rows = with_motions(ContactRows.join(parts), unknowns)
+    for number in moving_contacts(contacts, unknowns.moving):
+        contact = contacts[number]
+        if has_averaged_rows(geometry.bodies[contact.body]):
+            parts.append(rows_in_the_mean(geometry, exchange, contact, int(number)))
+    rows = with_motions(ContactRows.join(parts), unknowns, contacts)
     rows = cut_held(exchange, rows, held, unknowns.length)
-    of_body = np.array([-1 if c.rigid is None else c.rigid for c in scene.contacts])
+    of_body = np.array([-1 if c.rigid is None else c.rigid for c in contacts])
     keep = np.ones(len(rows.nodes), bool)
-    for number in scene.moving:
+    for number in unknowns.moving:
         in_contact = of_body[rows.sources] == number
         direction = rows.normals[in_contact, :d]
         keep[in_contact] = tightest_of_each_node(
             rows.nodes[in_contact], direction, rows.gaps[in_contact]
         )
-    keep &= tightest_on_motions(rows, unknowns, partition.comm)
+    keep &= tightest_on_motions(geometry, contacts, rows)
     return rows.of(keep), rows.of(~keep)
 
 
 def tightest_on_motions(
+    geometry: Geometry,
+    touching: Sequence[Contact | BodyContact],
     rows: ContactRows,
-    unknowns: RigidUnknowns,
-    comm: MPI.Intracomm,
     tied: ContactRows | None = None,
 ) -> NDArray[np.bool_]:
     """Mask (rows,) of rows to keep: of parallel rows of rigid bodies alone, the tightest.
@@ -212,9 +230,12 @@ def tightest_on_motions(
 
     Parameters
     ----------
+    touching
+        The contacts that the sources of the rows count.
     tied
         Tied rows, which may hold motions, too.
     """
+    unknowns, comm = RigidUnknowns.of(geometry), geometry.comm
     count, alone = len(rows.nodes), rows_without_nodes(rows)
     local = motions_of_rows(rows, unknowns, alone)
     parts = comm.allgather(local)
@@ -224,7 +245,11 @@ def tightest_on_motions(
     if tied is not None:
         holding = motions_of_rows(tied, unknowns, rows_without_nodes(tied))
         equal = HeldNodes.joined(comm.allgather(holding))
-    refuse_no_room(unknowns.scene, every, unknowns.length, equal)
+    crowded = no_room(every, unknowns.length, equal)
+    if crowded is not None:
+        names = [unknowns.bodies.bodies[unknowns.moving[k]].name for k in crowded.bodies]
+        sources = [touching[k].source for k in crowded.sources]
+        raise NoEquilibriumError(f"{geometry.source}: {crowded.message(names, sources)}")
     length = np.linalg.norm(every.vectors, axis=1)
     moves = length > 0.0
     length[~moves] = 1.0
@@ -263,19 +288,21 @@ def motions_of_rows(
     return HeldNodes(body[alone], rows.sources[alone], vectors[alone], rows.gaps[alone])
 
 
-def with_motions(rows: ContactRows, unknowns: RigidUnknowns) -> ContactRows:
+def with_motions(
+    rows: ContactRows, unknowns: RigidUnknowns, contacts: Sequence[Contact]
+) -> ContactRows:
     """Rows with the entries of the free components of the rigid bodies they are about."""
-    scene, d = unknowns.scene, unknowns.scene.dimension
+    d = unknowns.dimension
     values = np.zeros((len(rows.nodes), MOTIONS[d]))
     body, gaps = np.zeros(len(rows.nodes), np.int64), rows.gaps.copy()
-    for nth, number in enumerate(scene.moving):
-        about = [i for i, c in enumerate(scene.contacts) if c.rigid == number]
+    for nth, number in enumerate(unknowns.moving):
+        about = [i for i, c in enumerate(contacts) if c.rigid == number]
         chosen = np.isin(rows.sources, about)
         of_body = _along(rows.of(chosen), unknowns, unknowns.placed_center(number))
         arm = rows.points[chosen] - unknowns.center(nth)
         longest = np.maximum(1.0, np.linalg.norm(arm, axis=1) / unknowns.length)
         of_body[np.abs(of_body) < FAINT * longest[:, None]] = 0.0
-        of_body[:, unknowns.held(nth)[0]] = 0.0
+        of_body[:, unknowns.held(number)[0]] = 0.0
         body[chosen], values[chosen] = nth, of_body
         gaps[chosen] += of_body @ unknowns.placed(nth)
     return replace(rows, gaps=gaps, rigid=_entries(unknowns, rows, body, values))
@@ -286,7 +313,7 @@ def _entries(
 ) -> ContactEntries:
     """Entries of rows for components (rows, components) of one moving body each, (rows,)."""
     row, component = np.nonzero(values)
-    node, inside = np.divmod(component, unknowns.scene.dimension)
+    node, inside = np.divmod(component, unknowns.dimension)
     node += unknowns.first + NODES * body[row]
     return ContactEntries(row, node, rows.points[row], inside, values[row, component])
 
@@ -307,18 +334,23 @@ def with_body(
 
     The rows are those of displacements relative to the body; held components are gaps.
     """
-    scene, coefficients = unknowns.scene, _along(rows, unknowns, center)
-    held, values = scene.held_components(number)
-    gaps = rows.gaps - coefficients[:, held] @ (np.asarray(values) * unknowns.units)[held]
-    if number not in scene.moving:
+    coefficients = _along(rows, unknowns, center)
+    held, values = unknowns.held(number)
+    gaps = rows.gaps - coefficients[:, held] @ values[held]
+    if number not in unknowns.moving:
         return replace(rows, gaps=gaps)
     coefficients[:, held] = 0.0
     coefficients[np.abs(coefficients) < FAINT] = 0.0
-    body = np.full(len(rows.nodes), scene.moving.index(number))
+    body = np.full(len(rows.nodes), unknowns.moving.index(number))
     return replace(rows, gaps=gaps, rigid=_entries(unknowns, rows, body, coefficients))
 
 
-def slips_of_held(rows: ContactRows, unknowns: RigidUnknowns, before: Scene | None) -> Array:
+def slips_of_held(
+    rows: ContactRows,
+    unknowns: RigidUnknowns,
+    contacts: Sequence[Contact],
+    before: RigidBodies | None,
+) -> Array:
     """Contribution of held components of rigid bodies to the gaps of tangential rows, (rows,).
 
     Of contact rows it is how much larger the gaps are now, with the sign changed.
@@ -326,16 +358,16 @@ def slips_of_held(rows: ContactRows, unknowns: RigidUnknowns, before: Scene | No
     Parameters
     ----------
     before
-        The same scene under the loads before, None without; the rows are at the present places of
+        The rigid bodies under the loads before, None without; the rows are at the present places of
         bodies.
     """
-    scene, added = unknowns.scene, np.zeros(len(rows.nodes))
-    for source, contact in enumerate(scene.contacts):
+    added = np.zeros(len(rows.nodes))
+    for source, contact in enumerate(contacts):
         if contact.rigid is None:
             continue
         of_source = rows.sources == source
-        held, values = scene.held_components(contact.rigid)
-        earlier = 0.0 if before is None else np.asarray(before.held_components(contact.rigid)[1])
+        held, values = unknowns.bodies.held(contact.rigid)
+        earlier = 0.0 if before is None else np.asarray(before.held(contact.rigid)[1])
         moved = (np.asarray(values) - earlier) * unknowns.units
         along = _along(rows.of(of_source), unknowns, unknowns.placed_center(contact.rigid))
         added[of_source] = -along[:, held] @ moved[held]
@@ -354,23 +386,23 @@ def on_tied_bodies(
     nodes
         The tied nodes of all ranks.
     """
-    scene, d, entries = unknowns.scene, unknowns.scene.dimension, rows.entries
+    d, entries = unknowns.dimension, rows.entries
     tied = np.isin(entries.node, nodes)
     others = np.bincount(entries.row[~tied], minlength=len(rows.nodes)) > 0
     tied &= ~others[entries.row]
     moved = entries.some(tied)
-    center = np.array(scene.rigid_bodies[number].center)
+    center = unknowns.drawn_center(number)
     values = np.zeros((len(rows.nodes), MOTIONS[d]))
     force = np.zeros((len(moved.row), 3))
     force[np.arange(len(moved.row)), moved.component] = moved.value
     turn = np.cross(moved.points - center, force)
     each = np.concatenate([force[:, :d], turn if d == 3 else turn[:, 2:]], axis=1)
     np.add.at(values, moved.row, each / unknowns.units)
-    held, prescribed = scene.held_components(number)
-    gaps = rows.gaps - values[:, held] @ (np.asarray(prescribed) * unknowns.units)[held]
+    held, prescribed = unknowns.held(number)
+    gaps = rows.gaps - values[:, held] @ prescribed[held]
     values[:, held] = 0.0
     values[np.abs(values) < FAINT] = 0.0
-    body = np.full(len(rows.nodes), scene.moving.index(number))
+    body = np.full(len(rows.nodes), unknowns.moving.index(number))
     both = [rows.rigid, _entries(unknowns, rows, body, values)]
     return replace(
         rows,
@@ -383,7 +415,7 @@ def on_tied_bodies(
 
 def _along(rows: ContactRows, unknowns: RigidUnknowns, center: Array) -> Array:
     """Coefficients of rows for each component of a motion about a point, (rows, components)."""
-    d = unknowns.scene.dimension
+    d = unknowns.dimension
     force = np.zeros((len(rows.nodes), 3))
     force[:, :d] = rows.normals
     turn = np.cross(rows.points - center, force) + rows.moments
@@ -399,7 +431,7 @@ def rigid_subdomains(
         return []
     size, subdomains = unknowns.size, []
     for nth in range(unknowns.count):
-        held, values = unknowns.held(nth)
+        held, values = unknowns.held(unknowns.moving[nth])
         free = np.zeros(size, bool)
         free[: len(held)] = ~held
         force, lifting = np.zeros((2, size, 1))
@@ -416,7 +448,7 @@ def rigid_subdomains(
                 forces=np.asfortranarray(force),
                 lifting=np.asfortranarray(lifting),
                 eliminated=np.flatnonzero(~free),
-                bodies=np.array([len(unknowns.scene.bodies) + nth]),
+                bodies=np.array([unknowns.elastic + nth]),
                 places=NodePlaces(numbers[None], np.zeros((1, 3)), points),
             )
         )

@@ -20,9 +20,6 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import linprog
 
-from contact_app.errors import NoEquilibriumError
-from contact_app.scene.scene import Scene
-
 Array = NDArray[np.float64]
 
 ENTERS = 1e-9
@@ -56,23 +53,42 @@ class HeldNodes:
         return cls(*(np.concatenate([getattr(part, name) for part in parts]) for name in names))
 
 
-def refuse_no_room(
-    scene: Scene, held: HeldNodes, length: float, equal: HeldNodes | None = None
-) -> None:
-    """Refuse a scene whose contact rows leave rigid bodies no place.
+@dataclass(frozen=True, eq=False)
+class NoRoom:
+    """Contact rows that leave rigid bodies no place.
+
+    Attributes
+    ----------
+    bodies, sources
+        Numbers of the moving rigid bodies and of the contacts.
+    depth
+        The least penetration that remains.
+    """
+
+    bodies: NDArray[np.int64]
+    sources: NDArray[np.int64]
+    depth: float
+
+    def message(self, names: Sequence[str], sources: Sequence[str]) -> str:
+        """The sentence of an error, with the names of the bodies and the contacts."""
+        return (
+            f"the displacement conditions leave the rigid body {' and '.join(names)} no room: "
+            "wherever its free components take it, held or tied nodes of "
+            f"{' and '.join(sources)} enter by {self.depth:.6g} or more: no displacement satisfies "
+            "all"
+        )
+
+
+def no_room(held: HeldNodes, length: float, equal: HeldNodes | None = None) -> NoRoom | None:
+    """The rows that leave rigid bodies no place, wherever their free motions take them, if any.
 
     Parameters
     ----------
     equal
         Rows that hold with equality.
-
-    Raises
-    ------
-    NoEquilibriumError
-        Held or tied nodes enter something wherever the free motions of rigid bodies take them.
     """
     if not (held.gaps < 0.0).any() and equal is None:
-        return
+        return None
     rows, motions = len(held.gaps), held.vectors.shape[1]
     equalities = {}
     if equal is not None and len(equal.gaps):
@@ -84,15 +100,9 @@ def refuse_no_room(
         method="highs", **equalities,
     )  # fmt: skip
     if solution.status != 0 or solution.fun <= ENTERS:
-        return
+        return None
     pressed = np.abs(solution.ineqlin.marginals)
     some = pressed > 1e-6 * pressed.max()
-    names = " and ".join(
-        scene.rigid_bodies[scene.moving[int(k)]].name for k in np.unique(held.body[some])
-    )
-    where = " and ".join(scene.touching[k].source for k in np.unique(held.sources[some]))
-    raise NoEquilibriumError(
-        f"{scene.source}: the displacement conditions leave the rigid body {names} no room: "
-        f"wherever its free components take it, held or tied nodes of {where} enter by "
-        f"{solution.fun * length:.6g} or more: no displacement satisfies all"
+    return NoRoom(
+        np.unique(held.body[some]), np.unique(held.sources[some]), float(solution.fun * length)
     )

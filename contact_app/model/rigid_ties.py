@@ -16,13 +16,11 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from mpi4py import MPI
 from numpy.typing import NDArray
 from scipy.linalg import qr
 
 from contact_app.errors import ConfigurationError, NoEquilibriumError
-from contact_app.model.boundaries import facets_of
-from contact_app.model.pairs import gather_surface
+from contact_app.model.geometry import Geometry
 from contact_app.model.rigid import (
     RigidUnknowns,
     motions_of_rows,
@@ -30,9 +28,7 @@ from contact_app.model.rigid import (
     rows_without_nodes,
     with_body,
 )
-from contact_app.scene.conditions import RigidTie, Tie
-from contact_app.scene.scene import Scene
-from meshes import Partition
+from contact_app.scene.conditions import BodyContact, Contact, RigidTie, Tie
 from solver.tfeti.constraints.conditions import ContactEntries, ContactRows
 from solver.tfeti.constraints.exchange import NodeExchange
 
@@ -43,11 +39,11 @@ SAME = 1e-9
 
 
 def rigidly_tied_rows(
-    scene: Scene, partition: Partition, exchange: NodeExchange
+    geometry: Geometry, ties: Sequence[Tie | RigidTie], exchange: NodeExchange
 ) -> tuple[list[ContactRows], NDArray[np.int64]]:
     """Rows of the boundaries tied to rigid bodies, and all their nodes (collective).
 
-    `sources` counts on from those of `Scene.ties`. Nodes of two boundaries that are tied to the
+    `sources` counts all ties. Nodes of two boundaries that are tied to the
     same body belong to the first.
 
     Raises
@@ -55,38 +51,38 @@ def rigidly_tied_rows(
     ConfigurationError
         A boundary has no facet, or shares nodes with one that is tied to another rigid body.
     """
-    unknowns, parts = RigidUnknowns.of(scene, partition), []
+    unknowns, parts = RigidUnknowns.of(geometry), []
     body_of: dict[int, int] = {}
-    for number, tie in enumerate(scene.rigid_ties, start=len(scene.ties)):
-        nodes, points = _nodes(scene, partition, tie)
+    for number, tie in of_rigid_bodies(ties):
+        nodes, points = _nodes(geometry, tie)
         shared = {body_of[node] for node in nodes.tolist() if node in body_of} - {tie.rigid}
         if shared:
-            other = scene.rigid_bodies[shared.pop()].name
+            other = geometry.rigid.bodies[shared.pop()].name
             raise ConfigurationError(
-                f"{scene.at(tie.source)}.on: has nodes that are tied to {other}, too: a node moves "
-                "with one rigid body; leave these nodes out of one of the boundaries"
+                f"{geometry.at(tie.source)}.on: has nodes that are tied to {other}, too: a node "
+                "moves with one rigid body; leave these nodes out of one of the boundaries"
             )
         fresh = np.array([node not in body_of for node in nodes.tolist()], bool)
         body_of |= dict.fromkeys(nodes.tolist(), tie.rigid)
         owned = fresh & (nodes >= exchange.first) & (nodes < exchange.last)
-        rows = _at_nodes(nodes[owned], points[owned], scene.dimension, number)
-        center = np.array(scene.rigid_bodies[tie.rigid].center)
+        rows = _at_nodes(nodes[owned], points[owned], geometry.dimension, number)
+        center = unknowns.drawn_center(tie.rigid)
         parts.append(with_body(rows, unknowns, tie.rigid, center))
     return parts, np.array(sorted(body_of), np.int64)
 
 
-def _nodes(scene: Scene, partition: Partition, tie: RigidTie) -> tuple[NDArray[np.int64], Array]:
+def of_rigid_bodies(ties: Sequence[Tie | RigidTie]) -> list[tuple[int, RigidTie]]:
+    """Ties to rigid bodies, with their numbers among all ties."""
+    return [(number, tie) for number, tie in enumerate(ties) if isinstance(tie, RigidTie)]
+
+
+def _nodes(geometry: Geometry, tie: RigidTie) -> tuple[NDArray[np.int64], Array]:
     """Nodes of the facets of a boundary, ascending, and their coordinates (collective)."""
-    side = gather_surface(
-        scene.bodies,
-        scene.mirrors,
-        partition,
-        facets_of(scene.bodies, partition, tie.body, tie.boundary),
-    )
+    side = geometry.surface_of(geometry.facets_of(tie.body, tie.boundary))
     if side is None:
         raise ConfigurationError(
-            f"{scene.at(tie.source)}.on: no whole facet of the surface of "
-            f"{scene.bodies[tie.body].name} lies on {tie.boundary}; tied boundaries need facets "
+            f"{geometry.at(tie.source)}.on: no whole facet of the surface of "
+            f"{geometry.bodies[tie.body].name} lies on {tie.boundary}; tied boundaries need facets "
             "all of whose nodes are on them"
         )
     nodes, first = np.unique(side.nodes, return_index=True)
@@ -108,7 +104,7 @@ def _at_nodes(nodes: NDArray[np.int64], points: Array, d: int, number: int) -> C
 
 
 def without_repeated(
-    scene: Scene, partition: Partition, exchange: NodeExchange, rows: ContactRows
+    geometry: Geometry, ties: Sequence[Tie | RigidTie], exchange: NodeExchange, rows: ContactRows
 ) -> ContactRows:
     """Tied rows without those on rigid motions alone that others repeat (collective).
 
@@ -117,7 +113,7 @@ def without_repeated(
     NoEquilibriumError
         Held nodes would move a rigid body in two ways at once.
     """
-    unknowns, comm = RigidUnknowns.of(scene, partition), exchange.comm
+    unknowns, comm = RigidUnknowns.of(geometry), exchange.comm
     without_nodes = rows_without_nodes(rows)
     held = motions_of_rows(rows, unknowns, without_nodes)
     parts = comm.allgather(held)
@@ -135,11 +131,12 @@ def without_repeated(
         motion = np.linalg.lstsq(vectors[chosen], gaps[chosen], rcond=None)[0]
         wrong = np.abs(vectors[some] @ motion - gaps[some])
         if wrong.max() > SAME * unknowns.length:
-            source = scene.tie_names[sources[some[int(np.argmax(wrong))]]].source
+            source = ties[sources[some[int(np.argmax(wrong))]]].source
+            name = geometry.rigid.bodies[unknowns.moving[int(nth)]].name
             raise NoEquilibriumError(
-                f"{scene.source}: nodes of {source} that displacement conditions hold would move "
-                f"{scene.rigid_bodies[scene.moving[int(nth)]].name}, which is rigid, in two ways, "
-                f"{wrong.max():.6g} apart: no displacement satisfies both"
+                f"{geometry.source}: nodes of {source} that displacement conditions hold would "
+                f"move {name}, which is rigid, in two ways, {wrong.max():.6g} apart: no "
+                "displacement satisfies both"
             )
     start = sum(len(part.gaps) for part in parts[: comm.rank])
     keep = ~without_nodes
@@ -148,26 +145,34 @@ def without_repeated(
 
 
 def on_motions(
-    scene: Scene, partition: Partition, contact: ContactRows, tied: ContactRows
+    geometry: Geometry,
+    ties: Sequence[Tie | RigidTie],
+    touching: Sequence[Contact | BodyContact],
+    contact: ContactRows,
+    tied: ContactRows,
 ) -> ContactRows:
     """Contact rows without friction, written on the motions of the bodies that nodes are tied to.
 
     As rows on displacements of these nodes they would be combinations of the tied rows and of rows
     on rigid motions: S = C D⁻¹ Cᵀ would be singular. Collective.
     """
-    unknowns, comm = RigidUnknowns.of(scene, partition), partition.comm
-    rough = np.array([touching.friction is not None for touching in scene.touching] or [False])
+    unknowns, comm = RigidUnknowns.of(geometry), geometry.comm
+    rough = np.array([item.friction is not None for item in touching] or [False])
     slips = rough[contact.sources]
     rows = contact.of(~slips)
-    for number, tie in enumerate(scene.rigid_ties, start=len(scene.ties)):
-        if tie.rigid in scene.moving:
+    for number, tie in of_rigid_bodies(ties):
+        if tie.rigid in unknowns.moving:
             nodes = np.concatenate(comm.allgather(tied.nodes[tied.sources == number]))
             rows = on_tied_bodies(rows, unknowns, tie.rigid, nodes)
     return ContactRows.join([rows, contact.of(slips)])
 
 
 def refuse_pushed(
-    scene: Scene, comm: MPI.Intracomm, contact: ContactRows, tied: ContactRows, length: float
+    geometry: Geometry,
+    ties: Sequence[Tie | RigidTie],
+    touching: Sequence[Contact | BodyContact],
+    contact: ContactRows,
+    tied: ContactRows,
 ) -> None:
     """Refuse contacts of nodes that a rigid body, held in all components, pushes too far.
 
@@ -179,7 +184,8 @@ def refuse_pushed(
         Rows of contacts that the tied rows determine, and tied rows of this rank, which owns the
         nodes of both.
     """
-    held = [k for k, tie in enumerate(scene.all_ties) if _holds(scene.moving, tie)]
+    moving = geometry.rigid.moving
+    held = [number for number, tie in of_rigid_bodies(ties) if tie.rigid not in moving]
     fixed = tied.of(np.isin(tied.sources, held))
     component = np.abs(fixed.normals).argmax(axis=1)
     prescribed = dict(zip(zip(fixed.nodes, component, strict=True), fixed.gaps, strict=True))
@@ -189,15 +195,10 @@ def refuse_pushed(
     inside = -contact.gaps
     np.add.at(inside, entries.row, entries.value * moved)
     pushed = [(float(v), int(k)) for v, k in zip(inside, contact.sources, strict=True) if v > 0.0]
-    worst, source = max(comm.allgather(max(pushed, default=(0.0, -1))))
-    if worst > SAME * length:
+    worst, source = max(geometry.comm.allgather(max(pushed, default=(0.0, -1))))
+    if worst > SAME * geometry.length:
         raise NoEquilibriumError(
-            f"{scene.source}: a rigid body that is held in all components pushes nodes that are "
-            f"tied to it by {worst:.6g} into what {scene.touching[source].source} names: no "
+            f"{geometry.source}: a rigid body that is held in all components pushes nodes that are "
+            f"tied to it by {worst:.6g} into what {touching[source].source} names: no "
             "displacement satisfies both"
         )
-
-
-def _holds(moving: Sequence[int], tie: Tie | RigidTie) -> bool:
-    """Whether a tie prescribes the displacements of its nodes."""
-    return isinstance(tie, RigidTie) and tie.rigid not in moving

@@ -16,11 +16,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from contact_app.errors import ConfigurationError
+from contact_app.model.geometry import Geometry
 from contact_app.model.inner_surfaces import locate_inner_surface
 from contact_app.model.planes import subsets
 from contact_app.scene.bodies import Body
-from contact_app.scene.scene import InnerSection, Mirror, Scene, Section
-from meshes import Partition, Subdomain
+from contact_app.scene.scene import InnerSection, Mirror, Section
+from meshes import Subdomain
 from meshes.plane_cut import ON_PLANE, cut, simplices
 from meshes.quadratic import VERTICES
 
@@ -55,7 +56,9 @@ class SectionPiece:
     centre: Array
 
 
-def locate_sections(scene: Scene, partition: Partition) -> tuple[SectionPiece, ...]:
+def locate_sections(
+    geometry: Geometry, sections: Sequence[Section | InnerSection]
+) -> tuple[SectionPiece, ...]:
     """The pieces of all sections (collective).
 
     Raises
@@ -65,39 +68,37 @@ def locate_sections(scene: Scene, partition: Partition) -> tuple[SectionPiece, .
         its body.
     """
     pieces: list[SectionPiece] = []
-    for section in scene.output.sections:
+    for section in sections:
         if isinstance(section, Section):
-            pieces += _pieces(scene, partition, section)
+            pieces += _pieces(geometry, section)
         else:
-            pieces.append(_on_surface(scene, partition, section))
+            pieces.append(_on_surface(geometry, section))
     return tuple(pieces)
 
 
-def _on_surface(scene: Scene, partition: Partition, section: InnerSection) -> SectionPiece:
+def _on_surface(geometry: Geometry, section: InnerSection) -> SectionPiece:
     """The piece of an inner surface; such a scene is not cut at planes of symmetry."""
-    surface = locate_inner_surface(scene, partition, section)
+    surface = locate_inner_surface(geometry, section)
     name, body = section.name, section.body
     return SectionPiece(name, body, (), surface.behind, surface.area, surface.centre)
 
 
-def _pieces(scene: Scene, partition: Partition, section: Section) -> list[SectionPiece]:
+def _pieces(geometry: Geometry, section: Section) -> list[SectionPiece]:
     """The pieces of a plane section in the solved part, one for each mirror image of the plane."""
     pieces, counts = [], np.zeros(2, np.int64)
-    for mirrors in _images(scene.bodies, scene.mirrors, section):
+    for mirrors in _images(geometry.bodies, geometry.mirrors, section):
         point, normal = np.array(section.point), np.array(section.normal)
         for mirror in mirrors:
             point, normal = mirror.image(point), mirror.image(normal)
             normal[mirror.axis] -= 2.0 * mirror.at
         normal = normal / np.linalg.norm(normal)
-        piece, sides = _piece(
-            scene.bodies[section.body], partition, section, mirrors, (point, normal)
-        )
+        piece, sides = _piece(geometry, section, mirrors, (point, normal))
         pieces.append(piece)
         counts += sides
     if not counts.all():
         side, other = ("in front of", "behind") if counts[0] == 0 else ("behind", "in front of")
         raise ConfigurationError(
-            f"{scene.at('output')}.sections.{section.name}: the middles of all cells of "
+            f"{geometry.at('output')}.sections.{section.name}: the middles of all cells of "
             f"{section.of} lie {side} the plane (its normal points to the front), none {other} "
             "it; put the plane through the body, at least half a cell from its end"
         )
@@ -118,15 +119,14 @@ def _images(
 
 
 def _piece(
-    body: Body,
-    partition: Partition,
+    geometry: Geometry,
     section: Section,
     mirrors: tuple[Mirror, ...],
     plane: tuple[Array, Array],
 ) -> tuple[SectionPiece, NDArray[np.int64]]:
     """A piece, and the numbers of cells behind and in front of its plane (collective)."""
     point, normal = plane
-    mesh = body.mesh
+    partition, mesh = geometry.partition, geometry.bodies[section.body].mesh
     size = float(np.ptp([mesh.lower, mesh.upper], axis=0).max())
     behind: list[NDArray[np.bool_] | None] = []
     sums = np.zeros(6)

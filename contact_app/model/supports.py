@@ -6,34 +6,27 @@ stresses.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-
 import numpy as np
 
 from contact_app.model.equilibrium import body_frame
+from contact_app.model.geometry import Geometry
 from contact_app.model.rigid import FAINT, NODES, RigidUnknowns
 from contact_app.model.surface_copies import SurfaceCopies
-from contact_app.scene.bodies import Body
-from meshes import Partition
 from solver.contact.equilibrium import BodyBalance
 from solver.tfeti.constraints.supports import SupportRows
 from solver.tfeti.subdomain.kernels import fixing_nodes, rigid_motions
 
 
 def support_rows(
-    bodies: Sequence[Body],
-    partition: Partition,
-    rigid: RigidUnknowns,
-    surface: SurfaceCopies,
-    balances: list[BodyBalance],
+    geometry: Geometry, surface: SurfaceCopies, balances: list[BodyBalance]
 ) -> SupportRows:
     """Rows that hold free motions of each body, on its first subdomain.
 
     Rows of a rigid body are at its two nodes.
     """
-    supports = SupportRows()
+    supports, partition, bodies = SupportRows(), geometry.partition, geometry.bodies
     if partition.comm.rank == partition.comm.size - 1:
-        supports = _of_rigid_bodies(rigid, surface, balances[len(bodies) :])
+        supports = _of_rigid_bodies(RigidUnknowns.of(geometry), surface, balances[len(bodies) :])
     firsts = np.cumsum([0, *partition.subdomains_of_body])[:-1]
     for local, s in enumerate(partition.subdomains):
         if s.number != firsts[s.body]:
@@ -58,7 +51,7 @@ def _of_rigid_bodies(
     """Rows of rigid bodies with their balances; the last rank has the bodies."""
     supports = SupportRows()
     for nth in range(unknowns.count):
-        held = unknowns.held(nth)[0]
+        held = unknowns.held(unknowns.moving[nth])[0]
         for motion in balances[nth].free_motions.T:
             values = np.zeros(unknowns.size)
             values[: len(held)] = np.where(held | (np.abs(motion) < FAINT), 0.0, motion)

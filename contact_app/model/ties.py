@@ -2,23 +2,24 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from mpi4py import MPI
 from numpy.typing import NDArray
 
 from contact_app.errors import ConfigurationError, NoEquilibriumError
+from contact_app.model.geometry import Geometry
 from contact_app.model.pairs import owned_rows, sides_of
-from contact_app.model.rigid import RigidUnknowns, scene_length, tightest_on_motions
+from contact_app.model.rigid import tightest_on_motions
 from contact_app.model.rigid_ties import (
+    of_rigid_bodies,
     on_motions,
     refuse_pushed,
     rigidly_tied_rows,
     without_repeated,
 )
-from contact_app.scene.scene import Scene
-from meshes import Partition
+from contact_app.scene.conditions import BodyContact, Contact, RigidTie, Tie
 from meshes.facing import SurfacesApartError
 from meshes.ties import Decided, mean_jumps
 from solver.tfeti.constraints.conditions import ContactRows, ContradictionError, HeldRows
@@ -37,7 +38,7 @@ class TiedRows:
     Attributes
     ----------
     rows
-        Rows that this rank owns, without held components; `sources` counts `Scene.ties`.
+        Rows that this rank owns, without held components; `sources` counts the ties.
     notes
         Sentences on sides that are apart.
     """
@@ -47,14 +48,11 @@ class TiedRows:
 
 
 def tied_rows(
-    scene: Scene, partition: Partition, exchange: NodeExchange, held: HeldRows, length: float
+    geometry: Geometry, ties: Sequence[Tie | RigidTie], exchange: NodeExchange, held: HeldRows
 ) -> TiedRows:
-    """Write the rows of all tied pairs (collective).
+    """Write the rows of all ties (collective).
 
-    Parameters
-    ----------
-    length
-        A length of the scene; jumps of held nodes below 1e-9 of it are round-off.
+    Jumps of held nodes below 1e-9 of the length of the scene are round-off.
 
     Raises
     ------
@@ -63,17 +61,19 @@ def tied_rows(
     NoEquilibriumError
         Displacement conditions hold the two sides apart.
     """
-    if not scene.ties and not scene.rigid_ties:
-        return TiedRows(ContactRows.empty(scene.dimension), ())
-    of_rigid, moving = rigidly_tied_rows(scene, partition, exchange)
+    if not ties:
+        return TiedRows(ContactRows.empty(geometry.dimension), ())
+    of_rigid, moving = rigidly_tied_rows(geometry, ties, exchange)
     decided = replace(decided_by(exchange, held), tied_before=moving)
-    parts, notes = [ContactRows.empty(scene.dimension), *of_rigid], []
-    for number, tie in enumerate(scene.ties):
-        sides = sides_of(scene, partition, tie)
+    parts, notes = [ContactRows.empty(geometry.dimension), *of_rigid], []
+    for number, tie in enumerate(ties):
+        if isinstance(tie, RigidTie):
+            continue
+        sides = sides_of(geometry, tie)
         try:
-            jumps = mean_jumps(*sides, decided, partition.comm)
+            jumps = mean_jumps(*sides, decided, geometry.comm)
         except SurfacesApartError as error:
-            raise ConfigurationError(f"{scene.at(tie.source)}: {error}") from error
+            raise ConfigurationError(f"{geometry.at(tie.source)}: {error}") from error
         if jumps.gap > FAR * jumps.size:
             notes.append(
                 f"{tie.source}: the tied surfaces are up to {jumps.gap:.3g} apart, where facets "
@@ -84,21 +84,22 @@ def tied_rows(
         decided = replace(decided, tied_before=np.unique(np.concatenate(nodes)))
     rows = ContactRows.join(parts)
     try:
-        cut = cut_held(exchange, rows, held, length, sides=2)
+        cut = cut_held(exchange, rows, held, geometry.length, sides=2)
     except ContradictionError as error:
         raise NoEquilibriumError(
-            f"{scene.source}: the displacement conditions hold the two sides of "
-            f"{scene.tie_names[error.first].source}, which is tied, {error.amount:.6g} "
+            f"{geometry.source}: the displacement conditions hold the two sides of "
+            f"{ties[error.first].source}, which is tied, {error.amount:.6g} "
             "apart: no displacement satisfies both"
         ) from error
-    if scene.rigid_ties:
-        cut = without_repeated(scene, partition, exchange, cut)
+    if of_rigid:
+        cut = without_repeated(geometry, ties, exchange, cut)
     return TiedRows(cut, tuple(notes))
 
 
 def without_determined(
-    scene: Scene,
-    partition: Partition,
+    geometry: Geometry,
+    ties: Sequence[Tie | RigidTie],
+    touching: Sequence[Contact | BodyContact],
     contact: ContactRows,
     merged: ContactRows,
     tied: ContactRows,
@@ -107,36 +108,39 @@ def without_determined(
 
     Contact rows of nodes that are tied to moving rigid bodies are rows on the motions of these.
     """
-    moved = bool(scene.rigid_ties and scene.moving)
+    moved = bool(of_rigid_bodies(ties) and geometry.rigid.moving)
     if moved:
-        contact = on_motions(scene, partition, contact, tied)
-    some = _undetermined(scene, partition.comm, contact, tied)
+        contact = on_motions(geometry, ties, touching, contact, tied)
+    some = _undetermined(geometry, ties, touching, contact, tied)
     contact, merged = contact.of(some), ContactRows.join([merged, contact.of(~some)])
     if moved:
-        unknowns = RigidUnknowns.of(scene, partition)
-        some = tightest_on_motions(contact, unknowns, partition.comm, tied)
+        some = tightest_on_motions(geometry, touching, contact, tied)
         contact, merged = contact.of(some), ContactRows.join([merged, contact.of(~some)])
     return contact, merged
 
 
 def _undetermined(
-    scene: Scene, comm: MPI.Intracomm, contact: ContactRows, tied: ContactRows
+    geometry: Geometry,
+    ties: Sequence[Tie | RigidTie],
+    touching: Sequence[Contact | BodyContact],
+    contact: ContactRows,
+    tied: ContactRows,
 ) -> NDArray[np.bool_]:
     """Mask (contact rows,) of rows that tied rows do not determine (collective).
 
     Contact with a rigid body is determined at nodes that are tied to it.
     """
-    some = undecided(comm, contact, tied) | contact.on_rigid
-    if not scene.rigid_ties:
+    some = undecided(geometry.comm, contact, tied) | contact.on_rigid
+    if not of_rigid_bodies(ties):
         return some
     inside = np.zeros(len(some), bool)
-    of_contacts = np.array([getattr(item, "rigid", None) for item in scene.touching])
-    for number, tie in enumerate(scene.rigid_ties, start=len(scene.ties)):
+    of_contacts = np.array([getattr(item, "rigid", None) for item in touching])
+    for number, tie in of_rigid_bodies(ties):
         both = np.flatnonzero(of_contacts == tie.rigid)
         of_tie = tied.nodes[tied.sources == number]
         inside |= np.isin(contact.sources, both) & np.isin(contact.nodes, of_tie)
     others = contact.of(~some & ~inside)
-    refuse_pushed(scene, comm, others, tied, scene_length(scene.bodies))
+    refuse_pushed(geometry, ties, touching, others, tied)
     return some & ~inside
 
 

@@ -20,11 +20,9 @@ from mpi4py import MPI
 from numpy.typing import NDArray
 
 from contact_app.model.assembly import Element
-from contact_app.model.boundaries import facets_of, refuse_without_facet
-from contact_app.scene.bodies import Body
+from contact_app.model.boundaries import refuse_without_facet
+from contact_app.model.geometry import Geometry
 from contact_app.scene.conditions import TotalLoad
-from contact_app.scene.scene import Scene
-from meshes import Partition
 
 Array = NDArray[np.float64]
 
@@ -57,27 +55,23 @@ class LinearTraction:
 
 
 def linear_tractions(
-    scene: Scene, partition: Partition, elements: dict[int, Element]
+    geometry: Geometry, elements: dict[int, Element], loads: Sequence[TotalLoad]
 ) -> tuple[LinearTraction, ...]:
-    """The traction of each total force and moment of a scene (collective).
+    """The traction of each total force and moment (collective).
 
     Raises
     ------
     ConfigurationError
         No facet lies on the boundary.
     """
-    return tuple(_traction(scene, partition, elements, load) for load in scene.total_loads)
+    return tuple(_traction(geometry, elements, load) for load in loads)
 
 
-def _traction(
-    scene: Scene, partition: Partition, elements: dict[int, Element], load: TotalLoad
-) -> LinearTraction:
+def _traction(geometry: Geometry, elements: dict[int, Element], load: TotalLoad) -> LinearTraction:
     """The linear traction with the force and moment of a load about the boundary's centroid."""
-    area, centre, second = moments_of_boundary(
-        scene.bodies, partition, elements, load.body, load.boundary
-    )
+    area, centre, second = _moments_of_boundary(geometry, elements, load)
     if area == 0.0:
-        refuse_without_facet(scene.at(load.source), scene.bodies[load.body], load.boundary)
+        refuse_without_facet(geometry.at(load.source), geometry.bodies[load.body], load.boundary)
     force = np.array([*load.force, *(0.0,) * (3 - len(load.force))])
     arm = np.zeros(3) if load.at is None else np.array(load.at) - centre
     moment = np.array(load.moment) + np.cross(arm, force)
@@ -90,25 +84,20 @@ def _traction(
     return LinearTraction(load.body, load.boundary, load.source, force / area, turn, centre, area)
 
 
-def moments_of_boundary(
-    bodies: Sequence[Body],
-    partition: Partition,
-    elements: dict[int, Element],
-    body: int,
-    boundary: str,
+def _moments_of_boundary(
+    geometry: Geometry, elements: dict[int, Element], load: TotalLoad
 ) -> tuple[float, Array, Array]:
     """Area, centroid (3,) and ∫ r rᵀ ds (3, 3) about it; zeros without a facet (collective)."""
-    mesh, d = bodies[body].mesh, partition.dimension
+    mesh, d = geometry.bodies[load.body].mesh, geometry.dimension
     middle = np.zeros(3)  # origin near the boundary: sums lose no digits
     middle[:d] = 0.5 * (np.array(mesh.lower) + np.array(mesh.upper))
     sums = np.zeros(13)
-    for s, rows in zip(
-        partition.subdomains, facets_of(bodies, partition, body, boundary), strict=True
-    ):
+    chosen = geometry.facets_of(load.body, load.boundary)
+    for s, rows in zip(geometry.partition.subdomains, chosen, strict=True):
         if len(rows):
             points = s.points() - middle
             sums += _moments(elements[id(s.reference)], rows, points, d)
-    partition.comm.Allreduce(MPI.IN_PLACE, sums, op=MPI.SUM)
+    geometry.comm.Allreduce(MPI.IN_PLACE, sums, op=MPI.SUM)
     area, first, second = sums[0], sums[1:4], sums[4:].reshape(3, 3)
     if area == 0.0:
         return 0.0, middle, second

@@ -24,10 +24,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from contact_app.model.averaged_rows import has_averaged_rows
-from contact_app.model.boundaries import facets_of
 from contact_app.model.candidates import NEARLY_PARALLEL
 from contact_app.model.model import Model
-from contact_app.model.rigid import scene_length
 from contact_app.results.friction import friction_at_rows
 from contact_app.results.seams import smooth_forces
 from contact_app.results.surface_nodes import SurfaceNodes
@@ -117,7 +115,7 @@ def contact_loads(model: Model, solution: Solution, surface: SurfaceNodes) -> Co
         rubs, rows,
     )  # fmt: skip
     label = _together(
-        rows, touches, force, TIED * scene_length(model.scene.bodies), _rigid_bodies(model, rows)
+        rows, touches, force, TIED * model.geometry.length, _rigid_bodies(model, rows)
     )
     if model.comm.allreduce(int((label >= 0).sum())):
         loads = _divided(model, surface, loads, label)
@@ -258,7 +256,7 @@ def _shares_in_turn(
     chosen_before = [np.zeros(0, np.int32) for _ in model.partition.subdomains]
     for source in sources:
         touching = model.scene.touching[source]
-        chosen = facets_of(model.scene.bodies, model.partition, touching.body, touching.boundary)
+        chosen = model.geometry.facets_of(touching.body, touching.boundary)
         left = [np.setdiff1d(group, t) for group, t in zip(chosen, chosen_before, strict=True)]
         means = has_averaged_rows(model.scene.bodies[touching.body])
         yield source, surface.shares(model, left, hats=means)

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from contact_app.model.model import Model
 from contact_app.model.rigid import RigidUnknowns, slips_of_held
-from contact_app.scene.scene import Scene
+from contact_app.scene.rigid import RigidBodies
 from solver.contact.solution import Solution
 from solver.tfeti.dual import DualProblem
 
@@ -97,18 +97,18 @@ def dissipated_work(problem: DualProblem, solution: Solution) -> float:
     return float(problem.comm.allreduce(work))
 
 
-def approach_of_held(model: Model, before: Scene | None) -> Array:
+def approach_of_held(model: Model, before: RigidBodies | None) -> Array:
     """Sum (dual,) with which penetrations are those before held rigid bodies moved, zero elsewhere.
 
     Parameters
     ----------
     before
-        The scene as it was loaded before; None without load.
+        The rigid bodies as they were loaded before; None without load.
     """
     problem, added = model.problem, np.zeros(model.problem.size)
     if model.scene.rigid_bodies:
-        unknowns = RigidUnknowns.of(model.scene, model.partition)
-        of_rows = slips_of_held(problem.contact, unknowns, before)
+        unknowns = RigidUnknowns.of(model.geometry)
+        of_rows = slips_of_held(problem.contact, unknowns, model.scene.contacts, before)
         added[problem.inequality] = of_rows * problem.spread[problem.inequality]
     return added
 

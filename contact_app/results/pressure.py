@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from contact_app.model.averaged_rows import has_averaged_rows
-from contact_app.model.boundaries import boundary_nodes, facets_of
+from contact_app.model.boundaries import boundary_nodes
 from contact_app.model.model import Model
 from contact_app.model.planes import on_planes
 from contact_app.results.contact_side import ContactSide
@@ -206,7 +206,7 @@ def boundary_shares(
     model: Model, surface: SurfaceNodes, touching: Contact | BodyContact | RigidTie
 ) -> Array:
     """∫ φ_k over the boundary of a contact at the owned surface nodes, (owned,) (collective)."""
-    chosen = facets_of(model.scene.bodies, model.partition, touching.body, touching.boundary)
+    chosen = model.geometry.facets_of(touching.body, touching.boundary)
     return surface.shares(model, chosen)
 
 
@@ -215,7 +215,7 @@ def side_of(
 ) -> ContactSide:
     """The `on` side of a contact or of a tie of two bodies (collective)."""
     points, facets = np.zeros((surface.starts[-1], 3)), []
-    chosen = facets_of(model.scene.bodies, model.partition, touching.body, touching.boundary)
+    chosen = model.geometry.facets_of(touching.body, touching.boundary)
     for s, rows, nodes, share in facet_shares(model, surface, chosen):
         points[nodes] = s.points()[s.reference.facets[rows]]
         facets.append((nodes, share))

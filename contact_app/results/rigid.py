@@ -15,8 +15,7 @@ from numpy.typing import NDArray
 from contact_app.model.model import Model
 from contact_app.model.rigid import RigidUnknowns
 from contact_app.results.fields import NodeFields
-from contact_app.scene.rigid import Placement, RigidMotion
-from contact_app.scene.scene import Scene
+from contact_app.scene.rigid import Placement, RigidBodies, RigidMotion
 from solver.contact.solution import Solution
 
 Array = NDArray[np.float64]
@@ -25,7 +24,7 @@ Array = NDArray[np.float64]
 def placements_of(model: Model, solution: Solution) -> list[Placement]:
     """Placement of each rigid body after its displacement by an answer (collective)."""
     scene, comm, d = model.scene, model.comm, model.scene.dimension
-    unknowns = RigidUnknowns.of(scene, model.partition)
+    unknowns = RigidUnknowns.of(model.geometry)
     on_rank = [
         u[: len(unknowns.units), 0] / unknowns.units
         for cls, u in zip(model.problem.classes, solution.displacements, strict=True)
@@ -33,7 +32,7 @@ def placements_of(model: Model, solution: Solution) -> list[Placement]:
     ]
     moved: list[Array] = comm.bcast(on_rank, root=comm.size - 1)
     motions = dict(zip(scene.moving, moved, strict=True))
-    held = [scene.held_components(k)[1] for k in range(len(scene.rigid_bodies))]
+    held = [scene.rigid.held(k)[1] for k in range(len(scene.rigid_bodies))]
     return [Placement.of(motions.get(k, values), d) for k, values in enumerate(held)]
 
 
@@ -69,7 +68,7 @@ def rigid_records(
     for tie, record in zip(scene.rigid_ties, ties[len(scene.ties) :], strict=True):
         forces[tie.rigid] -= _about(record, points[tie.rigid])
     moved = {
-        motion.source: _reaction(scene, motion, forces[motion.body], points[motion.body])
+        motion.source: _reaction(scene.rigid, motion, forces[motion.body], points[motion.body])
         for motion in scene.rigid_motions
     }
     every = (
@@ -102,10 +101,12 @@ def _on_rigid(model: Model, nodes: NodeFields, number: int, point: Array) -> Arr
     return np.asarray(model.comm.allreduce(total))
 
 
-def _reaction(scene: Scene, motion: RigidMotion, pressed: Array, point: Array) -> dict[str, Any]:
+def _reaction(
+    bodies: RigidBodies, motion: RigidMotion, pressed: Array, point: Array
+) -> dict[str, Any]:
     """The force and moment by which a condition holds its body."""
-    d, needed = scene.dimension, -pressed
-    for load in scene.rigid_loads:
+    d, needed = bodies.dimension, -pressed
+    for load in bodies.loads:
         if load.body == motion.body:
             needed -= np.array([*load.force, *load.moment])
     held = np.array([value is not None for value in motion.values])
@@ -113,7 +114,7 @@ def _reaction(scene: Scene, motion: RigidMotion, pressed: Array, point: Array) -
     holds[:d], holds[3 if d == 3 else 5 :] = held[:d], held[d:]
     needed = np.where(holds, needed, 0.0)
     return {
-        "on": scene.rigid_bodies[motion.body].name,
+        "on": bodies.bodies[motion.body].name,
         "force": [float(v) + 0.0 for v in needed[:3]],
         "moment": _turn([float(v) + 0.0 for v in needed[3:]], d),
         "point": [float(v) for v in point],

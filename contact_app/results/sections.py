@@ -29,7 +29,7 @@ from numpy.typing import NDArray
 
 from contact_app.model.assembly import Element
 from contact_app.model.boundaries import surface_facets
-from contact_app.model.loads import subdomain_load
+from contact_app.model.loads import Loads, subdomain_load
 from contact_app.model.model import Model
 from contact_app.model.planes import on_planes
 from contact_app.model.sections import SectionPiece
@@ -138,7 +138,8 @@ def _load_behind(model: Model, piece: SectionPiece, number: int) -> Array | None
     if not behind.all():
         part = _part(s, behind)
         element = Element(part.reference, d, np.flatnonzero(behind).astype(np.int32))
-        load_of_part = subdomain_load(model.scene, part, element, model.linear)
+        body = model.scene.bodies[part.body]
+        load_of_part = subdomain_load(body, part, element, Loads.of(model.scene), model.linear)
         if load_of_part is None:
             return None
         load = load_of_part

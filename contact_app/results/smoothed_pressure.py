@@ -38,9 +38,7 @@ from scipy import sparse
 from scipy.spatial import cKDTree
 
 from contact_app.model.averaged_rows import has_averaged_rows
-from contact_app.model.boundaries import facets_of
 from contact_app.model.model import Model
-from contact_app.model.pairs import gather_surface
 from contact_app.scene.conditions import BodyContact, Contact, RigidTie, Tie
 from meshes.contact_surface import Surface
 
@@ -161,8 +159,8 @@ def _places(numbers: NDArray[np.int64], wanted: NDArray[np.int64]) -> NDArray[np
 
 
 def _side(model: Model, body: int, boundary: str) -> Surface | None:
-    chosen = facets_of(model.scene.bodies, model.partition, body, boundary)
-    return gather_surface(model.scene.bodies, model.scene.mirrors, model.partition, chosen)
+    chosen = model.geometry.facets_of(body, boundary)
+    return model.geometry.surface_of(chosen)
 
 
 def _longest_edges(surface: Surface, at_nodes: bool) -> Array:

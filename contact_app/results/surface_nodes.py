@@ -96,7 +96,7 @@ def facet_shares(
     Parameters
     ----------
     chosen
-        Rows of the reference's facets of each subdomain of this rank, as `model.facets_of` has
+        Rows of the reference's facets of each subdomain of this rank, as `Geometry.facets_of` has
         them.
 
     Yields

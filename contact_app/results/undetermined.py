@@ -30,7 +30,6 @@ from contact_app.model.equilibrium import (
     upward,
 )
 from contact_app.model.model import Model
-from contact_app.model.rigid import RigidUnknowns
 from solver.contact.equilibrium import undetermined_motions
 from solver.contact.solution import Solution
 from solver.tfeti.dual import DualProblem
@@ -105,9 +104,9 @@ def play_warnings(motions: list[Undetermined], remedy: str) -> list[str]:
 def undetermined(model: Model, solution: Solution) -> list[Undetermined]:
     """The motions that an answer without friction leaves open (collective)."""
     scene, problem = model.scene, model.problem
-    rigid = RigidUnknowns.of(scene, model.partition)
-    seen = contact_motions(scene.bodies, model.partition, problem.contact, rigid)
-    bodies = Movable(groups_in_contact(scene), scene.body_names, partial(motion_size, scene.bodies))
+    seen = contact_motions(model.geometry, problem.contact)
+    groups = groups_in_contact(model.geometry, scene.touching, scene.all_ties)
+    bodies = Movable(groups, scene.body_names, partial(motion_size, scene.bodies))
     return undetermined_of(problem, solution, seen, bodies)
 
 

@@ -26,6 +26,7 @@ from contact_app.model.rigid import RigidUnknowns, slips_of_held
 from contact_app.results.friction import approach_of_held
 from contact_app.run.case_models import CaseModels
 from contact_app.run.placing import SameRows
+from contact_app.scene.rigid import RigidBodies
 from contact_app.scene.scene import Scene
 from solver.tfeti.derived import beside_moved
 
@@ -92,19 +93,24 @@ class IncrementModels:
             problem = problem if moved is None else beside_moved(problem, moved)
         return replace(model, problem=problem)
 
+    @property
+    def _rigid_before(self) -> RigidBodies | None:
+        """The rigid bodies under the loads of the last increment; None before the first."""
+        return None if self._last is None else self._last.rigid
+
     def _moved(self, model: Model) -> NDArray[np.float64] | None:
         """Slips (dual,) from held components of rigid bodies in this increment."""
         problem, friction = model.problem, model.problem.system.friction
         if friction is None or not model.scene.rigid_bodies:
             return None
-        unknowns, moved = RigidUnknowns.of(model.scene, model.partition), np.zeros(problem.size)
-        added = slips_of_held(friction.rows, unknowns, self._last)
+        unknowns, moved = RigidUnknowns.of(model.geometry), np.zeros(problem.size)
+        added = slips_of_held(friction.rows, unknowns, model.scene.contacts, self._rigid_before)
         moved[problem.tangential] = added * problem.spread[problem.tangential]
         return moved
 
     def approach(self, model: Model) -> NDArray[np.float64]:
         """Penetrations (dual,) that held components of rigid bodies add in the increment."""
-        return approach_of_held(model, self._last)
+        return approach_of_held(model, self._rigid_before)
 
     def estimator(self, model: Model) -> ErrorEstimator:
         """The estimator of errors of answers to a model."""

@@ -340,7 +340,8 @@ def _unloaded(scene: Scene, outline: Outline) -> list[str]:
     gaps, sources = outline.candidates
     touched = np.array([c.body for c in scene.touching], int)
     acted[touched[sources[gaps < 0.0]]] = True
-    group = group_numbers(scene)[: len(acted)]  # bodies of a group act on each other
+    group = group_numbers(outline.geometry, scene.touching, scene.all_ties)
+    group = group[: len(acted)]  # bodies of a group act on each other
     acted = np.isin(group, group[comm.allreduce(acted.astype(int)) > 0])
     return [
         f"{body.name}: has no load, no prescribed displacement and no overlap; it does not deform"

@@ -33,10 +33,8 @@ from contact_app.accuracy.faceted_curves import median_gaps, pair_sagittas, sagi
 from contact_app.accuracy.sharp_edges import sharp_peaks
 from contact_app.accuracy.solved_scene import SolvedScene
 from contact_app.accuracy.trust import few_cells
-from contact_app.model.boundaries import facets_of
 from contact_app.model.equilibrium import body_frame, motion_size
 from contact_app.model.loaded_area import loaded_facets, straddled_area
-from contact_app.model.pairs import gather_surface
 from contact_app.results.free_motions import free_motions
 from contact_app.results.friction import approach_of_held, closing_points
 from contact_app.results.percent import percent
@@ -156,8 +154,8 @@ def _facing_away(answer: SolvedScene) -> Iterator[str]:
     for contact, nodes in zip(model.scene.contacts, answer.nodes.contacts, strict=False):
         if comm.allreduce(int(nodes.closed.sum())):
             continue
-        chosen = facets_of(model.scene.bodies, model.partition, contact.body, contact.boundary)
-        surface = gather_surface(model.scene.bodies, model.scene.mirrors, model.partition, chosen)
+        chosen = model.geometry.facets_of(contact.body, contact.boundary)
+        surface = model.geometry.surface_of(chosen)
         if surface is not None:
             normals = contact.obstacle.gap_and_normal(surface.centres)[1]
             if text := facing_away(surface.normals, normals):

@@ -14,6 +14,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import ClassVar
 
 import numpy as np
@@ -126,6 +127,36 @@ class Placement:
 
         turn = Rotation.from_rotvec(np.array(self.rotation)).as_matrix()
         return obstacle.moved(turn, np.array(center), np.array(self.displacement))
+
+
+@dataclass(frozen=True)
+class RigidBodies:
+    """The rigid bodies of a scene.
+
+    Attributes
+    ----------
+    dimension
+        2 or 3.
+    bodies, placements
+        The bodies and their placements.
+    motions, loads
+        Their prescribed motions and their loads.
+    """
+
+    dimension: int
+    bodies: tuple[RigidBody, ...]
+    placements: tuple[Placement, ...]
+    motions: tuple[RigidMotion, ...]
+    loads: tuple[RigidLoad, ...]
+
+    def held(self, body: int) -> tuple[NDArray[np.bool_], NDArray[np.float64]]:
+        """Mask of the held components of a body, displacement then rotation, and their values."""
+        return held_components(self.motions, body, self.dimension)
+
+    @cached_property
+    def moving(self) -> tuple[int, ...]:
+        """Numbers of the bodies with a free component; the others act as obstacles."""
+        return tuple(k for k in range(len(self.bodies)) if not self.held(k)[0].all())
 
 
 def held_components(

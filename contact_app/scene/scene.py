@@ -31,10 +31,10 @@ from contact_app.scene.conditions import (
 from contact_app.scene.obstacles import kind_of
 from contact_app.scene.rigid import (
     Placement,
+    RigidBodies,
     RigidBody,
     RigidLoad,
     RigidMotion,
-    held_components,
 )
 from contact_app.scene.schema.options import FIELDS
 
@@ -286,18 +286,17 @@ class Scene:
         )
         return LoadCase(f"step {step + 1}, factor {share:.6g}", factors)
 
-    def held_components(self, rigid: int) -> tuple[NDArray[np.bool_], NDArray[np.float64]]:
-        """Mask of the held components of a rigid body, and their values.
-
-        Displacement, then rotation.
-        """
-        return held_components(self.rigid_motions, rigid, self.dimension)
-
     @cached_property
+    def rigid(self) -> RigidBodies:
+        """The rigid bodies with their motions, loads and placements."""
+        return RigidBodies(
+            self.dimension, self.rigid_bodies, self.placements, self.rigid_motions, self.rigid_loads
+        )
+
+    @property
     def moving(self) -> tuple[int, ...]:
         """Numbers of the rigid bodies with a free component; the others act as obstacles."""
-        count = range(len(self.rigid_bodies))
-        return tuple(k for k in count if not self.held_components(k)[0].all())
+        return self.rigid.moving
 
     @property
     def body_names(self) -> list[str]:
@@ -324,7 +323,7 @@ class Scene:
 
     def placed_as_held(self) -> Scene:
         """The scene with its rigid bodies placed by their prescribed components."""
-        motions = [self.held_components(k)[1] for k in range(len(self.rigid_bodies))]
+        motions = [self.rigid.held(k)[1] for k in range(len(self.rigid_bodies))]
         return self.placed([Placement.of(values, self.dimension) for values in motions])
 
     @property

@@ -18,7 +18,6 @@ from numpy.typing import NDArray
 from contact_app.accuracy.refine.levels import with_levels
 from contact_app.accuracy.refine.refinement import solve_to_accuracy
 from contact_app.accuracy.solved_scene import SolvedScene
-from contact_app.model.boundaries import facets_of
 from contact_app.model.model import Model
 from contact_app.run.solve import solve_scene
 from contact_app.studies.last_case import scene_of
@@ -70,7 +69,7 @@ def _cells(model: Model, body: int) -> tuple[NDArray, ...]:
     touching = [np.zeros((0, of_body[0].reference.facets.shape[1]), np.int64)]
     for contact in model.scene.touching:
         if contact.body == body:
-            chosen = facets_of(model.scene.bodies, partition, body, contact.boundary)
+            chosen = model.geometry.facets_of(body, contact.boundary)
             touching += [
                 s.nodes[s.reference.facets[rows]] - first
                 for s, rows in zip(partition.subdomains, chosen, strict=True)

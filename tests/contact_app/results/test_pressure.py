@@ -11,7 +11,6 @@ import pytest
 from mpi4py import MPI
 
 from contact_app.accuracy.solved_scene import SolvedScene
-from contact_app.model.boundaries import facets_of
 from contact_app.model.facets import moments
 from contact_app.results.alternation import Lines, alternation
 from contact_app.run.solve import solve_scene
@@ -165,7 +164,7 @@ def test_the_resultant_is_that_of_the_forces(cell: str, subdomains: int) -> None
     total = 0.0
     scene, partition = solution.model.scene, solution.model.partition
     contact = scene.contacts[0]
-    chosen = facets_of(scene.bodies, partition, contact.body, contact.boundary)
+    chosen = solution.model.geometry.facets_of(contact.body, contact.boundary)
     for s, rows in zip(partition.subdomains, chosen, strict=True):
         if len(rows):
             facets = s.reference.facets[rows]

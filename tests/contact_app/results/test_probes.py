@@ -10,6 +10,7 @@ from mpi4py import MPI
 
 import contact_app
 from contact_app.errors import ConfigurationError
+from contact_app.model.geometry import Geometry
 from contact_app.model.outline import partition_scene
 from contact_app.model.probes import locate_probes
 from contact_app.run.solve import solve_scene
@@ -101,7 +102,8 @@ def test_every_place_of_a_curved_body_is_found(tmp_path: Path) -> None:
     made["output"] = {"probes": {f"p{i}": list(map(float, x)) for i, x in enumerate(places)}}
     scene = scenes.build(made)
     partition = partition_scene(scene, MPI.COMM_SELF)
-    for probe, place in zip(locate_probes(scene, partition), places, strict=True):
+    probes = locate_probes(Geometry.of(scene, partition), scene.output.probes)
+    for probe, place in zip(probes, places, strict=True):
         assert probe.subdomain is not None
         points = partition.subdomains[probe.subdomain].points()[probe.nodes]
         np.testing.assert_allclose(probe.shares @ points[:, :2], place, atol=1e-7)

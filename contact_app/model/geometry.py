@@ -1,0 +1,106 @@
+"""The geometry of a scene: its bodies cut into subdomains, and the facets of their boundaries."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from mpi4py import MPI
+from numpy.typing import NDArray
+
+from contact_app.model.boundaries import boundary_facets
+from contact_app.model.planes import on_planes
+from contact_app.scene.bodies import Body
+from contact_app.scene.rigid import RigidBodies
+from contact_app.scene.scene import Mirror, Scene
+from meshes import Partition, Reference, dolfinx_compat
+from meshes.contact_surface import Surface
+
+
+@dataclass(frozen=True, eq=False)
+class Geometry:
+    """The bodies of a scene, the elastic ones cut into subdomains.
+
+    Attributes
+    ----------
+    bodies, rigid
+        Elastic bodies, and rigid ones.
+    mirrors
+        Planes of symmetry at which the scene was cut.
+    source
+        The file of the scene.
+    at
+        File, line and key of a condition or contact, to begin a message with.
+    """
+
+    bodies: tuple[Body, ...]
+    rigid: RigidBodies
+    mirrors: tuple[Mirror, ...]
+    partition: Partition
+    source: Path
+    at: Callable[[str], str]
+
+    @classmethod
+    def of(cls, scene: Scene, partition: Partition) -> Geometry:
+        """The geometry of a scene whose bodies were cut."""
+        return cls(scene.bodies, scene.rigid, scene.mirrors, partition, scene.source, scene.at)
+
+    @property
+    def dimension(self) -> int:
+        """2 or 3."""
+        return self.partition.dimension
+
+    @property
+    def comm(self) -> MPI.Intracomm:
+        """Communicator of all ranks."""
+        return self.partition.comm
+
+    @property
+    def length(self) -> float:
+        """A length of the scene: the largest extent of an elastic body."""
+        extents = [np.ptp([b.mesh.lower, b.mesh.upper], axis=0) for b in self.bodies]
+        return max(float(extent.max()) for extent in extents)
+
+    def facets_of(self, body: int, boundary: str) -> list[NDArray[np.int32]]:
+        """Rows of the reference's facets of each subdomain of this rank on a boundary."""
+        none = np.zeros(0, np.int32)
+        return [
+            boundary_facets(s, self.bodies[body], boundary) if s.body == body else none
+            for s in self.partition.subdomains
+        ]
+
+    def surface_of(self, facets: Sequence[NDArray[np.int32]]) -> Surface | None:
+        """Facets of the whole scene, mirror images too, on all ranks; None if there are none.
+
+        Collective.
+
+        Parameters
+        ----------
+        facets
+            Rows of the reference's facets of each subdomain of this rank.
+        """
+        parts, partition = [], self.partition
+        for s, rows in zip(partition.subdomains, facets, strict=True):
+            if len(rows):
+                on = s.reference.facets[rows]
+                behind = _behind(s.reference, rows) + s.translation
+                parts.append((s.nodes[on], s.points()[on], behind))
+        gathered = [part for rank in partition.comm.allgather(parts) for part in rank]
+        if not gathered:
+            return None
+        nodes, points, inside = (np.concatenate(part) for part in zip(*gathered, strict=True))
+        for k, mirror in enumerate(self.mirrors):
+            off_planes = ~on_planes(self.bodies, self.mirrors, points)[k]
+            nodes = np.concatenate([nodes, nodes + off_planes * (partition.nodes << k)])
+            points, inside = (np.concatenate([x, mirror.image(x)]) for x in (points, inside))
+        return Surface.of(partition.dimension, nodes, points, inside)
+
+
+def _behind(reference: Reference, rows: NDArray[np.int32]) -> NDArray[np.float64]:
+    """Middle of the cell behind each facet, (rows, 3)."""
+    topology = reference.mesh.topology
+    links, offsets = dolfinx_compat.adjacency(topology.connectivity(topology.dim - 1, topology.dim))
+    cells = links[offsets[reference.facet_entities[rows]]]
+    return reference.points[dolfinx_compat.cell_nodes(reference.mesh)[cells]].mean(axis=1)
