@@ -20,7 +20,7 @@ from contact_app.accuracy.agreement import (
 )
 from contact_app.accuracy.estimate.calibration import Calibration, conforms
 from contact_app.scene.bodies import CELLS_PER_CUBE, Body, Box
-from contact_app.scene.scene import Decomposition, Scene
+from contact_app.scene.scene import Scene
 from solver.contact.solution import Accuracy
 
 FEWEST = 8
@@ -48,7 +48,7 @@ class Judge:
 
     def __init__(self, scene: Scene) -> None:
         self._scene = scene
-        self._falling = conforms(scene)
+        self._falling = conforms(scene.bodies, scene.touching)
         self._agreement = Agreement(FALLING if self._falling else EITHER_WAY)
         stiff = any(body.nearly_incompressible(scene.plane) for body in scene.bodies)
         # there the ratio of estimate and error varies from mesh to mesh
@@ -96,8 +96,8 @@ class Judge:
         return replace(verdict, raised=self._shortfall * verdict.raised)
 
 
-def coarser(scene: Scene, even: bool) -> Scene | None:
-    """The scene with half the cells along every edge, whose answer can confirm an estimate.
+def coarser(bodies: Sequence[Body], even: bool) -> tuple[Body, ...] | None:
+    """The bodies with half the cells along every edge; the answer on them can confirm an estimate.
 
     It costs a fraction of a finer mesh. None if a body is not a box of equal cells, has too few
     cells, or has a number of cells that cannot be halved.
@@ -107,15 +107,15 @@ def coarser(scene: Scene, even: bool) -> Scene | None:
     even
         Whether boundaries require that the coarse mesh has grid lines of the scene only.
     """
-    bodies = []
-    for body in scene.bodies:
+    halved = []
+    for body in bodies:
         if not isinstance(body.mesh, Box) or min(body.mesh.cells) < FEWEST:
             return None
         if even and any(n % 2 for n in body.mesh.cells):
             return None
         cells = tuple(n // 2 for n in body.mesh.cells)
-        bodies.append(replace(body, mesh=replace(body.mesh, cells=cells)))
-    return replace(scene, bodies=tuple(bodies), decomposition=Decomposition())
+        halved.append(replace(body, mesh=replace(body.mesh, cells=cells)))
+    return tuple(halved)
 
 
 def measured(accuracy: Accuracy, energy: float, bodies: Sequence[Body]) -> Measured:

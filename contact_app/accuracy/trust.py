@@ -9,9 +9,10 @@ gives this warning.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 from contact_app.results.percent import percent
 from contact_app.scene.bodies import Body, Box
-from contact_app.scene.scene import Scene
 
 FEWEST = 4
 """Cells along an edge, times the degree, below which estimates are not trusted. On plane random
@@ -22,7 +23,7 @@ SMALL = 0.1
 represent the stresses well."""
 
 
-def few_cells(scene: Scene, estimate: float) -> list[str]:
+def few_cells(bodies: Sequence[Body], estimate: float) -> list[str]:
     """Warnings of bodies whose cells are too few for the estimate of their error.
 
     Parameters
@@ -30,12 +31,12 @@ def few_cells(scene: Scene, estimate: float) -> list[str]:
     estimate
         Estimated relative error of the mesh; NaN without an estimate.
     """
-    if scene.accuracy is not None or not estimate > SMALL:
+    if not estimate > SMALL:
         return []
     warnings = []
-    for body in scene.bodies:
+    for body in bodies:
         few = _few_axes(body)
-        if len(few) >= scene.dimension - 1:  # a plate may have a single layer
+        if len(few) >= body.mesh.dimension - 1:  # a plate may have a single layer
             counts = " and ".join(f"{n} along {axis}" for axis, n in few.items())
             warnings.append(
                 f"{body.name}: its cells are few, {counts}: so few may be far too stiff in "

@@ -159,11 +159,13 @@ def may_stall(scene: Scene) -> bool:
     return not _has_thin_body(scene.bodies) or scene.unknowns <= _largest_thin(scene.bodies)
 
 
-def patience(scene: Scene) -> int:
+def patience(bodies: Sequence[Body]) -> int:
     """Iterations of Total FETI after which a scene that may peel off is solved by multigrid."""
-    if scene.dimension == 2:
+    dimension = bodies[0].mesh.dimension
+    if dimension == 2:
         return PATIENCE_IN_PLANE
-    return round(PATIENCE * math.sqrt(max(1.0, scene.unknowns / PATIENCE_UNKNOWNS)))
+    unknowns = dimension * sum(body.nodes for body in bodies)
+    return round(PATIENCE * math.sqrt(max(1.0, unknowns / PATIENCE_UNKNOWNS)))
 
 
 def _largest_thin(bodies: Sequence[Body]) -> int:

@@ -232,9 +232,12 @@ def outline_of_scene(
         rough = rough_contacts(geometry, scene.touching, exchange, held)
         friction = tangential_rows(exchange, rough, contact, merged, held, tied.rows)
     balances = body_balances(scene, geometry, (held, tied.rows), contact, acting.loads, friction)
+    groups = groups_in_contact(geometry, scene.touching, scene.all_ties)
     if isinstance(needed, str):
         all_rows = np.ones(len(contact.nodes), bool)
-        needed = all_rows if needed == "all" else _distinct(scene, geometry, contact, balances)
+        needed = (
+            all_rows if needed == "all" else _distinct(scene.touching, groups, contact, balances)
+        )
     return Outline(
         geometry, surface, exchange, uncut, held, contact.of(needed), needed, contact.of(~needed),
         merged, elements, acting.linear, probes,
@@ -283,7 +286,8 @@ def outline_of_case(
         rough = rough_contacts(geometry, scene.touching, exchange, held)
         friction = tangential_rows(exchange, rough, contact, merged, held, tied.rows)
     balances = body_balances(scene, geometry, (held, tied.rows), contact, acting.loads, friction)
-    needed = _distinct(scene, geometry, contact, balances)
+    groups = groups_in_contact(geometry, scene.touching, scene.all_ties)
+    needed = _distinct(scene.touching, groups, contact, balances)
     return replace(
         outline, geometry=geometry, held=held, contact=contact.of(needed), needed=needed,
         left_out=contact.of(~needed), merged=merged, linear=acting.linear, loads=acting.loads,
@@ -356,14 +360,23 @@ def _merged_rows(
 
 
 def _distinct(
-    scene: Scene, geometry: Geometry, contact: ContactRows, balances: Sequence[BodyBalance]
+    touching: Sequence[Contact | BodyContact],
+    groups: Sequence[NDArray[np.int64]],
+    contact: ContactRows,
+    balances: Sequence[BodyBalance],
 ) -> NDArray[np.bool_]:
-    """Mask of the candidate rows that become contact rows, (rows,)."""
+    """Mask of the candidate rows that become contact rows, (rows,).
+
+    Parameters
+    ----------
+    groups
+        Bodies that may touch each other.
+    """
     steady, held = np.array([b.steady for b in balances]), np.zeros(len(balances), bool)
-    for group in groups_in_contact(geometry, scene.touching, scene.all_ties):
+    for group in groups:
         held[group] = steady[group].all()
-    of_contacts = np.array([held[item.body] for item in scene.touching], bool)
-    return distinct(contact, of_contacts) | always_rough(scene.touching, contact)
+    of_contacts = np.array([held[item.body] for item in touching], bool)
+    return distinct(contact, of_contacts) | always_rough(touching, contact)
 
 
 def left_out_notes(touching: Sequence[Contact | BodyContact], outline: Outline) -> list[str]:

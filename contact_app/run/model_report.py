@@ -38,8 +38,8 @@ from contact_app.scene.conditions import (
     TotalLoad,
     Traction,
 )
-from contact_app.scene.rigid import RigidLoad, RigidMotion
-from contact_app.scene.scene import Scene
+from contact_app.scene.rigid import RigidBodies, RigidLoad, RigidMotion
+from contact_app.scene.scene import LoadCase, LoadStep, Scene
 
 Condition = (
     DisplacementCondition | Traction | Pressure | TotalLoad | BodyForce | Temperature
@@ -62,7 +62,7 @@ def modelled_lines(scene: Scene, outline: Outline) -> list[str]:
     """Lines on the model, its method and what it leaves out (collective)."""
     return [
         *_modelled(scene, outline),
-        *_cases(scene),
+        *_cases(scene.cases, scene.steps),
         "",
         *_decomposed(scene, outline),
         "",
@@ -109,7 +109,7 @@ def _modelled(scene: Scene, outline: Outline) -> list[str]:
     for load, linear in zip(scene.total_loads, outline.linear, strict=True):
         lines.append(
             f"{_name(load)}: {on(load)} loaded by a total force "
-            f"{_vector(load.force)}{_moment(scene, load)} on an area of {linear.area:.4g}"
+            f"{_vector(load.force)}{_moment(load, scene.dimension)} on an area of {linear.area:.4g}"
         )
     for force in scene.forces:
         lines.append(
@@ -121,7 +121,7 @@ def _modelled(scene: Scene, outline: Outline) -> list[str]:
             f"{_name(heat)}: temperature of {scene.bodies[heat.body].name} is {heat.rise.text} "
             "above the stress-free state"
         )
-    lines += _rigid(scene)
+    lines += _rigid(scene.rigid)
     for i, contact in enumerate(scene.contacts):
         obstacle = contact.obstacle.describe(scene.dimension)
         nodes = _count_nodes(scene.bodies, outline, contact)
@@ -165,20 +165,20 @@ def _held(
     return lines
 
 
-def _rigid(scene: Scene) -> list[str]:
+def _rigid(rigid: RigidBodies) -> list[str]:
     """One line per rigid body with its shapes below it, and one line per condition."""
-    lines, d = [], scene.dimension
-    for body in scene.rigid_bodies:
+    lines, d = [], rigid.dimension
+    for body in rigid.bodies:
         at = _vector(body.center[:d])
         lines.append(f"body {body.name}: rigid, moves and turns about {at}; small rotations")
         lines += [f"  {shape.describe(d)}" for shape in body.obstacles]
     names = {2: ("x", "y", "rotation"), 3: (*"xyz", "rotation x", "rotation y", "rotation z")}[d]
-    for motion in scene.rigid_motions:
+    for motion in rigid.motions:
         held = _components(names, motion.values)
-        lines.append(f"{_name(motion)}: {scene.rigid_bodies[motion.body].name} moved by {held}")
-    for load in scene.rigid_loads:
+        lines.append(f"{_name(motion)}: {rigid.bodies[motion.body].name} moved by {held}")
+    for load in rigid.loads:
         lines.append(
-            f"{_name(load)}: {scene.rigid_bodies[load.body].name} under a force "
+            f"{_name(load)}: {rigid.bodies[load.body].name} under a force "
             f"{_vector(load.force)} and a moment {_vector(load.moment)}"
         )
     return lines
@@ -213,13 +213,13 @@ def _name(condition: Condition) -> str:
     return f"{condition.source} ({condition.name})" if condition.name else condition.source
 
 
-def _cases(scene: Scene) -> list[str]:
+def _cases(cases: Sequence[LoadCase], steps: Sequence[LoadStep]) -> list[str]:
     """The factors of each case or step."""
     lines = []
-    for case in scene.cases:
+    for case in cases:
         factors = ", ".join(f"{factor:g} × {name}" for name, factor in case.factors if factor)
         lines.append(f"case {case.name}: {factors or 'only the conditions without a name'}")
-    for number, step in enumerate(scene.steps, start=1):
+    for number, step in enumerate(steps, start=1):
         ends = ", ".join(f"{name} {factor:g}" for name, factor in step.factors)
         many = "increments" if step.increments > 1 else "increment"
         lines.append(f"step {number}: to {ends}, in {step.increments} {many}")
@@ -277,8 +277,8 @@ def _decomposed(scene: Scene, outline: Outline) -> list[str]:
     if may_peel(scene):
         lines.append(
             "method: Total FETI, which is faster than multigrid on thin bodies; after "
-            f"{patience(scene)} iterations the undecomposed bodies are solved by `primal`, since "
-            "contact of thin bodies may open row by row"
+            f"{patience(scene.bodies)} iterations the undecomposed bodies are solved by `primal`, "
+            "since contact of thin bodies may open row by row"
         )
     elif scene.solver.method == "auto" and scene.touching:
         later = f"; after {PATIENCE_WITH_FRICTION} iterations `primal`"
@@ -396,11 +396,11 @@ def _resultant(outline: Outline, body: int, dimension: int) -> tuple[float, ...]
     return tuple(total)
 
 
-def _moment(scene: Scene, load: TotalLoad) -> str:
+def _moment(load: TotalLoad, dimension: int) -> str:
     if not any(load.moment) and load.at is None:
         return ""
-    moment = load.moment if scene.dimension == 3 else load.moment[2:]
-    where = "its centroid" if load.at is None else _vector(load.at[: scene.dimension])
+    moment = load.moment if dimension == 3 else load.moment[2:]
+    where = "its centroid" if load.at is None else _vector(load.at[:dimension])
     return f" and a moment {_vector(moment)} at {where}"
 
 

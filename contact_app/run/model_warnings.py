@@ -219,7 +219,8 @@ def _coarse_meshes(answer: SolvedScene) -> Iterator[str]:
     """Bodies with few cells, and first-order simplices with a large error."""
     scene, solution = answer.model.scene, answer.solution
     error = solution.accuracy.discretisation if solution.accuracy else np.nan
-    yield from few_cells(scene, error)
+    if scene.accuracy is None:
+        yield from few_cells(scene.bodies, error)
     simplices = [b.name for b in scene.bodies if b.degree == 1 and b.mesh.cell in SIMPLICES]
     if simplices:
         yield stiff_simplices(error, ", ".join(simplices), "degree: 2")

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -23,7 +23,7 @@ from contact_app.run.files import (
 )
 from contact_app.run.progress import Progress, together
 from contact_app.run.solve import solve_scene
-from contact_app.scene.scene import Scene
+from contact_app.scene.scene import LoadCase, Scene
 from solver.contact.checkpoint import EVERY_SECONDS
 
 if TYPE_CHECKING:
@@ -52,7 +52,7 @@ def run(
         Seconds of solving between two checkpoints.
     """
     if scene.loadings:
-        return _run_of_loadings(scene)(scene, directory, comm, resume, every)
+        return _run_of_loadings(scene.cases)(scene, directory, comm, resume, every)
     first = comm.rank == 0
     if resume and scene.accuracy is not None:
         raise ConfigurationError(
@@ -112,9 +112,11 @@ def _to_accuracy(
     return solve_to_accuracy(scene, solve_level, progress.stage, stop=stop)
 
 
-def _run_of_loadings(scene: Scene) -> Callable[[Scene, Path, MPI.Intracomm, bool, float], int]:
-    """The function that runs load cases, or a load history."""
-    if scene.cases:
+def _run_of_loadings(
+    cases: Sequence[LoadCase],
+) -> Callable[[Scene, Path, MPI.Intracomm, bool, float], int]:
+    """The function that runs load cases; without any, the one that runs a load history."""
+    if cases:
         from contact_app.run.cases import run_cases
 
         return run_cases

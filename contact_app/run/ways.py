@@ -108,7 +108,7 @@ def ways_to(scene: Scene, keeps_subdomains: bool = False) -> Iterator[Way]:
         instead = "multigrid left no certified answer ({why}){cause}: solved by Total FETI instead"
         scene = _by(scene, "auto")
     if may_peel(scene):
-        yield Way(_by(scene, "active-set"), patience(scene), instead)
+        yield Way(_by(scene, "active-set"), patience(scene.bodies), instead)
         peels = "contact opens row by row: solving for the displacements instead"
         yield Way(_by(scene, "primal"), instead=peels, warns=False)
         instead = ""

@@ -19,11 +19,12 @@ decrease, or by more than any estimate is known to exceed its error.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 
-from contact_app.scene.bodies import Box
+from contact_app.scene.bodies import Body, Box
+from contact_app.scene.conditions import BodyContact, Contact
 from contact_app.scene.obstacles import Plane
-from contact_app.scene.scene import Scene
 
 APART = 2.25
 """η² of one mesh over that of the other from which on their energies are compared."""
@@ -35,17 +36,18 @@ LEAST = 0.5
 """Least plausible quotient: estimates are at most 1.4 times the error on resolved meshes."""
 
 
-def conforms(scene: Scene) -> bool:
-    """Whether meshes of a scene have energies above the true one: no penetration between nodes.
+def conforms(bodies: Sequence[Body], touching: Sequence[Contact | BodyContact]) -> bool:
+    """Whether meshes have energies above the true one: no penetration between nodes.
 
     Boxes have the same shape on all meshes, flat obstacles touch no deeper between nodes than at
     them; mean dilatation has another energy, and bodies that touch each other do so on the average.
     With Coulomb friction the answer minimises no energy, and that of Tresca's takes |w| at nodes.
     """
-    boxes = all(isinstance(body.mesh, Box) for body in scene.bodies)
-    flat = all(isinstance(contact.obstacle, Plane) for contact in scene.contacts)
-    averaged = any(body.mean_dilatation for body in scene.bodies)
-    return boxes and flat and not (scene.pairs or averaged or scene.has_friction)
+    boxes = all(isinstance(body.mesh, Box) for body in bodies)
+    averaged = any(body.mean_dilatation for body in bodies)
+    flat = all(isinstance(c, Contact) and isinstance(c.obstacle, Plane) for c in touching)
+    rough = any(c.friction is not None for c in touching)
+    return boxes and flat and not (averaged or rough)
 
 
 @dataclass

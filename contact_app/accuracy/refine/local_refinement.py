@@ -10,6 +10,7 @@ Dörfler, *A convergent adaptive algorithm for Poisson's equation*, SINUM 33, 19
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -18,7 +19,6 @@ from numpy.typing import NDArray
 
 from contact_app.accuracy.solved_scene import SolvedScene
 from contact_app.scene.bodies import Body, Box
-from contact_app.scene.scene import Scene
 from meshes.bisect import bisected
 from meshes.quadratic import VERTICES
 from meshes.refine import refined
@@ -33,28 +33,26 @@ LEAST = 0.3
 """Smallest share: a mesh with few new cells costs a solve and gains little."""
 
 
-def locally_refined(scene: Scene, solved: SolvedScene, target: float) -> Scene:
-    """The scene with finer meshes (collective).
+def locally_refined(bodies: Sequence[Body], solved: SolvedScene, target: float) -> tuple[Body, ...]:
+    """The bodies of the last solve with finer meshes (collective).
 
     Parameters
     ----------
-    scene
-        The scene of the last solve.
     target
         Target of the error relative to the present error.
     """
     squares = cell_errors(solved)
     total = sum(float(part.sum()) for part in squares)
-    degree = min(body.degree for body in scene.bodies)
+    degree = min(body.degree for body in bodies)
     theta = float(np.clip((1.0 - target**2) / (1.0 - 4.0**-degree), LEAST, MOST))
-    indivisible = [not _divisible(body) for body in scene.bodies]
-    left = (1.0 - theta) * total / len(scene.bodies)
-    bodies, marked_share = [], 0.0
-    for body, part, together in zip(scene.bodies, squares, indivisible, strict=True):
+    indivisible = [not _divisible(body) for body in bodies]
+    left = (1.0 - theta) * total / len(bodies)
+    finer, marked_share = [], 0.0
+    for body, part, together in zip(bodies, squares, indivisible, strict=True):
         if together and part.sum() > left:
             marked_share += float(part.sum())
             body = _finer(body)
-        bodies.append(body)
+        finer.append(body)
     some = np.concatenate(
         [np.zeros(0), *(p for p, w in zip(squares, indivisible, strict=True) if not w)]
     )
@@ -62,12 +60,12 @@ def locally_refined(scene: Scene, solved: SolvedScene, target: float) -> Scene:
     enough = np.searchsorted(np.cumsum(ordered), theta * total - marked_share)
     if len(ordered) and theta * total > marked_share:
         least = ordered[min(int(enough), len(ordered) - 1)]
-        for b, (body, part) in enumerate(zip(bodies, squares, strict=True)):
+        for b, (body, part) in enumerate(zip(finer, squares, strict=True)):
             marked = np.flatnonzero(part >= least)
             if not indivisible[b] and len(marked):
                 assert isinstance(body.mesh, CellMesh)
-                bodies[b] = replace(body, mesh=bisected(body.mesh, marked))
-    return replace(scene, bodies=tuple(bodies))
+                finer[b] = replace(body, mesh=bisected(body.mesh, marked))
+    return tuple(finer)
 
 
 def cell_errors(solved: SolvedScene) -> list[Array]:

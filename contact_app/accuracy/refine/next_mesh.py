@@ -131,9 +131,9 @@ def has_free_degree(bodies: Sequence[Body]) -> bool:
     return not averaged and not any(body.degree_given for body in bodies)
 
 
-def quadratic(scene: Scene) -> Scene:
-    """The scene with bodies of degree 2."""
-    return replace(scene, bodies=tuple(replace(body, degree=2) for body in scene.bodies))
+def quadratic(bodies: Sequence[Body]) -> tuple[Body, ...]:
+    """The bodies with degree 2."""
+    return tuple(replace(body, degree=2) for body in bodies)
 
 
 def has_even_cells(bodies: Sequence[Body]) -> bool:
@@ -141,14 +141,14 @@ def has_even_cells(bodies: Sequence[Body]) -> bool:
     return all(n % 2 == 0 for body in bodies if isinstance(body.mesh, Box) for n in body.mesh.cells)
 
 
-def refined(scene: Scene, factor: float) -> Scene:
-    """The scene with the cells along every edge of its boxes multiplied by a factor."""
-    bodies = []
-    for body in scene.bodies:
+def refined(bodies: Sequence[Body], factor: float) -> tuple[Body, ...]:
+    """The boxes with the cells along every edge multiplied by a factor."""
+    finer = []
+    for body in bodies:
         assert isinstance(body.mesh, Box)
         cells = tuple(math.ceil(factor * n - 1e-9) for n in body.mesh.cells)
-        bodies.append(replace(body, mesh=replace(body.mesh, cells=cells)))
-    return replace(scene, bodies=tuple(bodies))
+        finer.append(replace(body, mesh=replace(body.mesh, cells=cells)))
+    return tuple(finer)
 
 
 def equal_lines(bodies: Sequence[Body]) -> Grids:
@@ -162,16 +162,22 @@ def equal_lines(bodies: Sequence[Body]) -> Grids:
     return grids
 
 
-def regraded(scene: Scene, squares: Grids, grids: Grids, factor: float) -> tuple[float, Grids]:
+def regraded(
+    bodies: Sequence[Body], squares: Grids, grids: Grids, factor: float, keeps_lines: bool
+) -> tuple[float, Grids]:
     """New grids, refined by a factor relative to the first mesh, from η² of the present layers.
 
     The number of cells follows from the factor, rounded up to whole layers. The factor that results
     from this rounding is returned as well.
+
+    Parameters
+    ----------
+    keeps_lines
+        Whether the grid lines of the first mesh stay.
     """
-    starts = equal_lines(scene.bodies)
-    keeps_lines = needs_multiples(scene)
+    starts = equal_lines(bodies)
     result, made = [], factor
-    for body, lines, errors, start in zip(scene.bodies, grids, squares, starts, strict=True):
+    for body, lines, errors, start in zip(bodies, grids, squares, starts, strict=True):
         cells = [len(line) - 1 for line in start]
         layers = whole_layers(factor, cells, [axis_evenness(part) for part in errors])
         made = max(made, (math.prod(layers) / math.prod(cells)) ** (1.0 / len(cells)))

@@ -69,7 +69,7 @@ from contact_app.machine.memory import available_bytes, needed_bytes
 from contact_app.results.friction import dissipated_work
 from contact_app.results.percent import percent
 from contact_app.scene.bodies import Box
-from contact_app.scene.scene import Scene
+from contact_app.scene.scene import Decomposition, Scene
 from solver import Reason
 
 MARGIN = 0.97
@@ -246,7 +246,7 @@ class _Levels:
             verdict = Verdict(1.0, unseen[0])
         ended = not solved.solution.converged or solved.solution.reason is Reason.STOPPED
         if error <= self._enough and not (ended or unseen or self._is_confirmed(verdict)):
-            checked = _solved_coarser(coarser(current, self._integer), self._solve)
+            checked = _solved_coarser(current, self._integer, self._solve)
             if checked is not None:
                 verdict = self._judge.compare_with(_measured(checked))
                 self.checks.append(level_of(checked, 1.0))
@@ -297,13 +297,15 @@ class _Levels:
         target = level.error / CONFIRMING if doubt else self._target
         if self._files:
             factor = self._last
-            scene = locally_refined(current, assessed.solved, target / level.error)
+            finer = locally_refined(current.bodies, assessed.solved, target / level.error)
+            scene = replace(current, bodies=finer)
         elif lowest_degree(current.bodies) == 1 and has_free_degree(self._scene.bodies):
-            self._scene = quadratic(self._scene)
+            bodies = quadratic(self._scene.bodies)
+            self._scene = replace(self._scene, bodies=bodies)
             self._report("cells of degree 2 from here on")
             finest = self._integer or bool(doubt) or not has_even_cells(current.bodies)
             factor = self._last if finest else 0.5 * self._last
-            self.factors, scene = [], refined(self._scene, factor)
+            self.factors, scene = [], replace(self._scene, bodies=refined(bodies, factor))
         else:
             factor, scene = self._finer_box(current, assessed.solved, target)
         self.factors.append(factor)
@@ -323,7 +325,7 @@ class _Levels:
             self._grids, self._last = lines, layers_for_one(lines, equal_lines(scene.bodies))
         if self._grids is None:
             factor = next_factor(factors, errors, target, self._integer, degree)
-            return factor, refined(scene, factor)
+            return factor, replace(scene, bodies=refined(scene.bodies, factor))
         return self._graded_box(solved, squares, target, degree)
 
     def _graded_box(
@@ -339,7 +341,9 @@ class _Levels:
         if self._even > SURE and level.dofs > LARGE * scene.dimension:
             self._even = 1.0
         step = graded_step(level.error, self._even**self._exponent, target, degree)
-        factor, self._grids = regraded(scene, squares, self._grids, self._last * step)
+        factor, self._grids = regraded(
+            scene.bodies, squares, self._grids, self._last * step, self._integer
+        )
         self._step = factor / self._last
         return factor, on_lines(scene, self._grids, solved.model.comm.size)
 
@@ -382,12 +386,13 @@ def _crossed(solved: SolvedScene) -> float:
     return math.sqrt(square / solved.accuracy.square) if square > 0.0 else 0.0
 
 
-def _solved_coarser(scene: Scene | None, solve: Solve) -> SolvedScene | None:
-    """The solution on a coarser mesh; None if there is no solution."""
-    if scene is None:
+def _solved_coarser(scene: Scene, even: bool, solve: Solve) -> SolvedScene | None:
+    """The solution on a coarser mesh; None if there is no mesh (`coarser`) or no solution."""
+    bodies = coarser(scene.bodies, even)
+    if bodies is None:
         return None
     try:
-        solved = solve(scene, start=None)
+        solved = solve(replace(scene, bodies=bodies, decomposition=Decomposition()), start=None)
     except ContactError:  # for instance a boundary without a facet
         return None
     return solved if solved.solution.converged else None

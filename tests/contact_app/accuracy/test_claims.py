@@ -143,12 +143,17 @@ def test_few_cells_cause_a_warning_on_a_single_mesh(text: str) -> None:
 
 def test_enough_cells_cause_no_warning() -> None:
     scene = built(COLUMN.replace("cells: [2, 2]", "cells: [4, 4]"))
-    assert few_cells(scene, 0.3) == []
+    assert few_cells(scene.bodies, 0.3) == []
     few = built(COLUMN)
-    assert few_cells(few, 0.3)
-    assert few_cells(few, 0.01) == [], "nearly exact"
-    assert few_cells(few, float("nan")) == [], "nothing is estimated"
-    assert few_cells(built(COLUMN, 0.1), 0.3) == [], "two meshes have to agree there"
+    assert few_cells(few.bodies, 0.3)
+    assert few_cells(few.bodies, 0.01) == [], "nearly exact"
+    assert few_cells(few.bodies, float("nan")) == [], "nothing is estimated"
+
+
+def test_a_run_to_an_accuracy_does_not_warn_of_few_cells() -> None:
+    """Two meshes have to agree there."""
+    certificate = solve_scene(built(COLUMN, 0.1)).summary["certificate"]
+    assert not [w for w in certificate["warnings"] if "its cells are few" in w]
 
 
 @pytest.mark.parametrize("text", [BEAM, COLUMN])
