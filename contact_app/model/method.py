@@ -8,10 +8,10 @@ docs/benchmarks/speed.md). One body from a mesh file:
   multigrid, in both degrees. Its iterations hardly grow with the mesh. Between 5,000 and 10,000
   unknowns it is 0.7 to 1.25.
 - On thin bodies smoothed aggregation fails. Each set needs a factor or hundreds of iterations; that
-takes 0.9 to 5.5 times the seconds of Total FETI (22,000 to 100,000 unknowns, both degrees). Total
-FETI takes 55 to 282 operator applications there, and more than 800 if contact peels off row by row.
-So the solve begins with Total FETI, with a limit on its iterations (`patience`), and continues with
-multigrid.
+  takes 0.9 to 5.5 times the seconds of Total FETI (22,000 to 100,000 unknowns, both degrees). Total
+  FETI takes 55 to 282 operator applications there, and more than 800 if contact peels off row by
+  row. So the solve begins with Total FETI, with a limit on its iterations (`patience`), and
+  continues with multigrid.
 
 Several bodies from mesh files: multigrid takes 0.54 to 1.16 of the seconds of Total FETI (27,000 to
 176,000 unknowns, both degrees), least where many sets are needed. Boxes take a fifth to a half by
@@ -24,13 +24,13 @@ multigrid at degree 1 and 33 to 40 at degree 2, and 53 to 59 and 84 to 93 by Tot
 With friction (`make_trials.py --friction 0.3`) multigrid takes 0.34 to 1.19 of the CPU seconds of
 Total FETI on one thick body of 10,000 unknowns or more, where Total FETI takes up to 1,413
 applications and left one part uncertified. On several bodies from mesh files it takes 0.2 to 1.03
-of the CPU seconds (shaft and hub, bolted flange, pin in a lug, ball in grooves, wrench on a nut,
-tenon, key, dovetail, pipe clamp of three bodies; 10,000 to 101,000 unknowns, both degrees), and 28
-to 87 operator applications in place of 34 to 2,265. On thin bodies, whose sets have a factor each,
-it takes 1.6 to 7.7 times the seconds. One thin body in the plane has an inexpensive factor: on 54
-random strips 20 to 300 times as long as thick, with both laws and degrees, multigrid takes 0.3 to
-1.6 of the CPU seconds of Total FETI (once 2.2), and certifies two answers that Total FETI does not.
-It takes 8 operator applications for 344 on `rough_rod.yaml`.
+of the CPU seconds (the four pairs of `meshes/samples/make_parts.py` and five other parts; 10,000 to
+101,000 unknowns, both degrees), and 28 to 87 operator applications in place of 34 to 2,265. On thin
+bodies, whose sets have a factor each, it takes 1.6 to 7.7 times the seconds. One thin body in the
+plane has an inexpensive factor: on 54 random strips 20 to 300 times as long as thick, with both
+laws and degrees, multigrid takes 0.3 to 1.6 of the CPU seconds of Total FETI (once 2.2), and
+certifies two answers that Total FETI does not. It takes 8 operator applications for 344 on
+`rough_rod.yaml`.
 
 A body counts as thin there by its area, so that a curved strip does: a strap over a cylinder takes
 44 to 172 operator applications for 1,024 to 1,202.

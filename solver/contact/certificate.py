@@ -238,7 +238,7 @@ def certificate_of(
     lengths = body_lengths(bodies, deformed, problem.free_lengths)
     state, (rounded, disturbed) = answer.equilibrium(), answer.round_off()
     force = np.where(problem.conditional, multiplier * problem.spread, 0.0)
-    forces = answer.forces_on_bodies(force, state.reactions)
+    forces = answer.forces_on_bodies(force, state.reactions, rounded)
     gaps = answer.gaps()
     bounds = gaps if unsolved is None else _with_unsolved(bodies, gaps, unsolved)
     work = float(comm.allreduce(multiplier @ residual - _friction_work(answer)))
@@ -247,18 +247,18 @@ def certificate_of(
     measures = Measures(
         displacements=answer.largest_displacements(),
         deformations=deformed,
-        loads=forces.max(axis=0),
-        pressed=forces[2],
+        loads=forces.largest,
+        pressed=forces.contact,
         strains=state.strains,
         roundings=roundings,
-        scales=energy_scales(problem, state.strains, roundings, forces, rounded),
+        scales=energy_scales(problem, state.strains, roundings, forces),
         gaps=bounds,
         energy=float(state.energy + work + gaps.sum()),
         groups=bodies.groups,
     )
     # forces on a body that moves rigidly are rounding errors: relative to forces that would move it
     moving = rounded / np.finfo(np.float64).eps
-    references = force_references(problem, forces, rounded, tolerance)
+    references = force_references(problem, forces, tolerance)
     load = sizes(bodies, np.where(measures.scales > 0.0, references, moving))
     distance = np.abs(slack) / bodies.of_rows(lengths)
     pulls = np.where(contact, np.maximum(-force, 0.0), 0.0) / bodies.of_rows(load)

@@ -67,6 +67,32 @@ class Equilibrium:
     energy: float
 
 
+@dataclass(frozen=True, eq=False)
+class BodyForces:
+    """Forces on the bodies: sums of magnitudes, (bodies,) each.
+
+    Attributes
+    ----------
+    loads
+    held
+        Reactions and tied forces.
+    contact
+        Contact and friction forces.
+    rounded
+        Rounding errors of the forces.
+    """
+
+    loads: Array
+    held: Array
+    contact: Array
+    rounded: Array
+
+    @property
+    def largest(self) -> Array:
+        """The largest of loads, held and contact forces of each body, (bodies,)."""
+        return np.max([self.loads, self.held, self.contact], axis=0)
+
+
 class MeasuredProblem(Protocol):
     """A problem as the certificate uses it; arrays are (rows,), local parts, or (bodies,)."""
 
@@ -141,10 +167,8 @@ class MeasuredAnswer(Protocol):
     def largest_deformations(self) -> Array:
         """Largest |u| without the rigid motions that no row with a force resists, (bodies,)."""
 
-    def forces_on_bodies(self, force: Array, reactions: Array) -> Array:
-        """Sums of the magnitudes of loads, of reactions and tied forces, and of contact forces.
-
-        (3, bodies).
+    def forces_on_bodies(self, force: Array, reactions: Array, rounded: Array) -> BodyForces:
+        """The forces on the bodies.
 
         Parameters
         ----------
@@ -152,6 +176,8 @@ class MeasuredAnswer(Protocol):
             Contact and friction forces, zero on other rows.
         reactions : (bodies,)
             At eliminated unknowns.
+        rounded : (bodies,)
+            Rounding errors of the forces.
         """
 
     def gaps(self) -> Array:
@@ -159,12 +185,8 @@ class MeasuredAnswer(Protocol):
 
 
 def energy_scales(
-    problem: MeasuredProblem,
-    strains: NDArray[np.float64],
-    roundings: NDArray[np.float64],
-    forces: NDArray[np.float64],
-    rounded: NDArray[np.float64],
-) -> NDArray[np.float64]:
+    problem: MeasuredProblem, strains: Array, roundings: Array, forces: BodyForces
+) -> Array:
     """The reference of squared errors in energy norm in each body, (bodies,).
 
     The reference is a(u, u) of the body. A body that carries nearly no load is measured as if it
@@ -179,20 +201,19 @@ def energy_scales(
 
     Parameters
     ----------
-    forces : (3, bodies)
-        Loads, reactions and contact forces.
-    rounded : (bodies,)
-        Rounding errors of the forces.
+    strains, roundings : (bodies,)
+        a(u, u), and its rounding errors.
     """
     bodies, groups = problem.bodies, problem.bodies.groups
-    load = forces.max(axis=0)
+    load = forces.largest
     of_group = bodies.sum_by_group(strains)[groups]
     floor = STRAINLESS * roundings + UNSTRAINED * problem.strains_at_unknowns()
     unstrained = of_group <= bodies.sum_by_group(floor)[groups]
     if unstrained.any():
         free = bodies.sum_by_group(problem.free_strains)[groups]
         loaded, loads, pressed, noise = (
-            bodies.sum_by_group(v)[groups] for v in (load, forces[0], forces[2], rounded)
+            bodies.sum_by_group(v)[groups]
+            for v in (load, forces.loads, forces.contact, forces.rounded)
         )
         acting = np.where(pressed > noise, loads + pressed, loads)
         strong = (loaded > FORCED * noise) & (free > 0.0)
@@ -204,9 +225,7 @@ def energy_scales(
     return np.asarray(np.minimum(strained * np.maximum(1.0, share) ** 2, of_group))
 
 
-def force_references(
-    problem: MeasuredProblem, forces: Array, rounded: Array, tolerance: float
-) -> Array:
+def force_references(problem: MeasuredProblem, forces: BodyForces, tolerance: float) -> Array:
     """The references of forces, (bodies,): the largest of loads, reactions and contact forces.
 
     The contact forces of a body that carries nearly no load, such as an unloaded roller of a
@@ -220,19 +239,15 @@ def force_references(
 
     Parameters
     ----------
-    forces : (3, bodies)
-        Loads, reactions and contact forces.
-    rounded : (bodies,)
-        Rounding errors of the forces.
     tolerance
         Upper limit of the certificate's numbers.
     """
-    bodies, every = problem.bodies, forces.max(axis=0)
-    least = rounded / min(RESOLVED * tolerance, ROUNDED_LIMIT)
+    bodies, every = problem.bodies, forces.largest
+    least = forces.rounded / min(RESOLVED * tolerance, ROUNDED_LIMIT)
     idle = np.minimum(least, IDLE * bodies.by_group(every)[bodies.groups])
     if not problem.heated.any():
         return np.maximum(every, idle)
-    acting = np.maximum(problem.mechanical_loads, forces[2])
+    acting = np.maximum(problem.mechanical_loads, forces.contact)
     acting = np.where(acting > 0.0, acting, bodies.by_group(acting)[bodies.groups])
     used = problem.heated & (acting > 0.0)
     return np.where(used, np.minimum(np.maximum(acting, least), every), every)

@@ -17,7 +17,7 @@ from solver.contact.bodies import MOTIONLESS, largest
 from solver.contact.bodies import sizes as at_least
 from solver.contact.certificate import Certificate, Measures, certificate_of, friction_numbers
 from solver.contact.row_kinds import RowKind
-from solver.contact.sizes import Equilibrium
+from solver.contact.sizes import BodyForces, Equilibrium
 from solver.tfeti.decomposed import DecomposedProblem
 from solver.tfeti.dual_operator import interface_slices
 from solver.tfeti.duality_gap import group_gaps
@@ -150,9 +150,10 @@ class DualAnswer:
         displaced = self.largest_displacements()
         return np.maximum(_largest_displacements(problem, left), SLID * displaced)
 
-    def forces_on_bodies(self, force: Array, reactions: Array) -> Array:
-        """Magnitudes of loads, of reactions and ties, and of contact forces, (3, bodies)."""
-        return forces_on_bodies(self.problem, self.multiplier, force, reactions)
+    def forces_on_bodies(self, force: Array, reactions: Array, rounded: Array) -> BodyForces:
+        """The forces on the bodies (collective)."""
+        loads, held, contact = _summed_forces(self.problem, self.multiplier, force)
+        return BodyForces(loads, held + reactions, contact, rounded)
 
     def gaps(self) -> Array:
         """The duality gap of each group of bodies, (groups,)."""
@@ -198,33 +199,28 @@ def friction_residual(
     if problem.friction is None:
         return 0.0
     force = np.where(problem.conditional, multiplier * problem.spread, 0.0)
-    forces = forces_on_bodies(problem, multiplier, force, np.zeros(bodies.count))
+    forces = _summed_forces(problem, multiplier, force)
     load = at_least(bodies, forces.max(axis=0))
     numbers = friction_numbers(problem, multiplier, jumps, load, lengths)
     return float(max(values.max() for values in numbers.values()))
 
 
-def forces_on_bodies(
-    problem: DecomposedProblem, multiplier: Array, force: Array, reactions: Array
-) -> Array:
-    """Sums of the magnitudes of loads, of reactions and ties, and of contact forces of each body.
+def _summed_forces(problem: DecomposedProblem, multiplier: Array, force: Array) -> Array:
+    """Sums of the magnitudes of loads, of forces that hold nodes, and of contact forces.
 
-    (3, bodies) (collective).
+    (3, bodies), without reactions at eliminated unknowns (collective).
 
     Parameters
     ----------
     force : (dual,)
         Contact and friction forces, zero on other rows.
-    reactions : (bodies,)
-        At eliminated unknowns.
     """
     bodies = problem.bodies
     loads = bodies.sum_members([np.abs(f).sum(axis=0) for f in problem.forces])
     holding = (problem.kinds == RowKind.DIRICHLET) | problem.tied
     held = bodies.sum_rows(np.abs(multiplier * problem.spread), holding)
     touching = bodies.sum_rows(np.abs(force), problem.conditional)
-    sums = np.asarray(problem.comm.allreduce(np.array([loads, held, touching])))
-    return sums + np.stack([np.zeros(bodies.count), reactions, np.zeros(bodies.count)])
+    return np.asarray(problem.comm.allreduce(np.array([loads, held, touching])))
 
 
 def _largest_displacements(problem: DecomposedProblem, displacements: list[Array]) -> Array:

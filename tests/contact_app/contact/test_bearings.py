@@ -11,7 +11,7 @@ from mpi4py import MPI
 from contact_app.model.model import build_model
 from solver.contact.active_set_options import ActiveSetOptions
 from solver.contact.bodies import Bodies
-from solver.contact.sizes import force_references
+from solver.contact.sizes import BodyForces, force_references
 from solver.contact.solve_on_set import Outcome
 from solver.contact.stopping import StoppingRule
 from solver.driver import solve as solve_problem
@@ -135,5 +135,6 @@ class _Group:
 def test_a_body_without_load_is_measured_by_its_rounding_errors_up_to_a_limit() -> None:
     loads = np.array([100.0, 1e-3, 1e-3, 1e-3])
     rounded = np.array([1e-6, 1e-12, 1e-9, 1e-6])
-    found = force_references(_Group(4), np.tile(loads, (3, 1)), rounded, tolerance=1e-6)
+    forces = BodyForces(loads, loads, loads, rounded)
+    found = force_references(_Group(4), forces, tolerance=1e-6)
     assert found == pytest.approx([100.0, 1e-3, 1e-2, 0.1])
