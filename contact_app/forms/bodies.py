@@ -19,21 +19,13 @@ import numpy as np
 from mpi4py import MPI
 from numpy.typing import NDArray
 from scipy import linalg, sparse
-from scipy.linalg import block_diag
 
 from contact_app.errors import NoEquilibriumError
 from contact_app.forms.subdomains import Subdomains
 from contact_app.model.equilibrium import ContactPoints, entries_on_motions, leaving
 from meshes.connected import connected
-from solver.contact.equilibrium import (
-    balance,
-    by_body,
-    held_motions,
-    holds,
-    loose_motions,
-    slide,
-    spanned,
-)
+from solver.contact.equilibrium import BodyBalance, slide
+from solver.contact.group_balance import GroupRows
 from solver.tfeti.constraints.conditions import ContactRows, HeldRows
 from solver.tfeti.constraints.exchange import NodeExchange
 from solver.tfeti.constraints.friction import FrictionRows
@@ -271,9 +263,7 @@ def holding(
     if rows.friction is not None:
         slips = contact_motions(bodies, exchange, rows.friction.rows, d)
         rough = ContactPoints(rows.friction, rows.friction.places(contact), slips)
-    free: list[Array] = [np.zeros((m, 0))] * bodies.count
-    loose, allowed = list(free), list(free)
-    alone, steady = np.zeros(bodies.count, bool), True
+    balances: list[BodyBalance | None] = [None] * bodies.count
     for number in np.unique(groups):
         group = np.flatnonzero(groups == number)
         holds_body = []
@@ -281,30 +271,32 @@ def holding(
             on_body = body_of_held == b
             motions = bodies.motions(int(b), held.points[on_body], d)[held.held[on_body]]
             holds_body.append(np.concatenate([motions, springs[b]]))
-            alone[b] = holds(comm, holds_body[-1])
         columns = (group[:, None] * m + np.arange(m)).ravel()
         of_group = seen[:, columns]
         in_group = np.diff(of_group.indptr) > 0
-        of_group = of_group[in_group].toarray()
         cones = None if rough is None else rough.cones(in_group, columns)
-        size, holding_rows = float(scale[group].sum()), block_diag(*holds_body)
-        state = balance(comm, holding_rows, of_group, work[group].ravel(), size, cones)
+        none = np.zeros((0, len(columns)))
+        on_group = GroupRows(
+            holds_body, none, of_group[in_group].toarray(), moved[:, columns], cones
+        )
+        state = on_group.balance(comm, work[group].ravel(), float(scale[group].sum()))
         if state.escape is not None:
             escape = state.escape
             if cones is not None:
-                escape = slide(comm, holding_rows, of_group, escape, cones)
+                escape = slide(comm, on_group.holding, on_group.contact, escape, cones)
             raise NoEquilibriumError(_leaving(bodies, group, escape, cones is not None))
-        steady &= state.held
-        for b, motion in zip(group, by_body(state.free_motions, m), strict=True):
-            free[b] = motion
-        resisting = of_group if cones is None else np.concatenate([of_group, cones.slips])
-        slides = loose_motions(comm, holding_rows, resisting, moved[:, columns])
-        slides = spanned(np.hstack([slides, state.free_motions])).reshape(len(group), m, -1)
-        left = held_motions(comm, holding_rows).reshape(len(group), m, -1)
-        for b, motion, other in zip(group, slides, left, strict=True):
-            loose[b], allowed[b] = motion, other
-    found_motions = LooseBodies(loose, allowed, bodies.centres, bodies.lengths)
-    return Holding(free, alone, steady, found_motions)
+        elastic = np.ones(len(group), bool)
+        for b, of_body in zip(group, on_group.balances(comm, state, elastic), strict=True):
+            balances[b] = of_body
+    every = [b for b in balances if b is not None]
+    return Holding(
+        [b.free_motions for b in every],
+        np.array([b.held for b in every]),
+        all(b.steady for b in every),
+        LooseBodies(
+            [b.loose for b in every], [b.allowed for b in every], bodies.centres, bodies.lengths
+        ),
+    )
 
 
 def _moved_by_contact(

@@ -26,15 +26,11 @@ from meshes.connected import connected
 from solver.contact.equilibrium import (
     BodyBalance,
     FrictionCones,
-    balance,
-    by_body,
     carried_share,
     held_motions,
-    holds,
-    loose_motions,
     slide,
-    spanned,
 )
+from solver.contact.group_balance import GroupRows
 from solver.tfeti.constraints.conditions import ContactEntries, ContactRows, HeldRows
 from solver.tfeti.constraints.friction import FrictionRows
 from solver.tfeti.free_motions import LooseBodies
@@ -85,37 +81,27 @@ def body_balances(
         columns = (group[:, None] * MOTIONS[d] + np.arange(MOTIONS[d])).ravel()
         some, tied_rows = touching[:, columns], joined[:, columns]
         nonzero = np.diff(some.indptr) > 0
-        contact_rows = some[nonzero].toarray()
         tied_rows = tied_rows[np.diff(tied_rows.indptr) > 0].toarray()
-        cones = points.cones(nonzero, columns) if points is not None else None
-        both = np.concatenate([block_diag(*held_rows), block_diag(*requested), tied_rows])
+        moved = None
+        if group.max() < elastic:
+            moved = _moved_by_contact(scene.bodies, scene.touching, contact, group)
+        rows = GroupRows(
+            held_rows,
+            np.concatenate([block_diag(*requested), tied_rows]),
+            some[nonzero].toarray(),
+            moved,
+            points.cones(nonzero, columns) if points is not None else None,
+        )
         load = work[group].ravel()
-        state = balance(comm, both, contact_rows, load, float(scale[group].sum()), cones)
+        state = rows.balance(comm, load, float(scale[group].sum()))
         if state.escape is not None:
-            both_kinds = both, contact_rows
-            message = _no_equilibrium(scene, comm, group, both_kinds, load, state.escape, cones)
+            message = _no_equilibrium(scene, comm, group, rows, load, state.escape)
             hints = far_obstacle_hints(
                 scene.bodies, scene.contacts, contact.gaps, contact.sources, comm
             )
             raise NoEquilibriumError("\n  ".join([message, *hints]))
-        shares = by_body(state.free_motions, MOTIONS[d])
-        sliding = np.zeros((both.shape[1], 0))
-        if group.max() < elastic:
-            moved = _moved_by_contact(scene.bodies, scene.touching, contact, group)
-            resisting = contact_rows
-            if cones is not None:
-                resisting = np.concatenate([contact_rows, cones.slips])
-            sliding = loose_motions(comm, both, resisting, moved)
-        # the motions of elastic bodies in the span of slides and free motions
-        both_motions = np.hstack([sliding, state.free_motions])
-        of_elastic = np.repeat(group < elastic, MOTIONS[d])[:, None]
-        sliding = spanned(np.where(of_elastic, both_motions, 0.0))
-        loose = sliding.reshape(len(group), MOTIONS[d], -1)
-        allowed = held_motions(comm, both).reshape(len(group), MOTIONS[d], -1)
-        for nth, b in enumerate(group):
-            balances[b] = BodyBalance(
-                shares[nth], None, holds(comm, held_rows[nth]), state.held, loose[nth], allowed[nth]
-            )
+        for b, of_body in zip(group, rows.balances(comm, state, group < elastic), strict=True):
+            balances[b] = of_body
     return [b for b in balances if b is not None]
 
 
@@ -123,25 +109,19 @@ def _no_equilibrium(
     scene: Scene,
     comm: MPI.Intracomm,
     group: NDArray[np.int64],
-    rows: tuple[Array, Array],
+    rows: GroupRows,
     load: Array,
     escape: Array,
-    cones: FrictionCones | None,
 ) -> str:
     """The error for a group that a load drives away along an escape (collective).
 
     With given slip limits the message has the share of all loads at which this starts. In a load
     step only its own loads grow, and the message of the step has the factor.
-
-    Parameters
-    ----------
-    rows
-        Held rows and contact rows of this rank on the motions of the group.
     """
-    share = None
+    share, cones, both = None, rows.cones, (rows.holding, rows.contact)
     if cones is not None:
-        escape = slide(comm, *rows, escape, cones)
-        share = None if scene.in_step else carried_share(comm, *rows, load, cones)
+        escape = slide(comm, *both, escape, cones)
+        share = None if scene.in_step else carried_share(comm, *both, load, cones)
     return (
         f"{scene.source}: the scene has no equilibrium: nothing stops "
         f"{leaving(scene.body_names.__getitem__, group, escape)} under its loads"
