@@ -19,6 +19,9 @@ as stiff as K is against each row, beside the contact forces λ of the last iter
    these forces, λ becomes the force of the springs, which is the method of multipliers: it
    converges for every convex problem (R. T. Rockafellar, 1976). The set itself need not settle: of
    an unloaded roller that lies loosely between its races other rows press in each step.
+
+Friction has springs that yield at the slip limit (`solver.primal.augmented_rows`). The limits of
+Coulomb's law change with λ, and with the forces of a set that holds with equality.
 """
 
 from __future__ import annotations
@@ -32,10 +35,10 @@ from numpy.typing import NDArray
 from solver.backend import Statuses
 from solver.contact.active_set import ActiveSetMethod
 from solver.contact.active_set_update import ActiveSetUpdate, SetRules
-from solver.contact.law import Frictionless
 from solver.contact.monitoring import on_active_set
-from solver.contact.solve_on_set import Outcome, solve_on_set
+from solver.contact.solve_on_set import Outcome, StoppingTest, solve_on_set
 from solver.errors import QPError
+from solver.primal.augmented_rows import rows_of
 from solver.primal.backend import Multigrid, PrimalSet, PrimalState
 from solver.primal.factor import row_stiffness
 from solver.primal.line_search import minimum_along
@@ -133,10 +136,10 @@ class AugmentedLagrangian:
         self.backend, self.system = backend, backend.system
         self._sets, self.test = sets, sets.test
         self.options = options or AugmentedOptions()
-        self.W = self.options.stiffness * row_stiffness(self.system)
-        self.rows = self.system.normal & (self.W > 0.0)
+        stiffness = self.options.stiffness * row_stiffness(self.system)
+        self.rows = rows_of(self.system, stiffness, sets.law)
         levels = backend.hierarchy(coarsened=False)
-        update = ActiveSetUpdate(backend, levels, Frictionless(), sets.options)
+        update = ActiveSetUpdate(backend, levels, sets.law, sets.options, looks_ahead=False)
         self._rules = SetRules(update, sets.options.first_reduction, coarsened=True)
         self._tied = Projector(self.system, self.system.equality)
         self._counts, self._steps, self._faint = Counts(), 0, self.options.faint
@@ -155,13 +158,15 @@ class AugmentedLagrangian:
         self._counts, backend, tied = self._sets.work_before, self.backend, self._tied
         u = u - tied.lifting((multiply(self.system.C, u) - self.system.c)[tied.rows])
         backend.begin_at(u)
-        now = self._iterate(u, backend.left(), np.zeros(len(self.W)))
+        now = self._iterate(u, backend.left(), np.zeros(len(self.system.rows)))
+        rows, unchanged = self.rows, True
+        rows.begin(rows.forces(self._p(now)))
         outcome: Outcome[PrimalState] = Outcome(None, None, self._statuses(now), self._counts)
         load, stuck = self._norm(self.system.load), 0
         limit = self.options.first * load
         for number in range(1, self.options.most_steps + 1):
             self._steps = number
-            pressing = self._pressing(now)
+            firm = rows.firm(self._p(now))
             solved = self._on_set(now)
             if solved.reason is not None or solved.state is None:
                 return solved
@@ -170,20 +175,24 @@ class AugmentedLagrangian:
             self._damp(length)
             stuck = stuck + 1 if length <= self.options.least else 0
             full = abs(length - 1.0) <= self.options.full
-            settled = full and not self._differ(pressing, self._pressing(now))
+            settled = full and not self._differ(firm, rows.firm(self._p(now)))
+            forces, exact = rows.forces(self._p(now)), None
             if not stuck and not settled and self._gradient(now) > limit:
+                if unchanged:
+                    rows.begin(forces)
                 continue
-            state = self._last.state_at(now.u, now.left, self._spring_forces(now))
+            state = self._last.state_at(now.u, now.left, rows.admissible(forces))
             if settled:
-                exact = self._with_equality(now)
-                if exact.reason is not None:
-                    return exact
+                solved, exact = self._with_equality(now)
+                if solved.reason is not None:
+                    return solved
             if self.test.required_reduction(state) <= 1.0 and self.test.accept(state):
                 return replace(outcome, state=state, reason=Reason.ACCEPTED, counts=self._counts)
             if stuck > self.options.most_stuck:  # rounding errors leave no direction of descent
                 break
+            now, unchanged = exact or replace(now, forces=forces), False
             backend.begin_at(now.u, now.left)
-            now = replace(now, forces=self._spring_forces(now))
+            rows.advance(now.forces, accurate=exact is not None)
             limit = self.options.balanced * self._gradient(now)
             limit = max(limit, self.options.least_gradient * load)
         return replace(outcome, counts=self._counts)
@@ -194,7 +203,7 @@ class AugmentedLagrangian:
 
     def _gradient(self, now: _Iterate) -> float:
         """2-norm of the gradient of L on displacements that leave tied rows alone (collective)."""
-        forces = multiply_transposed(self.system.C, self._spring_forces(now))
+        forces = multiply_transposed(self.system.C, self.rows.forces(self._p(now)))
         return self._norm(self._tied.apply_transpose(now.left - forces))
 
     def _damp(self, length: float) -> None:
@@ -208,26 +217,26 @@ class AugmentedLagrangian:
     def _iterate(self, u: Array, left: Array, forces: Array) -> _Iterate:
         return _Iterate(u, left, multiply(self.system.C, u) - self.system.c, forces)
 
-    def _spring_forces(self, now: _Iterate) -> Array:
-        """max(0, λ + W (C u - c)) of contact rows, (rows,)."""
-        return np.where(self.rows, np.maximum(now.forces + self.W * now.jumps, 0.0), 0.0)
-
-    def _pressing(self, now: _Iterate) -> Mask:
-        return self._spring_forces(now) > 0.0
+    def _p(self, now: _Iterate) -> Array:
+        """λ + W (C u - c), (rows,)."""
+        return np.asarray(now.forces + self.rows.W * now.jumps)
 
     def _differ(self, one: Mask, other: Mask) -> bool:
         """Whether any row differs (collective)."""
         return bool(self.system.comm.allreduce(int((one != other).any())))
 
     def _statuses(self, now: _Iterate) -> Statuses:
-        """Contact rows with a compliance; those that do not press hold their last position."""
-        springs = np.where(self._pressing(now), self.W, self._faint * self.W)
-        tractions = np.where(self._pressing(now), now.forces, -springs * now.jumps)
-        on_all_rows = self.system.on_all_rows
-        compliance = np.divide(1.0, springs, out=np.zeros_like(springs), where=self.rows)
+        """Rows with a compliance; those without a spring hold their last position (collective)."""
+        on_all_rows, rows, jumps = self.system.on_all_rows, self.rows, now.jumps
+        forces, springs, turn = rows.springs(self._p(now))
+        springs = np.maximum(springs, self._faint * rows.W)
+        if turn is not None:
+            jumps = turn.turned(on_all_rows(jumps))[self.system.rows]
+        compliance = np.divide(1.0, springs, out=np.zeros_like(springs), where=rows.rows)
         return Statuses(
-            on_all_rows(self.rows.astype(float)) > 0.5,
-            tractions=on_all_rows(np.where(self.rows, tractions, 0.0)),
+            on_all_rows(rows.rows.astype(float)) > 0.5,
+            tractions=on_all_rows(np.where(rows.rows, forces - springs * jumps, 0.0)),
+            turn=turn,
             compliance=on_all_rows(compliance),
         )
 
@@ -251,18 +260,35 @@ class AugmentedLagrangian:
         tolerance = self.options.reduction * on_set.residual
         return on_set.solve(self._inner(), tolerance, self._monitor(on_set.statuses))
 
-    def _with_equality(self, now: _Iterate) -> Outcome[PrimalState]:
-        """The solve on the pressing rows with equality, from an iterate (collective)."""
-        statuses = Statuses(self.system.on_all_rows(self._pressing(now).astype(float)) > 0.5)
+    def _with_equality(self, now: _Iterate) -> tuple[Outcome[PrimalState], _Iterate | None]:
+        """The solve on the firm rows with equality, and its iterate if its law moves (collective).
+
+        No iterate where the set is another one than that of the solution under this law.
+        """
+        rows, system = self.rows, self.system
+        on_all_rows, law, p = system.on_all_rows, rows.law, self._p(now)
+        active = on_all_rows((rows.normal & rows.firm(p)).astype(float)) > 0.5
+        forces, jumps = on_all_rows(rows.forces(p)), on_all_rows(now.jumps)
+        statuses = law.initial(active, forces, ahead=False, jumps=jumps)
+        test = StoppingTest[PrimalState](lambda _: 1.0, lambda _: True) if rows.moves else self.test
         try:
             on_set = self.backend.on_set(statuses, None)
-            monitor = self._monitor(statuses)
-            outcome = solve_on_set(on_set, self._rules, self.test, self._inner(), monitor)
+            rules = replace(self._rules, update=replace(self._rules.update, law=law))
+            outcome = solve_on_set(on_set, rules, test, self._inner(), self._monitor(statuses))
         except (ArithmeticError, QPError):
-            return Outcome(None, None, statuses, self._counts)
+            return Outcome(None, None, statuses, self._counts), None
         self._counts = self._counts + on_set.counts
         self.backend.release()
-        return replace(outcome, counts=self._counts)
+        outcome, state = replace(outcome, counts=self._counts), outcome.state
+        if not rows.moves or outcome.reason not in (None, Reason.ACCEPTED) or state is None:
+            return outcome, None
+        outcome = replace(outcome, reason=None)
+        if self._differ(outcome.following.holding, statuses.holding):
+            return outcome, None
+        if self.test.required_reduction(state) <= 1.0 and self.test.accept(state):
+            return replace(outcome, reason=Reason.ACCEPTED), None
+        forces = rows.forces(np.where(rows.rows, state.multiplier[system.rows], 0.0))
+        return outcome, self._iterate(state.u, self.backend.left(), forces)
 
     def _inner(self) -> MPRGP:
         inner = self._sets.inner
@@ -274,13 +300,15 @@ class AugmentedLagrangian:
 
     def _length(self, now: _Iterate, state: PrimalState) -> float:
         """The share of a step with the least Lagrangian (collective)."""
-        comm, step, rows = self.system.comm, state.u - now.u, self.rows
-        force = (now.forces + self.W * now.jumps)[rows]
-        image = (multiply(self.system.C, state.u) - self.system.c - now.jumps)[rows]
+        comm, step, normal, p = self.system.comm, state.u - now.u, self.rows.normal, self._p(now)
+        image = multiply(self.system.C, state.u) - self.system.c - now.jumps
         along = -float(step @ now.left), float(step @ (now.left - self.backend.left()))
         slope, curvature = comm.allreduce(np.array(along))
-        rates = self.W[rows] * image
-        return minimum_along(comm, slope, curvature, force, rates, image)
+        rates = self.rows.W * image
+        friction = self.rows.along(p, rates)
+        return minimum_along(
+            comm, slope, curvature, p[normal], rates[normal], image[normal], friction
+        )
 
     def _moved(self, now: _Iterate, state: PrimalState, length: float) -> _Iterate:
         """The iterate after a share of a step, from which the next set begins (collective)."""

@@ -388,9 +388,12 @@ class PrimalSet:
         u, left : (unknowns,)
             The displacement and f - K u.
         multiplier : (rows,)
-            λ of the rows that do not hold with equality; zero on the others.
+            λ of the rows that do not hold with equality, in frames that are not turned; zero on the
+            others.
         """
-        system, held = self._system, self._projector
+        system, held, turn = self._system, self._projector, self.statuses.turn
+        if turn is not None:
+            multiplier = turn.turned(system.on_all_rows(multiplier))[system.rows]
         left_on_rows = left - multiply_transposed(system.C, multiplier)
         forces = multiplier.copy()
         forces[held.rows] = held.multipliers(left_on_rows)

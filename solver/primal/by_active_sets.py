@@ -130,7 +130,7 @@ def _solve(
     near = restart.x if restart is not None else guess
     start = Start(active, near if problem.friction is not None else None, statuses=statuses)
     outcome = solve_with_retries(method, start)
-    if outcome.reason is None and problem.friction is None:
+    if outcome.reason is None:
         lagrangian = AugmentedLagrangian(backend, method.after(outcome))
         outcome = lagrangian.solve(backend.first_set().u)
     return _answer(test, outcome, before)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 from mpi4py import MPI
 from numpy.typing import NDArray
@@ -16,7 +18,13 @@ LONGEST = 1e6
 
 
 def minimum_along(
-    comm: MPI.Intracomm, slope: float, curvature: float, force: Array, rate: Array, image: Array
+    comm: MPI.Intracomm,
+    slope: float,
+    curvature: float,
+    force: Array,
+    rate: Array,
+    image: Array,
+    more: Callable[[float], tuple[float, float]] | None = None,
 ) -> float:
     """The length t of least energy: the root of slope + curvature t + Σ q max(0, s + t r).
 
@@ -30,14 +38,16 @@ def minimum_along(
     force, rate, image : (springs,)
         s, the force of each spring at t = 0, negative where it is open; its rate r; and q, its
         elongation for t = 1.
+    more
+        Slope and curvature of another convex part of the energy by t, this rank's share.
     """
 
     def derivatives(t: float) -> tuple[float, float]:
         """Slope and curvature of the energy at t."""
         push = force + t * rate
         pressing = push > 0.0
-        sums = comm.allreduce(np.array([image @ np.where(pressing, push, 0.0),
-                                        (image * rate) @ pressing]))  # fmt: skip
+        sums = np.array([image @ np.where(pressing, push, 0.0), (image * rate) @ pressing])
+        sums = comm.allreduce(sums if more is None else sums + more(t))
         return slope + curvature * t + float(sums[0]), curvature + float(sums[1])
 
     small = ACCURATE * abs(derivatives(0.0)[0])

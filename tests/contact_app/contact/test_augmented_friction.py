@@ -1,0 +1,75 @@
+"""The augmented Lagrangian with friction, where active sets do not settle."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from mpi4py import MPI
+
+from solver.contact.active_set_options import ActiveSetOptions
+from solver.driver import solve as solve_problem
+from solver.primal.line_search import minimum_along
+from tests import scenes
+from tests.bearings import half_bearing
+from tests.comparison import solve
+
+
+@pytest.mark.parametrize("friction", [{"tresca": 20.0}, {"coulomb": 0.4}])
+@pytest.mark.parametrize("cell", ["triangle", "hexahedron"])
+@pytest.mark.parametrize("name", ["wall", "two_bodies"])
+def test_the_lagrangian_alone_finds_the_answer_of_the_active_sets(
+    name: str, cell: str, friction: dict[str, Any]
+) -> None:
+    """It begins after one set that has to change."""
+    made = scenes.ALL[name](cell, 4)
+    for contact in made["contacts"]:
+        contact["friction"] = friction
+    made["solver"] = {"method": "primal", "tolerance": 1e-8}
+    model = solve(made, None).model
+    options = model.scene.solver
+    expected = solve_problem(model.problem, options)
+    found = solve_problem(model.problem, options, active_sets=ActiveSetOptions(most_sets=0))
+    assert found.converged
+    assert found.method == "primal"
+    for one, other in zip(found.displacements, expected.displacements, strict=True):
+        assert one == pytest.approx(other, abs=1e-5 * np.abs(other).max())
+
+
+@pytest.mark.ratchet
+def test_rollers_with_friction_are_solved_by_multigrid(tmp_path: Path) -> None:
+    """Two of three rollers carry nothing; active sets do not settle, SMALBE-M takes 510."""
+    made = half_bearing(tmp_path, "quadrilateral", 3, (12, 10))
+    for contact in made["contacts"]:
+        contact["friction"] = {"coulomb": 0.2}
+    summary = solve(made, None, tolerance=1e-6, method="primal").summary
+    assert summary["certificate"]["passed"]
+    assert summary["solver"]["method"] == "primal"
+    assert summary["solver"]["hessian_multiplications"] <= 230
+    other = solve(made, None, tolerance=1e-6, method="smalbe").summary
+    assert summary["solution"]["energy"] == pytest.approx(other["solution"]["energy"], rel=1e-5)
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_line_search_finds_the_least_energy_where_springs_yield(seed: int) -> None:
+    """Springs along one slip yield at a limit: s |p| - ½ s² beyond it, ½ p² below."""
+    random = np.random.default_rng(seed)
+    start, rate, limit = random.normal(size=9), random.normal(size=9), random.uniform(0.1, 1.0, 9)
+    slope, curvature = -abs(random.normal()) - 20.0, random.uniform(0.1, 10.0)
+    none = np.zeros(0)
+
+    def energy(t: float) -> float:
+        size = np.abs(start + t * rate)
+        yielding = np.where(size > limit, limit * size - 0.5 * limit**2, 0.5 * size**2)
+        return slope * t + 0.5 * curvature * t**2 + float(yielding.sum())
+
+    def more(t: float) -> tuple[float, float]:
+        p = start + t * rate
+        inside = np.abs(p) <= limit
+        return float(rate @ np.clip(p, -limit, limit)), float(rate @ (rate * inside))
+
+    t = minimum_along(MPI.COMM_SELF, slope, curvature, none, none, none, more)
+    assert t > 0.0
+    assert energy(t) <= min(energy((1.0 - 1e-4) * t), energy((1.0 + 1e-4) * t))
