@@ -85,9 +85,13 @@ class Bodies:
         if self.count == 1:
             return np.full(len(self.rows), values[0])
         if not self.rigid.any():
-            return np.asarray(values[self.rows].max(axis=1))
-        elastic = np.where(self.rigid, 0.0, values)[self.rows].max(axis=1)
+            return self._larger(values)
+        elastic = self._larger(np.where(self.rigid, 0.0, values))
         return np.where(self.rigid[self.rows].all(axis=1), values[self.rows[:, 0]], elastic)
+
+    def _larger(self, values: Array) -> Array:
+        first, second = self.rows.T  # not by max along an axis of two: it is ten times as slow
+        return np.asarray(np.maximum(values[first], values[second]))
 
     def sum_members(self, values: Sequence[Array]) -> Array:
         """This rank's sums by body, (bodies,), of one value per subdomain, in arrays by class."""

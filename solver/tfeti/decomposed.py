@@ -220,21 +220,32 @@ class DecomposedProblem:
         return without_columns(self.B, np.concatenate([np.zeros(0, bool), *rigid]))
 
     @cached_property
+    def overlapping(self) -> NDArray[np.bool_]:
+        """Mask (dual,) of the contact, tangential, tied and mean rows; the others are orthonormal.
+
+        These rows are orthogonal to the others, but not to each other.
+        """
+        return self.conditional | self.tied | self.means
+
+    @cached_property
+    def products(self) -> PETSc.Mat:
+        """B Bᵀ of the overlapping rows (collective at the first call)."""
+        rows = petsc_rows(self.comm, self.deforming.local[self.overlapping], self.B.columns)
+        transpose = rows.transpose(PETSc.Mat())
+        result = rows.matMult(transpose)
+        for matrix in (rows, transpose):
+            matrix.destroy()
+        return result
+
+    @cached_property
     def overlap(self) -> NDArray[np.float64]:
-        """Row sums of |B Bᵀ| over contact, tangential, tied and mean rows, 1 for other rows.
+        """Row sums of |B Bᵀ| over the overlapping rows, 1 for other rows (collective at first).
 
         They bound the sum of the corrections of rows that are not orthogonal.
         """
         result = np.ones(self.size)
-        overlapping = self.conditional | self.tied | self.means
-        contact = self.deforming.local[overlapping]
-        if self.comm.allreduce(int(self.wide.any() or self.means.any())):
-            matrix = petsc_rows(self.comm, contact, self.B.columns)
-            product = local_rows(matrix.matMult(matrix.transpose(PETSc.Mat())))
-        else:  # rows of one node overlap only with rows of the same node, which are on this rank
-            product = contact @ contact.T
-        sums = np.asarray(abs(product).sum(axis=1)).ravel()
-        result[overlapping] = np.maximum(sums, 1.0)
+        sums = np.asarray(abs(local_rows(self.products)).sum(axis=1)).ravel()
+        result[self.overlapping] = np.maximum(sums, 1.0)
         return result
 
     def count(self, kind: RowKind) -> int:

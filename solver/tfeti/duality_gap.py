@@ -11,7 +11,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from solver.tfeti.decomposed import DecomposedProblem
-from solver.tfeti.feasible import feasible_displacements, motion_energies, worth_closing
+from solver.tfeti.feasible import (
+    feasible_displacements,
+    motion_energies,
+    without_jumps,
+    worth_closing,
+)
 
 
 def nearest_admissible(
@@ -63,15 +68,17 @@ def _nearest(
     Two admissible û are tried: one closes the contact rows of `worth_closing`, the other does not.
     Each group of bodies takes the one with the smaller gap.
     """
-    bodies = problem.bodies
-    candidates = [_candidate(problem, multiplier, interface, None, rest)]
+    bodies, tied = problem.bodies, without_jumps(problem, interface)
+    candidates = [_candidate(problem, multiplier, tied, None, rest)]
     if problem.one_sided:
         closed = worth_closing(problem, multiplier, problem.residual(interface))
-        candidates.insert(0, _candidate(problem, multiplier, interface, closed, rest))
-    costs = np.array(
-        [opened + bodies.sum_by_group(motion_energies(problem, w)) for w, opened in candidates]
-    )
-    costs, changes = problem.comm.allreduce(costs), [change for change, _ in candidates]
+        candidates.insert(0, _candidate(problem, multiplier, tied, closed, rest))
+    changes = [feasible - interface for feasible, _ in candidates]
+    costs = np.array([
+        opened + bodies.sum_by_group(motion_energies(problem, w))
+        for w, (_, opened) in zip(changes, candidates, strict=True)
+    ])  # fmt: skip
+    costs = problem.comm.allreduce(costs)
     second = costs[-1] < costs[0]
     change = np.where(second[bodies.groups[bodies.columns]], changes[-1], changes[0])
     return change, np.where(second, costs[-1], costs[0])
@@ -80,22 +87,21 @@ def _nearest(
 def _candidate(
     problem: DecomposedProblem,
     multiplier: NDArray[np.float64],
-    interface: NDArray[np.float64],
+    tied: NDArray[np.float64],
     closed: NDArray[np.bool_] | None,
     rest: float,
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """The change û - u to an admissible û that closes some contact rows, and its terms in λ.
+    """An admissible û near displacements without jumps, and its terms in λ.
 
     These terms are λᵀ (c - B û), and with friction s |w| - λ_t · w for the slips w of û.
     """
     friction = problem.friction
     sliding = None if friction is None else friction.sliding(multiplier)
-    change, residual = feasible_displacements(problem, interface, closed, rest, sliding)
-    change -= interface
+    feasible, residual = feasible_displacements(problem, tied, closed, rest, sliding)
     work = np.where(problem.inequality, -multiplier * np.minimum(residual, 0.0), 0.0)
     if friction is not None:
         rows, lost = friction.work_lost(multiplier, residual)
         work[rows] += lost
     bodies = problem.bodies
     groups = bodies.groups[bodies.rows[:, 0]]
-    return change, np.bincount(groups, work, bodies.group_count).astype(np.float64)
+    return feasible, np.bincount(groups, work, bodies.group_count).astype(np.float64)

@@ -10,12 +10,16 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from solver.tfeti.constraints.matrix import lent
 from solver.tfeti.decomposed import DecomposedProblem
 from solver.tfeti.dual_operator import interface_slices
 from solver.vectors import largest_magnitude
 
 ROUNDS = 40
 """Largest number of corrections; an iterate of a solver needs two or three."""
+
+CLOSED = 1e-15
+"""Jumps and penetrations, over the largest displacement, up to which rows count as closed."""
 
 MOST_STEPS = 200
 """Largest number of conjugate gradient steps to close jumps; tied surfaces take 20 to 50."""
@@ -100,12 +104,13 @@ def feasible_displacements(
     """The admissible û nearest to u, both on the interface, and B û - c.
 
     B has orthonormal rows, so û = u - Bᵀ v with v the violation is the projection onto the
-    admissible set; if contact rows are not orthogonal, damped projections are repeated. Tied rows
-    are not orthogonal, either, and many, so their jumps are closed first. Inside the subdomains û =
-    u. Rigid bodies do not move; the other bodies are corrected.
+    admissible set; if contact rows are not orthogonal, damped projections are repeated. Inside the
+    subdomains û = u. Rigid bodies do not move; the other bodies are corrected.
 
     Parameters
     ----------
+    displacements : (interface,)
+        u `without_jumps` of tied rows, which are not orthogonal, either, and many.
     closed : (dual,)
         Contact rows whose gaps are closed as well, as far as û remains admissible.
     rest
@@ -114,9 +119,8 @@ def feasible_displacements(
         Tangential rows that may have any slip; None where there are none.
     """
     damping = problem.overlap
-    change = np.empty_like(displacements)
-    tolerance = 1e-15 * max(1e-300, largest_magnitude(problem.comm, displacements))
-    repaired = _without_jumps(problem, displacements, tolerance)
+    change, repaired = np.empty_like(displacements), displacements.copy()
+    tolerance = CLOSED * max(1e-300, largest_magnitude(problem.comm, displacements))
     residual = problem.residual(repaired)
     one_sided = problem.inequality if closed is None else problem.inequality & ~closed
     for rows in (one_sided, problem.inequality)[closed is None :]:
@@ -137,42 +141,45 @@ def feasible_displacements(
     return repaired, residual
 
 
-def _without_jumps(
-    problem: DecomposedProblem, displacements: NDArray[np.float64], tolerance: float
+def without_jumps(
+    problem: DecomposedProblem, displacements: NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    """The û nearest to u with B û = c on the rows that always hold with equality (collective).
+    """The û nearest to u with B û = c on tied and mean rows, on the interface (collective).
 
-    û = u - Bᵀ (B Bᵀ)⁻¹ (B u - c) on these rows by conjugate gradients, where they are not
-    orthonormal. B Bᵀ is much like the mass matrix of the tied surface.
+    û = u - Bᵀ (B Bᵀ)⁻¹ (B u - c) on these rows by conjugate gradients. B Bᵀ is much like the mass
+    matrix of the tied surface.
     """
-    comm, change = problem.comm, np.empty_like(displacements)
-    equality = ~problem.conditional
+    comm = problem.comm
     if not comm.allreduce(int((problem.tied | problem.means).any())):
-        return displacements.copy()
-    residual = np.where(equality, problem.residual(displacements), 0.0)
-    multiplier, direction = np.zeros(problem.size), residual.copy()
-    image = np.empty(problem.size)
+        return displacements
+    closed = ~problem.conditional[problem.overlapping]
+    residual = np.where(closed, problem.residual(displacements)[problem.overlapping], 0.0)
+    tolerance = CLOSED * max(1e-300, largest_magnitude(comm, displacements))
+    direction, image = residual.copy(), np.empty_like(residual)
+    total = np.zeros_like(residual)
     least = square = comm.allreduce(float(residual @ residual))
-    best = multiplier.copy()
-    for _ in range(MOST_STEPS):
-        if largest_magnitude(comm, residual) <= tolerance or square > DIVERGED * least:
-            break
-        problem.deforming.apply_transpose(direction, change)
-        problem.deforming.apply(change, image)
-        image[~equality] = 0.0
-        curvature = comm.allreduce(float(direction @ image))
-        if not curvature > 0.0:
-            break
-        length = square / curvature
-        multiplier += length * direction
-        residual -= length * image
-        before, square = square, comm.allreduce(float(residual @ residual))
-        if square < least:
-            least = square
-            np.copyto(best, multiplier)
-        direction *= square / before
-        direction += residual
-    problem.deforming.apply_transpose(best, change)
+    best = total.copy()
+    with lent(comm, direction, image) as (source, target):
+        for _ in range(MOST_STEPS):
+            if largest_magnitude(comm, residual) <= tolerance or square > DIVERGED * least:
+                break
+            problem.products.mult(source, target)
+            image[~closed] = 0.0
+            curvature = comm.allreduce(float(direction @ image))
+            if not curvature > 0.0:
+                break
+            length = square / curvature
+            total += length * direction
+            residual -= length * image
+            before, square = square, comm.allreduce(float(residual @ residual))
+            if square < least:
+                least = square
+                np.copyto(best, total)
+            direction *= square / before
+            direction += residual
+    multiplier, change = np.zeros(problem.size), np.empty_like(displacements)
+    multiplier[problem.overlapping] = best
+    problem.deforming.apply_transpose(multiplier, change)
     return displacements - change
 
 

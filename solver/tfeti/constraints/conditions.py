@@ -193,8 +193,12 @@ class ContactRows:
     @property
     def wide(self) -> NDArray[np.bool_]:
         """Mask (k,) of the rows with entries at several nodes."""
-        pairs = np.unique(np.stack([self.entries.row, self.entries.node], axis=1), axis=0)
-        return np.bincount(pairs[:, 0], minlength=len(self.nodes)) > 1
+        row, node = self.entries.row, self.entries.node
+        of_row = np.zeros(len(self.nodes), np.int64)
+        of_row[row] = node  # one node of each row
+        result = np.zeros(len(self.nodes), bool)
+        result[row[node != of_row[row]]] = True
+        return result
 
     @classmethod
     def join(cls, parts: Sequence[ContactRows]) -> ContactRows:
