@@ -125,9 +125,13 @@ def _of_bodies(answer: FormAnswer) -> Iterator[str]:
     label = problem.bodies.groups
     groups = [np.flatnonzero(label == k) for k in np.unique(label)]
     names = [bodies.name(b) for b in range(bodies.count)]
-    seen = contact_motions(bodies, model.exchange, problem.contact, problem.dimension)
+    friction = problem.system.friction
+    seen, slips = (
+        None if rows is None else contact_motions(bodies, model.exchange, rows, problem.dimension)
+        for rows in (problem.contact, None if friction is None else friction.rows)
+    )
     movable = Movable(groups, names, bodies.size_of)
-    yield from play_warnings(undetermined_of(problem, solution, seen, movable), fixes)
+    yield from play_warnings(undetermined_of(problem, solution, (seen, slips), movable), fixes)
 
 
 def _locking(answer: FormAnswer, fit: Fit) -> Iterator[str]:

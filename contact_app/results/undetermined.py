@@ -2,9 +2,10 @@
 
 A part that is held by contact alone may press at so few points that it can still tilt or shift
 until another point closes: a dovetail with play, a bolt that floats in its bores. Let v be a rigid
-motion of bodies that may touch, with D v = 0 on held rows and N v = 0 on the contact rows that
-press. It strains nothing, and as the pressing rows balance the loads, fᵀ v = λᵀ N v = 0. So all
-u + t v with gaps g - N (u + t v) ≥ 0 have one energy, one stress and one contact force:
+motion of bodies that may touch, with D v = 0 on held rows, N v = 0 on the contact rows that press
+and T v = 0 on the tangential rows of points with a slip limit. It strains nothing, nothing slips,
+and as the forces of these rows balance the loads, fᵀ v = 0. So all u + t v with gaps
+g - N (u + t v) ≥ 0 have one energy, one stress and one contact force:
 
     max_{(N v)_i < 0} g_i / (N v)_i ≤ t ≤ min_{(N v)_i > 0} g_i / (N v)_i,
 
@@ -102,12 +103,16 @@ def play_warnings(motions: list[Undetermined], remedy: str) -> list[str]:
 
 
 def undetermined(model: Model, solution: Solution) -> list[Undetermined]:
-    """The motions that an answer without friction leaves open (collective)."""
+    """The motions that an answer leaves open (collective)."""
     scene, problem = model.scene, model.problem
-    seen = contact_motions(model.geometry, problem.contact)
+    friction = problem.system.friction
+    seen, slips = (
+        None if rows is None else contact_motions(model.geometry, rows)
+        for rows in (problem.contact, None if friction is None else friction.rows)
+    )
     groups = groups_in_contact(model.geometry, scene.touching, scene.all_ties)
     bodies = Movable(groups, scene.body_names, partial(motion_size, scene.bodies))
-    return undetermined_of(problem, solution, seen, bodies)
+    return undetermined_of(problem, solution, (seen, slips), bodies)
 
 
 @dataclass(frozen=True, eq=False)
@@ -130,37 +135,49 @@ class Movable:
 
 
 def undetermined_of(
-    problem: DualProblem, solution: Solution, seen: sparse.csr_matrix, bodies: Movable
+    problem: DualProblem,
+    solution: Solution,
+    rows: tuple[sparse.csr_matrix, sparse.csr_matrix | None],
+    bodies: Movable,
 ) -> list[Undetermined]:
-    """The motions of bodies that an answer without friction leaves open (collective).
+    """The motions of bodies that an answer leaves open (collective).
 
     Parameters
     ----------
-    seen : (rows, bodies · motions)
-        Contact rows applied to the rigid motions of each body.
+    rows : (rows, bodies · motions) each
+        Contact rows and tangential rows applied to the rigid motions of each body; None without
+        friction.
     """
     free, contact, comm = problem.system.free, problem.contact, problem.comm
-    if problem.friction is not None or free is None:
+    if free is None:
         return []
     m = MOTIONS[problem.dimension]
     left = -problem.residual(problem.on_interface(solution.displacements))[problem.inequality]
     left = np.maximum(left / contact.spread, 0.0)
     force = solution.multiplier[problem.inequality] * contact.spread
     largest = comm.allreduce(float(force.max(initial=0.0)), op=MPI.MAX)
+    seen, slips = rows
+    rough = seen[:0]
+    if slips is not None and problem.friction is not None:
+        limits = problem.friction.slip_limits(solution.multiplier)
+        rough = slips[(limits > PRESSING * largest)[problem.friction.point]]
     motions = []
     for group in bodies.groups:
-        rows = seen[:, (group[:, None] * m + np.arange(m)).ravel()]
-        acting = np.diff(rows.indptr) > 0
-        dense, presses = rows[acting].toarray(), force[acting] > PRESSING * largest
+        columns = (group[:, None] * m + np.arange(m)).ravel()
+        of_group = seen[:, columns]
+        acting = np.diff(of_group.indptr) > 0
+        closing, stuck = of_group[acting].toarray(), rough[:, columns].toarray()
+        holds = np.append(force[acting] > PRESSING * largest, np.ones(len(stuck), bool))
         allowed, loose = (
             np.concatenate([some[b] for b in group])
             for some in (free.loose.allowed, free.loose.along)
         )
-        for motion in undetermined_motions(comm, allowed, dense, presses, loose).T:
+        dense = np.vstack([closing, stuck])
+        for motion in undetermined_motions(comm, allowed, dense, holds, loose).T:
             parts = motion.reshape(len(group), m)
             speeds = [bodies.size_of(int(b), part) for b, part in zip(group, parts, strict=True)]
             most = int(np.argmax(speeds))
-            reach = speeds[most] * _reach(comm, dense @ motion, left[acting])
+            reach = speeds[most] * _reach(comm, closing @ motion, left[acting])
             if reach > SMALL_PLAY * solution.measures.displacements[group[most]]:
                 along = directions_in_words(upward(parts[most][:, None]))
                 motions.append(Undetermined(bodies.names[group[most]], along, reach))

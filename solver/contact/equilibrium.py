@@ -286,17 +286,18 @@ def undetermined_motions(
     presses: NDArray[np.bool_],
     loose: NDArray[np.float64],
 ) -> NDArray[np.float64]:
-    """Orthonormal motions of a group that open contact rows see, and pressing ones do not.
+    """Orthonormal motions of a group that open contact rows see, and rows with a force do not.
 
-    No load works on them, since the pressing rows balance all loads, and none strains a body: an
-    answer may be moved along them until a row closes that is open (collective).
+    No load works on them, since the rows with a force balance all loads, and none strains a body:
+    an answer may be moved along them until a row closes that is open (collective).
 
     Parameters
     ----------
     allowed, loose : (motions, k), (motions, l)
         As in `BodyBalance`; the part along `loose` is left out.
     contact, presses : (rows, motions), (rows,)
-        This rank's contact rows applied to the rigid motions, and which have a force.
+        This rank's contact rows, and tangential ones, applied to the rigid motions; which of them
+        have a force or a slip limit.
     """
     if allowed.shape[1] == 0:
         return allowed

@@ -13,6 +13,8 @@ from tests import scenes
 from tests.comparison import certified_in_and_slid
 from tests.scenes_on_ranks import summary_of
 
+FRICTION = {"friction": {"coulomb": 0.3}}
+
 
 def between_walls(right: float = 1.2, **more: object) -> scenes.Config:
     """A block that is pressed onto a floor, 0.1 beside one wall and another on its right."""
@@ -55,6 +57,9 @@ def test_no_warning_where_the_position_is_determined() -> None:
     pushed = between_walls()
     pushed["conditions"].append({"on": "block.x-", "traction": [1.0, 0]})
     assert not plays(pushed)
+    rough = between_walls()
+    rough["contacts"][0].update(FRICTION)
+    assert not plays(rough)
 
 
 def test_lengths_are_relative_to_the_displacement_without_the_play() -> None:
@@ -78,13 +83,17 @@ def test_a_motion_that_no_row_resists_is_no_play() -> None:
     assert not plays(alone)
 
 
-def test_a_body_on_a_single_point_has_the_play_of_a_tilt() -> None:
-    """Two feet under the middle and a load above them: the plate tilts until an end is down."""
-    made = between_walls(hold=["x"])
+@pytest.mark.parametrize("rough", [False, True])
+def test_a_body_on_a_single_point_has_the_play_of_a_tilt(rough: bool) -> None:
+    """Two feet under the middle and a load above them: the plate tilts until an end is down.
+
+    Friction holds the feet, but does not resist the tilt.
+    """
+    made = between_walls(**({} if rough else {"hold": ["x"]}))
     made["conditions"][0]["pressure"] = 0.1
     made["bodies"][0]["boundaries"] = {"middle": {"where": "y < 1e-9 and abs(x - 0.5) < 0.1"}}
     made["contacts"] = [
-        {**made["contacts"][0], "on": "block.middle"},
+        {**made["contacts"][0], "on": "block.middle", **(FRICTION if rough else {})},
         {"on": "block.y-", "obstacle": {"plane": {"point": [0, -0.01], "normal": [0, 1]}}},
     ]
     (told,) = plays(made)
