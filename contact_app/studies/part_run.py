@@ -16,10 +16,9 @@ without later stages (error estimate, stresses, files):
 ``solve``
     Preconditioners and iterations.
 
-Linear methods solve the part glued at its contacts (`contact_app.studies.glued`). For several
-bodies they use one mesh through both bodies if it exists (``fused/`` beside their mesh,
-`contact_app.studies.fused`), else this application's assembly with springs between bodies. No other
-method of PETSc takes several bodies.
+Linear methods solve the part glued at its contacts: an unknown with a bound is held at its bound,
+and one mesh goes through both bodies (``fused/`` beside their mesh, `contact_app.studies.fused`).
+No other method of PETSc takes several bodies.
 """
 
 from __future__ import annotations
@@ -34,21 +33,19 @@ from typing import Any
 import meshio
 import numpy as np
 from mpi4py import MPI
+from petsc4py import PETSc
 
 import meshes.repair  # noqa: F401 - the application imports it at its first use: part of start-up
 import solver.primal.by_active_sets  # noqa: F401 - as above
 from contact_app.machine.environment import peak_rss_gb
-from contact_app.model.model import build_model
 from contact_app.run.solve import solve_scene
 from contact_app.scene.scene import Scene
 from contact_app.scene.yaml_reader import read
 from contact_app.studies.fused import fused_scene, mesh_of
-from contact_app.studies.glued import glued_matrix, hold_bounds
 from contact_app.studies.last_case import scene_of
-from contact_app.studies.peers import METHODS, linear_solve, options_of, solve
-from contact_app.studies.undecomposed import UnsuitableError, assemble
+from contact_app.studies.peers import METHODS, solve
+from contact_app.studies.undecomposed import UnsuitableError, WholeSystem, assemble
 from solver.driver import solve as solve_problem
-from solver.primal.merged import merge
 
 OURS = ("primal", "active-set", "auto")
 
@@ -114,7 +111,7 @@ def peer(path: Path, overrides: Sequence[str], method: str, tolerance: float) ->
             raise UnsuitableError(f"it has {len(scene.bodies)} bodies")
         fused = mesh_of(next(iter(files)))
         if not fused.is_file():
-            return _glued(scene, method, tolerance, *_reading(files))
+            raise UnsuitableError("no mesh through its bodies is drawn")
         files, used = {fused}, f"{method}, fused"
         scene = fused_scene(path, fused, scene.bodies[0].degree)
     return {"used": used, **_of_one_body(scene, method, tolerance, *_reading(files))}
@@ -151,33 +148,17 @@ def _of_one_body(
     }
 
 
-def _glued(
-    scene: Scene, method: str, tolerance: float, reading: float, cpu_reading: float
-) -> dict[str, Any]:
-    """Solve the glued bodies of a scene with a linear method."""
-    clock = _Clock()
-    model = build_model(scene, MPI.COMM_WORLD, needed="distinct")
-    system = merge(model.problem)
-    assembling, cpu_assembling = clock.seconds()
-    matrix = glued_matrix(system)
-    clock = _Clock()
-    load = matrix.createVecLeft()
-    load.array[:] = system.load
-    with options_of(method):
-        x, iterations, converged = linear_solve(matrix, load, tolerance)
-    solving, cpu = clock.seconds()
-    return {
-        "unknowns": model.dofs,
-        "used": method,
-        "read": reading,
-        "assembly": assembling,
-        "solve": solving,
-        "seconds": reading + assembling + solving,
-        "cpu": cpu_reading + cpu_assembling + cpu,
-        "iterations": iterations,
-        "converged": converged,
-        "energy": -0.5 * x.dot(load),
-    }
+def hold_bounds(system: WholeSystem) -> None:
+    """Hold unknowns with a bound at the bound, in place (collective).
+
+    Without contact a part may have no support at all.
+    """
+    x = system.load.duplicate()
+    upper, lower = system.upper.array, system.lower.array
+    x.array[:] = np.where(upper < 1e300, upper, np.where(lower > -1e300, lower, 0.0))
+    rows = np.unique(system.contact) + system.load.getOwnershipRange()[0]
+    scale = system.matrix.getDiagonal().sum() / system.dofs
+    system.matrix.zeroRowsColumns(rows.astype(PETSc.IntType), diag=scale, x=x, b=system.load)
 
 
 def _bodies(path: Path, overrides: Sequence[str]) -> list[dict[str, Any]]:

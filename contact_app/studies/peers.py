@@ -48,22 +48,15 @@ Answer = tuple[PETSc.Vec, int, int, bool]
 
 
 def _linear(system: WholeSystem, tolerance: float) -> Answer:
-    """One linear solve: bounds are ignored."""
-    x, iterations, converged = linear_solve(system.matrix, system.load, tolerance)
-    return x, 1, iterations, converged
-
-
-def linear_solve(
-    matrix: PETSc.Mat, load: PETSc.Vec, tolerance: float
-) -> tuple[PETSc.Vec, int, bool]:
-    """Conjugate gradients with the options that are set; the answer, iterations, convergence.
+    """One linear solve by conjugate gradients: bounds are ignored.
 
     On one rank GAMG multiplies Pᵀ (K P), which halves its set-up (an option of PETSc's).
     """
+    load = system.load
     if load.comm.size == 1:
         PETSc.Options().setValue("matptap_via", "rap")
     ksp = PETSc.KSP().create(load.comm)
-    ksp.setOperators(matrix)
+    ksp.setOperators(system.matrix)
     ksp.setType("cg")
     ksp.setNormType(PETSc.KSP.NormType.UNPRECONDITIONED)
     ksp.setTolerances(rtol=tolerance, max_it=2000)
@@ -71,7 +64,7 @@ def linear_solve(
     x = load.duplicate()
     x.set(0.0)
     ksp.solve(load, x)
-    return x, ksp.getIterationNumber(), ksp.getConvergedReason() > 0
+    return x, 1, ksp.getIterationNumber(), ksp.getConvergedReason() > 0
 
 
 def _snes(system: WholeSystem, tolerance: float) -> Answer:

@@ -10,7 +10,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from mpi4py import MPI
 from numpy.typing import NDArray
 from petsc4py import PETSc
 
@@ -21,7 +20,6 @@ from solver.primal.lanczos import largest_eigenvalue
 from solver.primal.merged import MergedSystem
 from solver.primal.products import with_diagonal
 from solver.primal.vertices import vertex_level
-from solver.tfeti.constraints.matrix import lent
 
 
 @dataclass(frozen=True)
@@ -111,16 +109,3 @@ def _flexibility(operator: PETSc.Mat) -> NDArray[np.float64]:
 def _on_vertices(system: MergedSystem, P: PETSc.Mat) -> BlockRows:
     """Pᵀ K P of degree 1, with a diagonal for held vertices (collective)."""
     return BlockRows.of(system.K).galerkin(BlockRows.of(P)).with_diagonal()
-
-
-def near_kernel(comm: MPI.Intracomm, rigid: NDArray[np.float64]) -> PETSc.NullSpace:
-    """Rigid motions (unknowns, motions), orthonormal over all bodies together."""
-    gram = comm.allreduce(rigid.T @ rigid, op=MPI.SUM)
-    scale = np.sqrt(np.maximum(np.diag(gram), np.finfo(float).tiny))
-    values, vectors = np.linalg.eigh(gram / np.outer(scale, scale))
-    independent = values > 1e-12 * values.max()
-    basis = rigid @ (vectors[:, independent] / scale[:, None] / np.sqrt(values[independent]))
-    columns = [np.ascontiguousarray(column) for column in basis.T]
-    with lent(comm, *columns) as lent_columns:
-        copies = [column.copy() for column in lent_columns]
-    return PETSc.NullSpace().create(vectors=copies, comm=comm)

@@ -5,17 +5,10 @@ from __future__ import annotations
 import json
 from pathlib import Path
 
-import numpy as np
 import pytest
-from mpi4py import MPI
 
-from contact_app.model.model import build_model
 from contact_app.studies import part_run, parts, peers
-from contact_app.studies.glued import glued_matrix
 from contact_app.studies.undecomposed import UnsuitableError
-from solver.primal.merged import merge
-from solver.tfeti.constraints.matrix import local_rows
-from solver.tfeti.subdomain.kernels import rigid_motions
 from tests import meshfiles, scenes
 from tests.comparison import solve
 from tests.contact_app.model.test_meshes_from_files import two_materials
@@ -62,23 +55,6 @@ def test_peers_take_two_materials(tmp_path: Path) -> None:
     assert row["energy"] == pytest.approx(solve(made).summary["solution"]["energy"], rel=1e-8)
 
 
-def test_glued_bodies_move_rigidly_together_and_in_no_other_way() -> None:
-    path = CONFIGS / "bolted_flange.yaml"
-    scene = part_run.scene_of(
-        path, ["bodies.0.degree=1", "bodies.1.degree=1", "solver.method=primal"]
-    )
-    system = merge(build_model(scene, MPI.COMM_SELF, needed="distinct").problem)
-    matrix = local_rows(glued_matrix(system))
-    points = system.nodes.points
-    motions = rigid_motions(points, 3, np.zeros(3), 1.0).reshape(system.size, 6)
-    springs = matrix - local_rows(system.K)
-    assert abs(springs @ motions).max() < 1e-12 * abs(springs).max()
-    slid = np.where(system.body == 0, motions[:, 0], 0.0)  # along the faces in contact or across
-    slid_across = np.where(system.body == 0, motions[:, 1], 0.0)
-    for motion in (slid, slid_across):
-        assert abs(springs @ motion).max() > 0.1 * abs(springs).max()
-
-
 def test_peers_take_moments_at_remote_points(tmp_path: Path) -> None:
     file = meshfiles.write(meshfiles.block("tetrahedron", 2), tmp_path / "block.msh")
     made = two_materials("tetrahedron", file)
@@ -114,5 +90,8 @@ def test_two_bodies_are_compared_with_one_mesh_through_both(tmp_path: Path) -> N
                          {"on": "block.x+", "total_force": [3, 1, -60]}]  # fmt: skip
     assert row["used"] == "linear-gamg, fused"
     assert row["energy"] == pytest.approx(solve(one).summary["solution"]["energy"], rel=1e-8)
+    (tmp_path / "fused" / "block.msh").unlink()
+    with pytest.raises(UnsuitableError, match="no mesh through its bodies"):
+        part_run.peer(scene, [], "linear-gamg", 1e-10)
     with pytest.raises(UnsuitableError, match="2 bodies"):
         part_run.peer(scene, [], "tao-bnls", 1e-10)
