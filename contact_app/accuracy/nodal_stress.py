@@ -105,7 +105,5 @@ def _six_components(stress: Array, plane: str | None, material: Material, rise: 
         return stress
     result = np.zeros((len(stress), 6))
     result[:, [0, 1, 3]] = stress
-    if plane == "strain":
-        result[:, 2] = material.poisson * (stress[:, 0] + stress[:, 1])
-        result[:, 2] -= material.young * material.expansion * rise
+    result[:, 2] = material.stress_across(plane, stress[:, 0] + stress[:, 1], rise)
     return result

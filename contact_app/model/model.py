@@ -228,9 +228,11 @@ def model_of_outline(
     place = np.empty((len(partition.subdomains), 2), np.int64)
     for number, members in enumerate(classes.values()):
         place[members, 0], place[members, 1] = number, np.arange(len(members))
+    levels = is_undecomposed(scene.solver)
     with timings.measure("assembly"):
         subdomains = [
-            _assembled(scene, outline, key, members, lifting) for key, members in classes.items()
+            _assembled(scene.plane, levels, outline, key, members, lifting)
+            for key, members in classes.items()
         ] + rigid_subdomains(unknowns, surface, partition)
     constraints = ConstraintRows(
         exchange, rows, shared, supports, all(b.steady for b in balances), friction
@@ -322,15 +324,22 @@ def _congruent(
 
 
 def _assembled(
-    scene: Scene,
+    plane: str | None,
+    levels: bool,
     outline: Outline,
     key: ClassKey,
     members: list[int],
     lifting: Sequence[Lifting | None],
 ) -> CongruentSubdomains:
-    """Stiffness and loads of a class."""
+    """Stiffness and loads of a class.
+
+    Parameters
+    ----------
+    levels
+        Whether the nodes need data for the levels of a multigrid.
+    """
     partition, surface, element = outline.partition, outline.surface, outline.elements[key[0]]
-    stiffness = element.stiffness(key[1], scene.plane)
+    stiffness = element.stiffness(key[1], plane)
     forces = np.zeros((stiffness.shape[0], len(members)), order="F")
     thermal, lift = np.zeros_like(forces), np.zeros_like(forces)
     for nth, local in enumerate(members):
@@ -352,7 +361,7 @@ def _assembled(
         lifting=lift,
         eliminated=None if lifted is None else lifted[0],
         bodies=np.array([partition.subdomains[local].body for local in members], np.int64),
-        places=_places(partition, members, is_undecomposed(scene.solver)),
+        places=_places(partition, members, levels),
         thermal=thermal if thermal.any() else None,
     )
 

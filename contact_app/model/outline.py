@@ -205,7 +205,6 @@ def outline_of_scene(
     geometry = Geometry.of(scene, partition)
     surface, probes = SurfaceCopies(partition), locate_probes(geometry, scene.output.probes)
     exchange = exchange_with(surface, partition, len(scene.moving))
-    conditions = _conditions(geometry, scene.displacements, scene.contacts)
     uncut = tuple(
         mortar_rows(geometry, exchange, pair, i)
         for i, pair in enumerate(scene.pairs, start=len(scene.contacts))
@@ -215,34 +214,25 @@ def outline_of_scene(
         for i, c in enumerate(scene.contacts)
         if has_averaged_rows(scene.bodies[c.body]) and c.rigid not in scene.moving
     )
-    held, contact, merged = _merged_rows(scene, geometry, exchange, conditions, uncut)
-    tied = tied_rows(geometry, scene.all_ties, exchange, held)
-    contact, merged = without_determined(
-        geometry, scene.all_ties, scene.touching, contact, merged, tied.rows
-    )
+    rows = _written_rows(scene, geometry, exchange, uncut)
+    contact = rows.contact
     elements: dict[int, Element] = {}
     for subdomain in partition.subdomains:
         reference = subdomain.reference
         if id(reference) not in elements:
             elements[id(reference)] = Element(reference, scene.dimension)
-    means = mean_motion_rows(geometry, exchange, elements, held)
+    means = mean_motion_rows(geometry, exchange, elements, rows.held)
     acting = _loads(scene, geometry, elements, timings)
-    friction = None
-    if scene.has_friction:
-        rough = rough_contacts(geometry, scene.touching, exchange, held)
-        friction = tangential_rows(exchange, rough, contact, merged, held, tied.rows)
-    balances = body_balances(scene, geometry, (held, tied.rows), contact, acting.loads, friction)
-    groups = groups_in_contact(geometry, scene.touching, scene.all_ties)
+    friction, balances = _friction_and_balances(scene, geometry, exchange, rows, acting.loads)
     if isinstance(needed, str):
-        all_rows = np.ones(len(contact.nodes), bool)
-        needed = (
-            all_rows if needed == "all" else _distinct(scene.touching, groups, contact, balances)
-        )
+        groups = groups_in_contact(geometry, scene.touching, scene.all_ties)
+        some = _distinct(scene.touching, groups, contact, balances)
+        needed = np.ones(len(contact.nodes), bool) if needed == "all" else some
     return Outline(
-        geometry, surface, exchange, uncut, held, contact.of(needed), needed, contact.of(~needed),
-        merged, elements, acting.linear, probes,
-        locate_sections(geometry, scene.output.sections),
-        acting.loads, tied, means, acting.temperatures, acting.thermal, balances, friction,
+        geometry, surface, exchange, uncut, rows.held, contact.of(needed), needed,
+        contact.of(~needed), rows.merged, elements, acting.linear, probes,
+        locate_sections(geometry, scene.output.sections), acting.loads, rows.tied, means,
+        acting.temperatures, acting.thermal, balances, friction,
     )  # fmt: skip
 
 
@@ -267,33 +257,72 @@ def outline_of_case(
         return None
     timings, exchange = timings or Timings(), outline.exchange
     geometry = Geometry.of(scene, outline.partition)
-    rows = outline.all_contact
-    held, contact, merged, tied = outline.held, rows, outline.merged, outline.tied
-    means = outline.means
+    means, contact = outline.means, outline.all_contact
+    rows = _Rows(outline.held, contact, outline.merged, outline.tied)
     if any(condition.name is not None for condition in scene.displacements):
-        conditions = _conditions(geometry, scene.displacements, scene.contacts)
-        held, contact, merged = _merged_rows(scene, geometry, exchange, conditions, outline.uncut)
-        tied = tied_rows(geometry, scene.all_ties, exchange, held)
-        means = mean_motion_rows(geometry, exchange, outline.elements, held)
-        contact, merged = without_determined(
-            geometry, scene.all_ties, scene.touching, contact, merged, tied.rows
-        )
-        if not geometry.comm.allreduce(int(_same_rows(contact, rows)), op=MPI.MIN):
+        rows = _written_rows(scene, geometry, exchange, outline.uncut)
+        means = mean_motion_rows(geometry, exchange, outline.elements, rows.held)
+        if not geometry.comm.allreduce(int(_same_rows(rows.contact, contact)), op=MPI.MIN):
             return None
-    acting = _loads(scene, geometry, outline.elements, timings)
-    friction = None
-    if scene.has_friction:
-        rough = rough_contacts(geometry, scene.touching, exchange, held)
-        friction = tangential_rows(exchange, rough, contact, merged, held, tied.rows)
-    balances = body_balances(scene, geometry, (held, tied.rows), contact, acting.loads, friction)
+    contact, acting = rows.contact, _loads(scene, geometry, outline.elements, timings)
+    friction, balances = _friction_and_balances(scene, geometry, exchange, rows, acting.loads)
     groups = groups_in_contact(geometry, scene.touching, scene.all_ties)
     needed = _distinct(scene.touching, groups, contact, balances)
     return replace(
-        outline, geometry=geometry, held=held, contact=contact.of(needed), needed=needed,
-        left_out=contact.of(~needed), merged=merged, linear=acting.linear, loads=acting.loads,
-        tied=tied, means=means, temperatures=acting.temperatures, thermal=acting.thermal,
-        balances=balances, friction=friction,
+        outline, geometry=geometry, held=rows.held, contact=contact.of(needed), needed=needed,
+        left_out=contact.of(~needed), merged=rows.merged, linear=acting.linear,
+        loads=acting.loads, tied=rows.tied, means=means, temperatures=acting.temperatures,
+        thermal=acting.thermal, balances=balances, friction=friction,
     )  # fmt: skip
+
+
+@dataclass(frozen=True, eq=False)
+class _Rows:
+    """Held nodes, contact rows, redundant rows and tied rows, with the field names of `Outline`."""
+
+    held: HeldRows
+    contact: ContactRows
+    merged: ContactRows
+    tied: TiedRows
+
+
+def _written_rows(
+    scene: Scene, geometry: Geometry, exchange: NodeExchange, uncut: Sequence[ContactRows]
+) -> _Rows:
+    """The rows of conditions, contacts and ties (collective)."""
+    contacts, touching, ties = scene.contacts, scene.touching, scene.all_ties
+    conditions = _conditions(geometry, scene.displacements, contacts)
+    moving = np.isin(conditions.contact_source, moving_contacts(contacts, scene.moving))
+    fixed = conditions.of_contacts(~moving)
+    try:
+        held = merge_held(exchange, conditions)
+        contact, merged = merge_contact(exchange, fixed, held, geometry.length, uncut)
+        if scene.moving:
+            of_moving = conditions.of_contacts(moving)
+            on_motions = moving_rows(geometry, contacts, exchange, of_moving, held)
+            contact, merged = (
+                ContactRows.join([a, b]) for a, b in zip((contact, merged), on_motions, strict=True)
+            )
+    except ContradictionError as error:
+        raise contradiction(scene, error) from error
+    tied = tied_rows(geometry, ties, exchange, held)
+    contact, merged = without_determined(geometry, ties, touching, contact, merged, tied.rows)
+    return _Rows(held, contact, merged, tied)
+
+
+def _friction_and_balances(
+    scene: Scene,
+    geometry: Geometry,
+    exchange: NodeExchange,
+    rows: _Rows,
+    loads: Sequence[NDArray[np.float64] | None],
+) -> tuple[FrictionRows | None, list[BodyBalance]]:
+    """Tangential rows, None without friction, and the equilibrium of each body (collective)."""
+    held, contact, tied, friction = rows.held, rows.contact, rows.tied.rows, None
+    if scene.has_friction:
+        rough = rough_contacts(geometry, scene.touching, exchange, held)
+        friction = tangential_rows(exchange, rough, contact, rows.merged, held, tied)
+    return friction, body_balances(scene, geometry, (held, tied), contact, loads, friction)
 
 
 @dataclass(frozen=True, eq=False)
@@ -333,30 +362,6 @@ def _conditions(
         conditions = node_conditions(geometry, displacements, contacts)
     refuse_empty_boundaries(geometry, displacements, contacts, conditions)
     return conditions
-
-
-def _merged_rows(
-    scene: Scene,
-    geometry: Geometry,
-    exchange: NodeExchange,
-    conditions: NodeConditions,
-    uncut: Sequence[ContactRows],
-) -> tuple[HeldRows, ContactRows, ContactRows]:
-    """Held nodes, contact rows without held components, and redundant rows (collective)."""
-    moving = np.isin(conditions.contact_source, moving_contacts(scene.contacts, scene.moving))
-    fixed = conditions.of_contacts(~moving)
-    try:
-        held = merge_held(exchange, conditions)
-        contact, merged = merge_contact(exchange, fixed, held, geometry.length, uncut)
-        if scene.moving:
-            of_moving = conditions.of_contacts(moving)
-            on_motions = moving_rows(geometry, scene.contacts, exchange, of_moving, held)
-            contact, merged = (
-                ContactRows.join([a, b]) for a, b in zip((contact, merged), on_motions, strict=True)
-            )
-    except ContradictionError as error:
-        raise contradiction(scene, error) from error
-    return held, contact, merged
 
 
 def _distinct(

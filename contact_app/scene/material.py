@@ -75,6 +75,20 @@ class Material:
         """C⁻¹ of ε = C⁻¹ σ, components as in `elasticity`."""
         return np.linalg.inv(sum(self.elasticity(plane, dimension)))
 
+    def stress_across(self, plane: str | None, in_plane: Array, rise: Array) -> Array:
+        """σ_zz in the plane: ν (σ_xx + σ_yy) - E α T in plane strain, zero in plane stress.
+
+        Parameters
+        ----------
+        in_plane : (…,)
+            σ_xx + σ_yy.
+        rise : (…,)
+            T.
+        """
+        if plane != "strain":
+            return np.zeros(in_plane.shape)
+        return self.poisson * in_plane - self.young * self.expansion * rise
+
     def nearly_incompressible(self, plane: str | None) -> bool:
         """Whether Poisson's ratio is near 0.5; never in plane stress."""
         return plane != "stress" and self.poisson >= NEARLY_INCOMPRESSIBLE

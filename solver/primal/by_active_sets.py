@@ -113,7 +113,8 @@ def _solve(
     method = method.with_options(
         first_reduction=FIRST_REDUCTION, sets_before_levels=SETS_BEFORE_LEVELS
     )
-    if problem.friction is None:
+    frictionless = method.law.settles
+    if frictionless:
         affordable = backend.matrices.seconds <= backend.factors.slow_seconds
         may_peel = backend.matrices.peels or not affordable
         method = method.with_options(significant=SIGNIFICANT, may_peel=may_peel)
@@ -128,7 +129,7 @@ def _solve(
         active = backend.closed_in(first)
         statuses = _statuses_of(backend, method.law, first, active)
     near = restart.x if restart is not None else guess
-    start = Start(active, near if problem.friction is not None else None, statuses=statuses)
+    start = Start(active, None if frictionless else near, statuses=statuses)
     outcome = solve_with_retries(method, start)
     if outcome.reason is None:
         lagrangian = AugmentedLagrangian(backend, method.after(outcome))
@@ -146,7 +147,7 @@ def _statuses_of(
     active : (dual,)
         Its contact rows.
     """
-    if first.tensions is None or backend.problem.friction is None:
+    if first.tensions is None or law.settles:
         return None
     system = backend.system
     jumps = system.on_all_rows(multiply(system.C, first.u) - system.c)
@@ -199,9 +200,8 @@ def _required_reduction(
     pressed = problem.bodies.sum_rows(np.abs(state.multiplier * problem.spread), problem.inequality)
     load = np.maximum(loads, problem.comm.allreduce(pressed))
     worst = max(state.worst(problem), state.imbalance / (float(load.max()) or 1.0))
-    if problem.friction is not None:
-        left = friction_residual(problem, state.multiplier, state.jumps, state.lengths)
-        worst = max(worst, left / SURE)
+    left = friction_residual(problem, state.multiplier, state.jumps, state.lengths)
+    worst = max(worst, left / SURE)
     required = rule.required_reduction(worst, state.strained, lambda: 0.5 * state.error_square)
     relative = state.error_square / state.strained if state.strained > 0.0 else 0.0
     return max(required, float(np.sqrt(relative / rule.tolerance)))
