@@ -34,6 +34,7 @@ from solver.contact.stopping import Assess, stopping_rule
 from solver.qp.mprgp import MPRGP
 from solver.qp.result import Monitor, Reason
 from solver.tfeti.dual import DualProblem
+from solver.tfeti.least_motion import with_least_motion
 from solver.tfeti.methods.answers import answer_of_iterate, answer_of_state
 from solver.tfeti.methods.by_active_sets import METHOD, solve_from_first_set
 from solver.tfeti.methods.by_mprgp import solve_by_mprgp
@@ -112,7 +113,7 @@ def solve(
     if checkpoint is not None and solution.reason is not Reason.STOPPED:
         active = problem.inequality & (solution.multiplier > 0.0)
         checkpoint.hold(without_outer_iterations(solution.multiplier, active, solution.counts))
-    return solution
+    return with_least_motion(problem, solution)
 
 
 def _solved(task: Task, method: Method, start: NDArray[np.float64] | None) -> Solution:

@@ -234,25 +234,37 @@ def _largest_displacements(problem: DecomposedProblem, displacements: list[Array
     return np.sqrt(largest(problem.comm, result))
 
 
-def _unresisted(problem: DecomposedProblem, free: FreeMotions, multiplier: Array) -> list[Array]:
-    """Motions that no row with a force resists, (motions, k) for each body (collective)."""
+def rows_that_resist(problem: DecomposedProblem, multiplier: Array) -> NDArray[np.bool_]:
+    """Mask (dual,) of the contact and tangential rows with a force (collective)."""
     bodies, force = problem.bodies, np.where(problem.conditional, np.abs(multiplier), 0.0)
     force = force * problem.spread
     most = np.zeros(bodies.count)
     for side in bodies.rows.T:
         np.maximum.at(most, side, force)
     most = largest(problem.comm, most)
-    presses = force > PRESSING * most[bodies.rows].min(axis=1)
+    return np.asarray(force > PRESSING * most[bodies.rows].min(axis=1))
+
+
+def rows_on_allowed_motions(problem: DecomposedProblem, free: FreeMotions, group: int) -> Array:
+    """B applied to the allowed motions of a group, (dual, k) (collective)."""
     interfaces, moved = [cls.interface for cls in problem.classes], np.empty(problem.size)
+    motions = free.allowed_motions(group, interfaces)
+    images = np.empty((problem.size, motions.shape[1]))
+    for column, motion in enumerate(motions.T):
+        problem.B.apply(np.ascontiguousarray(motion), moved)
+        images[:, column] = moved
+    return images
+
+
+def _unresisted(problem: DecomposedProblem, free: FreeMotions, multiplier: Array) -> list[Array]:
+    """Motions that no row with a force resists, (motions, k) for each body (collective)."""
+    bodies, resist = problem.bodies, rows_that_resist(problem, multiplier)
     result = list(free.loose.along)
     for group in range(bodies.group_count):
-        images = []
-        for motion in free.allowed_motions(group, interfaces).T:
-            problem.B.apply(np.ascontiguousarray(motion), moved)
-            images.append(moved[presses])
-        if not images:
+        images = rows_on_allowed_motions(problem, free, group)
+        if not images.shape[1]:
             continue
-        unresisted = free.unresisted(group, np.column_stack(images))
+        unresisted = free.unresisted(group, images[resist])
         for body, motions in zip(np.flatnonzero(bodies.groups == group), unresisted, strict=True):
             result[body] = motions
     return result

@@ -97,27 +97,64 @@ class FreeMotions:
             The motions that are free; those of the loose bodies unless given.
         """
         every = self.loose.along if along is None else along
-        count = [along.shape[1] for along in every]
-        grams = [np.zeros((k, k)) for k in count]
-        components = [np.zeros(k) for k in count]
-        for number, u in enumerate(displacements):
-            if self.rigid[number]:
-                continue
-            for member, body in enumerate(self.members[number]):
-                if count[body]:
-                    fields = self._motions(number, member) @ every[body]
-                    grams[body] += fields.T @ fields
-                    components[body] += fields.T @ u[:, member]
+        grams, components, _ = self._sums(displacements, every)
         result = [np.zeros(along.shape[0]) for along in every]
         for group in np.unique(self.groups):
             bodies = np.flatnonzero(self.groups == group)
-            if count[bodies[0]]:
+            if every[bodies[0]].shape[1]:
                 gram = self.comm.allreduce(np.sum([grams[b] for b in bodies], axis=0))
                 right = self.comm.allreduce(np.sum([components[b] for b in bodies], axis=0))
                 size = np.linalg.pinv(gram, rcond=RESOLVED, hermitian=True) @ right
                 for b in bodies:
                     result[b] = every[b] @ size
         return result
+
+    def mean_squares(
+        self, displacements: Sequence[Array], along: Sequence[Array], group: int
+    ) -> tuple[Array, Array]:
+        """Normal equations of the motions of a group in the mean square (collective).
+
+        Σ V_bᵀ M_bᵀ M_b V_b / n_b and Σ V_bᵀ M_bᵀ u_b / n_b, (k, k) and (k,), over the bodies b of
+        the group, with their n_b nodes. A rigid body counts by its displacement and its rotation
+        times a length of the scene.
+
+        Parameters
+        ----------
+        displacements : one (n, members) array per class
+        along : one (motions, k) array per body
+            V_b; k is equal for all bodies of the group.
+        """
+        grams, components, nodes = self._sums(displacements, along, rigid=True)
+        bodies = np.flatnonzero(self.groups == group)
+        nodes = self.comm.allreduce(nodes)
+        sums = [np.column_stack([grams[b], components[b]]) / max(nodes[b], 1.0) for b in bodies]
+        both = self.comm.allreduce(np.sum(sums, axis=0))
+        return both[:, :-1], both[:, -1]
+
+    def _sums(
+        self, displacements: Sequence[Array], along: Sequence[Array], rigid: bool = False
+    ) -> tuple[list[Array], list[Array], Array]:
+        """This rank's parts of V_bᵀ M_bᵀ M_b V_b, V_bᵀ M_bᵀ u_b and n_b of each body.
+
+        Parameters
+        ----------
+        rigid
+            Whether rigid bodies count.
+        """
+        count = [some.shape[1] for some in along]
+        grams = [np.zeros((k, k)) for k in count]
+        components = [np.zeros(k) for k in count]
+        nodes = np.zeros(len(count))
+        for number, u in enumerate(displacements):
+            if self.rigid[number] and not rigid:
+                continue
+            for member, body in enumerate(self.members[number]):
+                if count[body]:
+                    fields = self._motions(number, member) @ along[body]
+                    grams[body] += fields.T @ fields
+                    components[body] += fields.T @ u[:, member]
+                    nodes[body] += 1 if self.rigid[number] else len(u) // self.dimension
+        return grams, components, nodes
 
     def allowed_motions(self, group: int, interfaces: Sequence[NDArray[np.int64]]) -> Array:
         """The allowed motions of a group on the interface of this rank, (interface, k).

@@ -1,0 +1,68 @@
+"""The point of a polyhedron of few dimensions that is nearest to a given point.
+
+The polyhedron A y ≤ b, b ≥ 0, contains the origin and has its many rows spread over ranks. The
+search generates rows as `solver.contact.equilibrium` does: every rank offers the row that the point
+violates most, and the problem of all rows offered so far is solved anew. With x = y - p and h =
+A p - b it is the problem of least distance, min |x| with -A x ≥ h, which is one of non-negative
+least squares (Lawson and Hanson, *Solving Least Squares Problems*, 1995, chapter 23):
+
+    min_{w ≥ 0} |[-Aᵀ; hᵀ] w - e|²,   e the last unit vector;   x = -r / r_last with r the residual.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from mpi4py import MPI
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+ROUNDS = 50
+"""Largest number of times that rows are offered."""
+
+FEASIBLE = 1e-12
+"""Admissible distance of the result from the polyhedron, over that of the given point from zero."""
+
+
+def nearest_point(comm: MPI.Intracomm, point: Array, rows: Array, limits: Array) -> Array | None:
+    """The y nearest to a point with rows · y ≤ limits (collective); None if it is not found.
+
+    Parameters
+    ----------
+    point : (k,)
+        The same on all ranks.
+    rows, limits : (n, k), (n,)
+        Of this rank; limits are non-negative.
+    """
+    lengths, size = np.linalg.norm(rows, axis=1), float(np.linalg.norm(point))
+    steep = lengths > 0.0
+    if size == 0.0:
+        return point
+    unit = rows[steep] / lengths[steep, None]
+    distances = limits[steep] / (lengths[steep] * size)
+    target, chosen = point / size, np.zeros((0, len(point) + 1))
+    nearest = target
+    for _ in range(ROUNDS):
+        beyond = unit @ nearest - distances
+        worst = np.argsort(-beyond)[: len(point)]
+        worst = worst[beyond[worst] > FEASIBLE]
+        offers = np.vstack(comm.allgather(np.column_stack([unit[worst], distances[worst]])))
+        if not len(offers):
+            return size * nearest
+        chosen = np.vstack([chosen, offers])
+        try:
+            nearest = _within(target, chosen[:, :-1], chosen[:, -1])
+        except RuntimeError:  # scipy's method reached its limit of iterations
+            return None
+    return None
+
+
+def _within(point: Array, rows: Array, limits: Array) -> Array:
+    """The nearest point y with rows · y ≤ limits, of a few rows of length one."""
+    from scipy.optimize import nnls  # slow to import, rarely needed
+
+    columns = np.vstack([-rows.T, rows @ point - limits])
+    unit = np.zeros(len(columns))
+    unit[-1] = 1.0
+    residual = columns @ nnls(columns, unit, maxiter=10 * len(rows) + 100)[0] - unit
+    return np.asarray(point - residual[:-1] / residual[-1])

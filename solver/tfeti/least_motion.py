@@ -1,0 +1,121 @@
+"""The least of the rigid motions that contact forces and loads leave undetermined.
+
+Bodies that contact alone holds may have rigid motions V z on which all rows with a force, and all
+rows that always hold with equality, vanish. They strain nothing and the loads do no work on them,
+so all u - V z that satisfy the contact conditions have the same energy, stresses and contact
+forces. A method returns any one of them. Here the one that moves least is chosen: with u_b and
+V_b z at the n_b nodes of body b,
+
+    min_z Σ_b |u_b - V_b z|² / n_b    with    B u - c - B V z ≤ max(B u - c, 0)  on contact rows.
+
+This is a strictly convex problem of a few unknowns. With y = Lᵀ z, L Lᵀ the matrix of its quadratic
+form, it asks for the point of a polyhedron around the origin that is nearest to a given one.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from solver.contact.equilibrium import held_motions
+from solver.contact.nearest_point import nearest_point
+from solver.contact.solution import Solution
+from solver.tfeti.certify import certify, rows_on_allowed_motions, rows_that_resist
+from solver.tfeti.decomposed import DecomposedProblem
+from solver.tfeti.free_motions import RESOLVED, FreeMotions
+from solver.vectors import largest_magnitude
+
+Array = NDArray[np.float64]
+
+ROUNDED = 1e-9
+"""Coefficient of a row along a motion over the largest, below which it is a rounding error; motion
+over the displacement in the mean square, below which an answer stays as it is."""
+
+AT_REST = 1e-12
+"""Displacement over the motion that is taken away, below which it is a rounding error of this."""
+
+
+def with_least_motion(problem: DecomposedProblem, solution: Solution) -> Solution:
+    """A certified answer without friction, with the least undetermined motions (collective).
+
+    The answer stays as it is if the certificate of the moved one does not pass.
+    """
+    free = problem.system.free
+    if free is None or problem.friction is not None or not solution.converged:
+        return solution
+    moved = _moved(problem, free, solution)
+    if moved is None:
+        return solution
+    certificate, measures = certify(problem, solution.multiplier, moved, solution.tolerance)
+    # the gap of a method for displacements has the error that its equations had
+    worse = max(certificate.duality_gap, solution.certificate.duality_gap)
+    gaps = np.maximum(measures.gaps, solution.measures.gaps)
+    certificate = replace(certificate, duality_gap=worse).judged(solution.tolerance)
+    if not certificate.passed:
+        return solution
+    return replace(
+        solution,
+        displacements=moved,
+        certificate=certificate,
+        measures=replace(measures, gaps=gaps),
+    )
+
+
+def _moved(problem: DecomposedProblem, free: FreeMotions, solution: Solution) -> list[Array] | None:
+    """The displacements u - V z of least size; None where they are u (collective)."""
+    resist = rows_that_resist(problem, solution.multiplier)
+    left = -problem.residual(problem.on_interface(solution.displacements))
+    motions: list[Array | None] = [None] * problem.bodies.count
+    sizes = np.zeros(problem.bodies.count)
+    for group in range(problem.bodies.group_count):
+        along, images = _undetermined(problem, free, group, resist)
+        if not images.shape[1]:
+            continue
+        gram, right = free.mean_squares(solution.displacements, along, group)
+        values, vectors = np.linalg.eigh(gram)
+        seen = values > RESOLVED * values.max()
+        basis = vectors[:, seen] / np.sqrt(values[seen])
+        may_close = problem.inequality & ~resist
+        closing, distances = -images[may_close] @ basis, np.maximum(left[may_close], 0.0)
+        size = nearest_point(problem.comm, basis.T @ right, closing, distances)
+        if size is None or np.linalg.norm(size) <= ROUNDED * solution.measures.displacement:
+            continue
+        for b in np.flatnonzero(problem.bodies.groups == group):
+            motions[b], sizes[b] = along[b] @ (basis @ size), np.linalg.norm(size)
+    if all(motion is None for motion in motions):
+        return None
+    moved = [u.copy(order="F") for u in solution.displacements]
+    for number, members in enumerate(free.members):
+        for member, b in enumerate(members):
+            motion, part = motions[b], moved[number][:, member]
+            if motion is not None:
+                part -= free.field(number, member, motion)
+                if np.abs(part).max() <= AT_REST * sizes[b]:
+                    part[:] = 0.0
+    return moved
+
+
+def _undetermined(
+    problem: DecomposedProblem, free: FreeMotions, group: int, resist: NDArray[np.bool_]
+) -> tuple[list[Array], Array]:
+    """The motions V of a group, (motions, k) for each body, and B V, (dual, k) (collective).
+
+    Bodies of other groups have k = 0.
+
+    Parameters
+    ----------
+    resist : (dual,)
+        Contact rows with a force.
+    """
+    images = rows_on_allowed_motions(problem, free, group)
+    images[np.abs(images) <= ROUNDED * largest_magnitude(problem.comm, images)] = 0.0
+    motions = np.zeros((0, 0))
+    if images.shape[1]:
+        motions = held_motions(problem.comm, images[resist | ~problem.inequality])
+    along = [
+        some @ motions if of_body == group else some[:, :0]
+        for some, of_body in zip(free.loose.allowed, problem.bodies.groups, strict=True)
+    ]
+    return along, images @ motions

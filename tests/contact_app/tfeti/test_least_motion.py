@@ -1,0 +1,109 @@
+"""Of the answers of equal energy, the one that moves least: `solver.tfeti.least_motion`."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from itertools import pairwise
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import contact_app
+from contact_app.run.solve import solve_scene
+from solver.tfeti.least_motion import with_least_motion
+from tests import scenes
+from tests.scenes_on_ranks import summary_of
+from tests.stability.feature_scenes import feature_scene
+
+METHODS = ["auto", "active-set", "smalbe", "primal"]
+
+WIDER = 0.3 * 1.3 * 20.0 / 1000.0
+"""How much wider a block of these scenes becomes: ν(1 + ν) p / E in plane strain."""
+
+
+def plane(point: list[float], normal: list[float]) -> scenes.Config:
+    return {"obstacle": {"plane": {"point": point, "normal": normal}}}
+
+
+def blocks(*lower: float, left: float, right: float) -> scenes.Config:
+    """Blocks of size one, pressed onto a floor in a row between two walls."""
+    names = "abc"[: len(lower)]
+    bodies = [
+        scenes.box(name, [x + 1.0, 1.0], [3 + n, 3], [x, 0.0])
+        for n, (name, x) in enumerate(zip(names, lower, strict=True))
+    ]
+    return {
+        "dimension": 2,
+        "bodies": bodies,
+        "conditions": [{"on": f"{name}.y+", "pressure": 20.0} for name in names],
+        "contacts": [
+            *({"on": f"{name}.y-", **plane([0, 0], [0, 1])} for name in names),
+            {"on": "a.x-", **plane([left, 0], [1, 0])},
+            {"on": f"{names[-1]}.x+", **plane([right, 0], [-1, 0])},
+            *({"on": f"{a}.x+", "against": f"{b}.x-"} for a, b in pairwise(names)),
+        ],
+    }
+
+
+def moved(made: scenes.Config, method: str) -> list[float]:
+    """Mean displacement of each block along x."""
+    answer = contact_app.solve({**made, "solver": {"method": method}})
+    assert answer.certificate.passed
+    return [answer.displacement[np.unique(cells), 0].mean() for cells in answer.cells]
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_a_block_with_play_on_both_sides_stays(method: str) -> None:
+    assert moved(blocks(0.0, left=-0.1, right=1.2), method) == pytest.approx([0.0], abs=1e-8)
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_a_block_that_overlaps_a_wall_moves_until_it_touches_the_wall(method: str) -> None:
+    expected = [0.02 + WIDER / 2.0]
+    assert moved(blocks(0.0, left=0.02, right=1.2), method) == pytest.approx(expected, abs=1e-7)
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_a_block_pushes_the_next_one_no_farther_than_it_must(method: str) -> None:
+    """The second one gives way to the first and to the wider sides of both, the third stays."""
+    made = blocks(0.0, 1.01, 2.3, left=0.03, right=3.5)
+    first = 0.03 + WIDER / 2.0
+    expected = [first, first - 0.01 + WIDER, 0.0]
+    assert moved(made, method) == pytest.approx(expected, abs=1e-7)
+
+
+@pytest.mark.parametrize("method", ["auto", "primal"])
+def test_rigid_bodies_without_a_drive_neither_turn_nor_rise(method: str) -> None:
+    """A cylinder that may turn by 0.68 about x before it meets the block below it."""
+    made, subdomains = feature_scene(104050)
+    made["solver"]["method"] = method
+    solved = solve_scene(scenes.build(made, None if method == "primal" else subdomains))
+    assert solved.solution.converged
+    (motion,) = solved.summary["rigid_bodies"].values()
+    assert motion["rotation"] == pytest.approx([0.0, 0.0, 0.0], abs=1e-12)
+    assert solved.solution.measures.displacement < 1e-12
+
+
+def test_forces_and_energy_stay_and_no_gap_closes_beyond_zero() -> None:
+    made = blocks(0.0, 1.01, left=0.03, right=2.2)
+    solved = solve_scene(scenes.build({**made, "decomposition": {"subdomains": 4}}))
+    problem, least = solved.model.problem, solved.solution
+    slid = [u.copy() for u in least.displacements]
+    for u in slid:
+        u[0::2] += 0.05
+    again = with_least_motion(problem, replace(least, displacements=slid))
+    for found, expected in zip(again.displacements, least.displacements, strict=True):
+        assert found == pytest.approx(expected, abs=1e-8)
+    assert again.multiplier is least.multiplier
+    assert again.measures.energy == pytest.approx(least.measures.energy, rel=1e-12)
+    assert again.certificate.max_penetration < least.certificate.max_penetration + 1e-9
+
+
+def test_two_ranks_find_the_same_place(tmp_path: Path) -> None:
+    made = blocks(0.0, 1.01, left=0.03, right=2.2)
+    made["output"] = {"probes": {"corner": [2.01, 1.0]}}
+    one, two = (summary_of(made, tmp_path, ranks)["probes"] for ranks in (1, 2))
+    expected = 0.03 + 2.0 * WIDER - 0.01
+    for probes in (one, two):
+        assert probes["corner"]["displacement"][0] == pytest.approx(expected, abs=1e-7)
