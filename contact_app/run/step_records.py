@@ -45,9 +45,8 @@ def record_of(increment: SolvedIncrement) -> Record:
 def summary_of_steps(last: Mapping[str, Any], records: Sequence[Record]) -> Record:
     """``summary.json`` of a load history: the summary of the last increment, and all records.
 
-    Timings are summed. Of warnings that differ only in their numbers, that of the last increment
-    appears, or else that of the first increment that has one; a sentence has the number of those
-    left out.
+    Timings are summed. Of warnings that differ only in their numbers the last one appears, with all
+    increments that have one.
 
     Parameters
     ----------
@@ -67,23 +66,47 @@ def summary_of_steps(last: Mapping[str, Any], records: Sequence[Record]) -> Reco
 
 
 def _warnings(records: Sequence[Record]) -> list[str]:
-    """The warnings of the last increment, then those of others of another kind."""
-    last = list(records[-1]["certificate"]["warnings"])
-    result, sentences, left_out = list(last), {without_numbers(sentence) for sentence in last}, 0
-    for record in records[:-1]:
+    """Each warning once, with the increments that have it; those of the last increment first."""
+    kinds: dict[str, dict[int, list[str]]] = {}
+    for record in (records[-1], *records[:-1]):
         for sentence in record["certificate"]["warnings"]:
-            kind = without_numbers(sentence)
-            if kind not in sentences:
-                result.append(f"step {record['step']}, factor {record['factor']:.6g}: {sentence}")
-                sentences.add(kind)
-            elif sentence not in last:
-                left_out += 1
-    if left_out:
-        result.append(
-            f"further warnings of earlier increments ({left_out}) differ from these only in their "
-            "numbers: `steps` of summary.json has them"
-        )
-    return result
+            of_kind = kinds.setdefault(without_numbers(sentence), {})
+            of_kind.setdefault(record["increment"], []).append(sentence)
+    return [text for of_kind in kinds.values() for text in _latest(of_kind, len(records))]
+
+
+def _latest(of_kind: Mapping[int, list[str]], count: int) -> list[str]:
+    """The sentences of a kind in the last increment that has it.
+
+    Parameters
+    ----------
+    of_kind
+        Sentences by the number of their increment.
+    count
+        Increments of the history.
+    """
+    numbers = sorted(of_kind)
+    latest = of_kind[numbers[-1]]
+    if count == 1:
+        return latest
+    where = f"all {count} increments" if len(numbers) == count else _ranges(numbers)
+    if any(sentences != latest for sentences in of_kind.values()):
+        where += f"; the numbers are those of increment {numbers[-1]}, `steps` has the others"
+    return [f"{sentence} ({where})" for sentence in latest]
+
+
+def _ranges(numbers: Sequence[int]) -> str:
+    """Increasing numbers of increments in words.
+
+    Examples
+    --------
+    >>> _ranges([3]), _ranges([1, 2, 4, 7, 8, 9])
+    ('increment 3', 'increments 1 to 2, 4, 7 to 9')
+    """
+    starts = [n for n in numbers if n - 1 not in numbers]
+    ends = [n for n in numbers if n + 1 not in numbers]
+    parts = [str(a) if a == b else f"{a} to {b}" for a, b in zip(starts, ends, strict=True)]
+    return f"increment{'s' if len(numbers) > 1 else ''} {', '.join(parts)}"
 
 
 def write_table(path: Path, records: Sequence[Record]) -> None:
