@@ -37,6 +37,7 @@ from contact_app.model.equilibrium import body_frame, motion_size
 from contact_app.model.loaded_area import loaded_facets, straddled_area
 from contact_app.results.free_motions import free_motions
 from contact_app.results.friction import approach_of_held, closing_points
+from contact_app.results.overcome_friction import overcome_friction
 from contact_app.results.percent import percent
 from contact_app.results.reactions import hold_records
 from contact_app.results.repeated_sentences import without_repetitions
@@ -284,6 +285,12 @@ def _certificates(answer: SolvedScene) -> Iterator[str]:
         yield f"not certified: {reason_text(solution)}"
 
 
+def _overcome(answer: SolvedScene) -> Iterable[str]:
+    """Friction that does not hold the loads of an answer without a certificate (collective)."""
+    model = answer.model
+    return overcome_friction(model.problem, answer.solution, model.scene.body_names.__getitem__)
+
+
 def _cautions(answer: SolvedScene) -> Iterable[str]:
     """Bodies that are not held and not driven by a load, and tied surfaces that are apart."""
     return answer.model.cautions
@@ -434,7 +441,7 @@ CHECKS: tuple[Callable[[SolvedScene], Iterable[str]], ...] = (
     _large_deformations, _yielding, _straight_edges, _straight_facets, _beside_obstacles,
     _facing_away, _between_nodes, _coarse_pressures, _sharp_edges, _sliding_bodies,
     _locking_in_volume, _locking_in_bending, _moved_beyond_sizes, _moved_far, _coarse_meshes,
-    _stresses_beside_expansion, _straddled_facets, _without_facets, _certificates, _cautions,
-    _slides, _loaded_holds, _rubs_where_open, _closes_at_once, _several_answers, _plays,
+    _stresses_beside_expansion, _straddled_facets, _without_facets, _certificates, _overcome,
+    _cautions, _slides, _loaded_holds, _rubs_where_open, _closes_at_once, _several_answers, _plays,
 )  # fmt: skip
 """The tests of an answer, in the order of their warnings."""

@@ -1,0 +1,53 @@
+"""Answers in which friction does not hold the loads: `contact_app.results.overcome_friction`."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import pytest
+
+import contact_app
+from contact_app.run.solve import solve_scene
+from solver.tfeti.friction_share import overcome
+from tests import scenes
+
+FRICTION, PULL = 0.3, 1.0
+
+
+def block_in_a_slot(**of_contacts: object) -> scenes.Config:
+    """A block of width one between two walls without play, pulled along them."""
+
+    def wall(x: float, normal: float) -> scenes.Config:
+        obstacle = {"plane": {"point": [x, 0], "normal": [normal, 0]}}
+        return {"obstacle": obstacle, "friction": {"coulomb": FRICTION}, **of_contacts}
+
+    return {
+        "dimension": 2,
+        "bodies": [scenes.box("block", [1, 2], [2, 4])],
+        "conditions": [{"on": "block.y+", "traction": [0, PULL]}],
+        "contacts": [{"on": "block.x-", **wall(0, 1)}, {"on": "block.x+", **wall(1, -1)}],
+    }
+
+
+def test_a_block_that_nothing_presses_against_its_walls_slides_and_a_warning_says_so() -> None:
+    """The pull makes the block narrower, but the test before the solve lets both walls press."""
+    answer = contact_app.solve(block_in_a_slot())
+    assert not answer.converged
+    told = [w for w in answer.summary["certificate"]["warnings"] if "friction at the" in w]
+    assert len(told) == 1
+    assert "does not stop block from leaving along +y" in told[0]
+
+
+def test_the_share_is_that_of_the_friction_forces_at_their_limit() -> None:
+    """Pressed walls hold the block; with a part of their forces, that part of the limits."""
+    solved = solve_scene(scenes.build(block_in_a_slot(interference=0.002)))
+    problem, solution = solved.model.problem, solved.solution
+    assert solution.converged
+    assert overcome(problem, solution) == []
+    pressing = float(problem.friction.pressing(solution.multiplier).sum())
+    assert FRICTION * pressing > PULL
+    part = 0.25 * PULL / (FRICTION * pressing)
+    (found,) = overcome(problem, replace(solution, multiplier=part * solution.multiplier))
+    assert found.share == pytest.approx(0.25, rel=1e-5)
+    assert list(found.bodies) == [0]
+    assert abs(found.motion[1]) > 0.99
