@@ -75,8 +75,8 @@ def _moved(problem: DecomposedProblem, free: FreeMotions, solution: Solution) ->
             continue
         gram, right = free.mean_squares(solution.displacements, along, group)
         values, vectors = np.linalg.eigh(gram)
-        seen = values > RESOLVED * values.max()
-        basis = vectors[:, seen] / np.sqrt(values[seen])
+        moving = values > RESOLVED * values.max()
+        basis = vectors[:, moving] / np.sqrt(values[moving])
         may_close = problem.inequality & ~resist
         closing, distances = -images[may_close] @ basis, np.maximum(left[may_close], 0.0)
         size = nearest_point(problem.comm, basis.T @ right, closing, distances)

@@ -29,7 +29,7 @@ def block_in_a_slot(**of_contacts: object) -> scenes.Config:
     }
 
 
-def test_a_block_that_nothing_presses_against_its_walls_slides_and_a_warning_says_so() -> None:
+def test_a_block_in_an_unpressed_slot_slides_with_a_warning() -> None:
     """The pull makes the block narrower, but the test before the solve lets both walls press."""
     answer = contact_app.solve(block_in_a_slot())
     assert not answer.converged

@@ -1,4 +1,4 @@
-"""Of the answers of equal energy, the one that moves least: `solver.tfeti.least_motion`."""
+"""The least motion among the answers of equal energy: `solver.tfeti.least_motion`."""
 
 from __future__ import annotations
 
