@@ -33,11 +33,6 @@ from solver.vectors import on_arrays
 COLUMNS_AT_ONCE = 256
 """Number of right-hand sides of one sparse solve; more only cost memory."""
 
-DENSE_UNKNOWNS = 1500
-"""Largest number of unknowns of a subdomain with reflections whose blocks are factored as dense
-matrices. Sparse ones take twice as long at 648 unknowns (14 ms, mostly calls), 1.4 times at 1029,
-and 0.7 times at 3000."""
-
 NO_FACTOR = (
     "a subdomain's stiffness has no Cholesky factor once its rigid motions are fixed: it has "
     "further zero-energy modes, or cells of no volume"
@@ -153,31 +148,6 @@ class CholeskyFactor:
         return block
 
 
-class DenseFactor:
-    """LAPACK's Cholesky factor of a small dense matrix, with the methods of `CholeskyFactor`.
-
-    Raises
-    ------
-    ArithmeticError
-        The matrix is not positive definite.
-    """
-
-    def __init__(self, matrix: NDArray[np.float64]) -> None:
-        self._factor, failed = lapack.dpotrf(matrix, lower=0, clean=0)
-        if failed:
-            raise ArithmeticError(NO_FACTOR)
-
-    def solve(self, loads: NDArray[np.float64]) -> NDArray[np.float64]:
-        """The inverse times each column: (n, columns) to (n, columns), both in Fortran order."""
-        return np.asarray(lapack.dpotrs(self._factor, loads, lower=0)[0])
-
-    def restricted(self, unknowns: NDArray[np.int64]) -> NDArray[np.float64]:
-        """The inverse between some unknowns, (m, m), symmetric."""
-        inverse = np.triu(lapack.dpotri(self._factor, lower=0)[0])
-        inverse += np.triu(inverse, 1).T
-        return np.ascontiguousarray(inverse[np.ix_(unknowns, unknowns)])
-
-
 class GeneralisedInverse:
     """K⁺ of a symmetric positive semidefinite sparse matrix by one factor (protocol `Inverse`).
 
@@ -217,8 +187,7 @@ class SymmetricInverse:
     """K⁺ of a subdomain with reflections: one factor for each character (protocol `Inverse`).
 
     Parameters and errors are those of `GeneralisedInverse`; `fixing` may be any set; its mirror
-    images are added. Ranks with the same class share the work on its blocks through `comm`. Up to
-    `dense` unknowns the factors are dense.
+    images are added. Ranks with the same class share the work on its blocks through `comm`.
     """
 
     def __init__(
@@ -228,16 +197,11 @@ class SymmetricInverse:
         fixing: NDArray[np.int64],
         symmetry: Symmetry,
         comm: MPI.Intracomm | None = None,
-        dense: int = DENSE_UNKNOWNS,
     ) -> None:
         self.symmetry = symmetry
         self._comm = comm
         regular = _regularised(stiffness, kernel, symmetry.closure(fixing))
         self._split = symmetry.split(np.arange(stiffness.shape[0]))
-        self.factors: list[CholeskyFactor | DenseFactor]
-        if stiffness.shape[0] <= dense:
-            self.factors = [DenseFactor(block) for block in self._split.dense_blocks(regular)]
-            return
         bases = self._split.bases(stiffness.shape[0])
         # V_χᵀ K V_χ from the first row of each orbit: the others repeat it
         self.factors = [

@@ -256,18 +256,6 @@ class Split:
             result.append(sparse.csc_matrix(entries, shape=(size, columns)))
         return result
 
-    def dense_blocks(self, matrix: sparse.csr_matrix) -> list[NDArray[np.float64]]:
-        """V_χᵀ A V_χ of a matrix with these reflections, (m_χ, m_χ) for each character.
-
-        They come from the first row of each orbit: the others repeat it.
-        """
-        rows = np.unique(np.concatenate([first for first, _ in self.orbits]))
-        coordinates = self.forward(matrix[rows].toarray()[:, self.unknowns])
-        return [
-            orbit[:, None] * coordinates[np.searchsorted(rows, first), place]
-            for (first, orbit), place in zip(self.orbits, self.places, strict=True)
-        ]
-
     def forward(self, vectors: NDArray[np.float64]) -> NDArray[np.float64]:
         """Coordinates of vectors in the order of `unknowns`, character after character: (s, m)."""
         result = np.empty_like(vectors)
