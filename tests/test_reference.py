@@ -1,7 +1,8 @@
-"""The reference solver against exact answers and brute force.
+"""The reference solver against brute force, and what it refuses.
 
 Everything the application is compared with must itself be right, so these tests know nothing of
-the application's solver.
+the application's solver. The application is held against exact answers in
+`tests/contact_app/model/test_exact.py`, and against the reference in many tests.
 """
 
 from __future__ import annotations
@@ -13,38 +14,6 @@ import pytest
 import scipy.sparse as sp
 
 from tests import extended, reference, scenes
-
-
-def at(solution: reference.Reference, *point: float) -> np.ndarray:
-    """Displacement at the node nearest to a point."""
-    distance = np.linalg.norm(solution.points[:, : len(point)] - np.array(point), axis=1)
-    return solution.u[np.argmin(distance)]
-
-
-@pytest.mark.parametrize("cell", scenes.CELLS_3D + scenes.CELLS_2D)
-def test_bar_against_a_wall(cell: str) -> None:
-    solution = reference.solve(scenes.build(scenes.bar(cell, 3)))
-    assert at(solution, 1, 0)[0] == pytest.approx(0.4, rel=1e-12)
-    assert solution.contact_force[0] == pytest.approx(-0.6, rel=1e-12)
-    assert solution.energy == pytest.approx(-0.32, rel=1e-12)
-
-
-@pytest.mark.parametrize("cell", scenes.CELLS_3D)
-def test_patch_in_space(cell: str) -> None:
-    solution = reference.solve(scenes.build(scenes.patch(cell, 3)))
-    np.testing.assert_allclose(at(solution, 1, 1, 1), [1 / 36, 1 / 36, -1 / 9], rtol=1e-12)
-    assert solution.contact_force[2] == pytest.approx(100, rel=1e-12)
-
-
-@pytest.mark.parametrize("cell", scenes.CELLS_2D)
-@pytest.mark.parametrize("plane", ["strain", "stress"])
-def test_patch_in_the_plane(cell: str, plane: str) -> None:
-    E, nu, q = 2.1e5, 0.3, 100.0
-    solution = reference.solve(scenes.build(scenes.patch(cell, 4, assumption=plane)))
-    down, side = (-(1 - nu**2), nu * (1 + nu)) if plane == "strain" else (-1.0, nu)
-    np.testing.assert_allclose(at(solution, 1, 1), [side * q / E, down * q / E], rtol=1e-12)
-    if plane == "strain":
-        assert at(solution, 1, 1)[1] == pytest.approx(-4.3333e-4, rel=1e-5)
 
 
 def test_every_scene_is_a_contact_problem() -> None:
@@ -96,45 +65,6 @@ def test_refuses_a_held_node_inside_an_obstacle() -> None:
     made["contacts"][0]["obstacle"] = scenes.plane("hexahedron", (0.9, 0, 0), (-1, 0, 0))
     with pytest.raises(reference.ReferenceError, match="penetrates"):
         reference.solve(scenes.build(made))
-
-
-def test_gaps_of_the_obstacles() -> None:
-    """Signed distances worked out by hand, so that a wrong obstacle fools nobody."""
-    cell = "hexahedron"
-    made = scenes.wall(cell, 1)
-    made["contacts"] = [
-        {"on": "block.x+", "obstacle": obstacle}
-        for obstacle in (
-            scenes.plane(cell, (1.5, 0, 0), (-2, 0, 0)),
-            {"sphere": {"center": [4, 0, 0], "radius": 1}},
-            {"sphere": {"center": [0, 0, 0], "radius": 2, "hollow": True}},
-            {"cylinder": {"point": [4, 9, 0], "axis": [0, -3, 0], "radius": 1}},
-            {"cylinder": {"point": [0, 5, 0], "axis": [0, 1, 0], "radius": 2, "hollow": True}},
-        )
-    ]
-    system = reference.assemble(scenes.build(made))
-    x, y, z = system.points[system.contact_node].T
-    expected = np.concatenate(
-        [
-            0.5 + 0 * x[:4],
-            np.sqrt((4 - x) ** 2 + y**2 + z**2)[4:8] - 1,
-            2 - np.sqrt(x**2 + y**2 + z**2)[8:12],
-            np.sqrt((4 - x) ** 2 + z**2)[12:16] - 1,
-            2 - np.sqrt(x**2 + z**2)[16:],
-        ]
-    )
-    np.testing.assert_allclose(system.gap, expected, rtol=1e-13)
-    normal = -system.contact.toarray()[
-        np.arange(20)[:, None], 3 * system.contact_node[:, None] + np.arange(3)
-    ]
-    away = np.column_stack([x - 4, 0 * y, z])[12:16]
-    np.testing.assert_allclose(
-        normal[12:16], away / np.linalg.norm(away, axis=1)[:, None], atol=1e-14
-    )
-    inward = -np.column_stack([x, y, z])[8:12]
-    np.testing.assert_allclose(
-        normal[8:12], inward / np.linalg.norm(inward, axis=1)[:, None], atol=1e-14
-    )
 
 
 def test_extended_precision_agrees_with_the_reference() -> None:
