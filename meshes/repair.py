@@ -426,7 +426,7 @@ def _refuse_pieces(
     groups
         Names of groups of cells in the file.
     chosen
-        Those of the body; none if it has all cells.
+        Groups of the body; none if it has all cells.
     """
     number = int(label.max()) + 1
     if number == 1:

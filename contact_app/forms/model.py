@@ -256,7 +256,7 @@ def with_new_loads(
         heat[cls][:, column] = 0.0 if acting.thermal is None else acting.thermal[number]
         lifting[cls][:, column] = value[model.subdomains.unknowns(number)]
     for lift, values in zip(lifting, problem.classes, strict=True):
-        lift[values.free] = 0.0  # what is held there is held by rows
+        lift[values.free] = 0.0  # rows hold these unknowns
     c = np.zeros(problem.size)
     unknowns = problem.system.constraints.held_unknowns
     rows = np.flatnonzero(unknowns >= 0)

@@ -157,6 +157,6 @@ def _contradiction(contacts: Sequence[Contact], error: ContradictionError) -> Ex
             f"overlap by {error.amount:.6g} in the direction in which it can move"
         )
     return NoEquilibriumError(
-        f"the Dirichlet conditions push held nodes of {first} into what they touch, by up to "
+        f"the Dirichlet conditions push held nodes of {first} into the other side, by up to "
         f"{error.amount:.6g}: no displacement satisfies both"
     )

@@ -29,7 +29,7 @@ class Sides:
     facets
         Facets of `tag` on this rank.
     surfaces
-        Those of all ranks, and for a pair the facets of `against`.
+        The facets of all ranks, and for a pair those of `against`.
     gaps
         Mortar means of the gap of a pair, without its interference; None for an obstacle.
     """

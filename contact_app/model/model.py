@@ -85,7 +85,7 @@ class Model:
     notes
         Sentences on how the scene is modelled, for the log.
     cautions
-        Those of the notes that are warnings of an answer, too.
+        The notes that are warnings of an answer, too.
     """
 
     scene: Scene

@@ -195,7 +195,7 @@ def moving_rows(
     Parameters
     ----------
     conditions
-        Those at the nodes of these contacts.
+        Conditions at the nodes of these contacts.
     """
     unknowns, d = RigidUnknowns.of(geometry), geometry.dimension
     parts = [contact_rows(exchange, conditions)]

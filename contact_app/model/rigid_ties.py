@@ -1,4 +1,4 @@
-"""Boundaries tied to rigid bodies: every node of theirs moves with the body.
+"""Boundaries tied to rigid bodies: all their nodes move with the body.
 
 With q = (t, θ) the motion of the body about its reference point c, both as the file has them,
 

@@ -3,8 +3,8 @@
 A whole cell belongs to the side of the middle of its vertices. So the surface between the sides
 follows faces of cells next to the plane. Area and centroid are those of the plane itself.
 
-Where the scene was cut at planes of symmetry, the body of the whole consists of images of what is
-solved, and each is cut by the image of the plane.
+Where the scene was cut at planes of symmetry, the body of the whole scene consists of mirror images
+of the solved part, and the image of the plane cuts each.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
-"""The contact pressure without what the facets of the mesh make of it.
+"""The contact pressure without the oscillations that the facets of the mesh cause.
 
 Where straight facets stand for a round surface, their corners press more than their middles, and
-the largest pressure tells of the mesh. The mean over a little more than a facet is right. The
+the largest pressure depends on the mesh. The mean over a little more than a facet is right. The
 weights are w = (1 - |x - y|²/r²)² a(y) within r about a node x, where a(y) is the area of a node
 and r is `REACH` times the longest edge of the facets there, on either side of the contact. Let M p
 be the weighted mean of p and L p the value at x of the linear function that fits p best with these
@@ -16,8 +16,9 @@ off, and the whole is scaled so that its integral is that of p. Constant pressur
 where the other body ends within the boundary: nodes beyond its edge have no weight, and those of
 facets that it covers in part have the covered share of their area.
 Twicing with L alone amplifies noise at the ends: the peak of a hub on a shaft was up to 20 % too
-high. Adding what the means take from Hertz's ellipsoid of the same force and second moments did not
-help: the peak of a ball in its grooves was up to 31 % too high, where it is up to 22 % too low.
+high. Adding the part that the means remove from Hertz's ellipsoid of the same force and second
+moments did not help: the peak of a ball in its grooves was up to 31 % too high, where it is up to
+22 % too low.
 
 The peak is as right as the mesh allows from about six facets across the contact on, if the gap is
 that of the round surfaces (`round` of a contact between bodies, or a round obstacle). With fewer,

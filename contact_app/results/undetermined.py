@@ -9,7 +9,7 @@ g - N (u + t v) ≥ 0 have one energy, one stress and one contact force:
 
     max_{(N v)_i < 0} g_i / (N v)_i ≤ t ≤ min_{(N v)_i > 0} g_i / (N v)_i,
 
-with g_i the distance left at row i. Motions that no row resists are told by `free_motions`.
+with g_i the distance left at row i. `free_motions` reports motions that no row resists.
 """
 
 from __future__ import annotations

@@ -176,7 +176,7 @@ class VTUWriter:
             raise
 
     def discard(self) -> None:
-        """Give up: remove what was written so far."""
+        """Remove the incomplete file."""
         try:
             self._file.close()
         finally:

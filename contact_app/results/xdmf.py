@@ -5,8 +5,8 @@ different blocks of ParaView. Here one temporal collection holds one unstructure
 every attribute: ``solution.xdmf``, the text that names them, and ``solution.h5`` beside it, the
 numbers. The array of a field is written slab by slab, so that no process needs to hold all of it.
 
-Both files are written under temporary names and renamed at the end, the ``.xdmf`` last: what is
-there under its own name is whole. Room for the numbers is taken from the file system before HDF5
+Both files are written under temporary names and renamed at the end, the ``.xdmf`` last: a file
+under its own name is complete. Room for the numbers is taken from the file system before HDF5
 writes them, since HDF5 crashes when it closes a file for which the disk had no room.
 
 Format: the XDMF model and format, version 3 (www.xdmf.org).
@@ -242,7 +242,7 @@ class XDMFWriter:
             raise
 
     def discard(self) -> None:
-        """Give up: remove what was written so far."""
+        """Remove the incomplete files."""
         if self._file is not None:
             self._file.close()
         self._room.close()

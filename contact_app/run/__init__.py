@@ -1,8 +1,9 @@
 """One run from file to files: the order of its stages, progress, warnings, fallbacks, `check`.
 
-`run` solves and writes a scene, `check` reports the model (`model_report`) and its cost (`cost`)
-without solving.
-`result_directory` removes what earlier runs left. `ways` and `fallback` decide the next method
-where an answer cannot be certified. `model_warnings` compares the answer with the assumptions of
-its model.
+Input is a `Scene`; the product is a solved scene with its certificate (`solve`), and the files of a
+run. `run` solves and writes a scene, `cases` its load cases and `steps` a load history; `answer` is
+the same for Python. `check` reports the model (`model_report`) and its cost (`cost`) without
+solving. `ways` and `fallback` decide the next method where an answer cannot be certified.
+`model_warnings` compares the answer with the assumptions of its model, and `result_directory`
+removes the files of earlier runs.
 """

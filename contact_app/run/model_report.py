@@ -370,7 +370,7 @@ def _facets(bodies: Sequence[Body], outline: Outline, load: Traction | Pressure)
 def _candidates(outline: Outline, contact: int, body: Body, on_boundary: int = 0) -> str:
     """Phrase with the number of candidate nodes on the boundary, and their smallest gap.
 
-    Of an overlap, it says what it means.
+    An overlap is explained.
     """
     comm = outline.partition.comm
     gaps, sources = outline.candidates

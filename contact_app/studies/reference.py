@@ -45,7 +45,7 @@ class Fields:
     degree : (bodies,)
     cell : (bodies,)
     cells, tags, facets
-        Those of each body, as in `BodyNodes`; solutions by PETSc's solvers have no facets.
+        Data of each body, as in `BodyNodes`; solutions by PETSc's solvers have no facets.
     """
 
     points: Array

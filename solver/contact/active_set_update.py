@@ -159,7 +159,7 @@ class EarlyReleases:
     ----------
     released : (rows,)
     returned : (rows,)
-        Those that became active again.
+        The released rows that became active again.
     """
 
     released: Mask

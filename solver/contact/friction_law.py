@@ -239,7 +239,7 @@ class Friction(Frictionless):
         """Limits (points,) between the prescribed ones and those of the state (collective).
 
         Where the change of the limits turns about from set to set, the next one is a share of it
-        that Aitken's formula tells from the last two (B. M. Irons, R. C. Tuck, *A version of the
+        that Aitken's formula gives from the last two (B. M. Irons, R. C. Tuck, *A version of the
         Aitken accelerator for computer iteration*, Int. J. Numer. Methods Eng. 1, 1969).
         """
         prescribed = self.points.sizes(self._prescribed(before))

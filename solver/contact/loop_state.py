@@ -96,7 +96,7 @@ class LoopState(Generic[S]):
     turnovers
         Changes of contact rows from set to set.
     on_all_rows
-        Those of them on the finest level of the constraint hierarchy.
+        The changes on the finest level of the constraint hierarchy.
     strained
         a(u, u) of each set.
     """

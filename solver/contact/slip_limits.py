@@ -46,7 +46,7 @@ class SlipLimits:
         self._size = np.inf
 
     @property
-    def follow(self) -> bool:
+    def depend_on_forces(self) -> bool:
         """Whether any limit depends on contact forces: Coulomb's law (collective)."""
         return bool(self._comm.allreduce(int((self._points.coefficients > 0.0).any())))
 

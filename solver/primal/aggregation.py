@@ -25,7 +25,7 @@ DAMPING = 1.4
 
 DEPENDENT = 1e-11
 """Square of a motion on an aggregate, without its part in the motions before it, relative to the
-whole, up to which it depends on these: few nodes do not tell all motions apart."""
+whole, up to which it depends on these: on few nodes not all motions are independent."""
 
 
 @dataclass(frozen=True, eq=False)

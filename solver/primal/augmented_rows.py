@@ -112,7 +112,7 @@ class FrictionRows(OneSidedRows):
     @property
     def moves(self) -> bool:  # type: ignore[override]
         """Whether limits follow contact forces: Coulomb's law (collective)."""
-        return self._limits.follow
+        return self._limits.depend_on_forces
 
     def begin(self, forces: Array) -> None:
         """Take the limits of these contact forces."""

@@ -196,7 +196,7 @@ class Multigrid:
                 else CycleOnSets(self.system, levels)
             )
         if isinstance(self._cycle, CycleOnSets):
-            self._cycle.follow(projector)
+            self._cycle.adapt_to(projector)
         return self._cycle
 
     def give_up_multigrid(self) -> bool:

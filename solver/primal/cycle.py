@@ -152,8 +152,8 @@ class CycleOnSets:
     def _cycle(self) -> Cycle:
         return Cycle(self._operators, self._prolongations, self._options)
 
-    def follow(self, projector: Projector) -> None:
-        """Take over another active set, the frames and compliances of its rows (collective)."""
+    def adapt_to(self, projector: Projector) -> None:
+        """Adapt to another active set, the frames and compliances of its rows (collective)."""
         self._projector = projector.narrow()
         system, comm = projector.system, self._K.comm.tompi4py()
         springs = self._springs_of(self._projector)

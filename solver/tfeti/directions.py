@@ -51,8 +51,8 @@ class RecyclingOptions:
         operator application.
     easy
         For directions above `light`: number of first steps whose directions are not stored. Once a
-        set takes more steps, it stores the following directions, and later sets store all of
-        theirs.
+        set takes more steps, it stores the following directions, and later sets store all their
+        directions.
     memory
         Largest memory for directions on a rank, in bytes; large problems store no directions.
     """

@@ -33,7 +33,7 @@ polynomial: 0.1 to 0.2 for a symmetric patch."""
 
 OWN = 32.0
 """Additional weight of the cells around a vertex in a fit with the cells of its neighbours, which
-serve only what the few cells leave undetermined."""
+only determine the coefficients that the few cells leave open."""
 
 WEAK = 1e-2
 """Directions of a fit with eigenvalues below this share of the largest are left out."""
@@ -128,7 +128,7 @@ class Helped:
         return self._helped.gather(sums.reshape(len(sums), size**2)).reshape(-1, size, size)
 
     def _summed(self, at_helping: Array, T: Array) -> Array:
-        """Sum over neighbours of T (…, rows, size) times what is known of them, (…, size, k)."""
+        """Sum over neighbours of T (…, rows, size) times their values, (…, size, k)."""
         size, k = at_helping.shape[1:]
         rows = T.shape[1]
         values = self._helping.scatter(at_helping.reshape(-1, size * k))
@@ -255,7 +255,7 @@ def scaled_moments(
 
     Returns
     -------
-    Those that differ (kinds, monomials, monomials), which of them each vertex has (owned,), and
+    Distinct moments (kinds, monomials, monomials), the number of those of each vertex (owned,), and
     the roots of the diagonals (owned, monomials). Vertices amid equal cells have the same.
     """
     upper = np.triu_indices(size)

@@ -29,7 +29,7 @@ BATCH = 25_000
 160 MB more."""
 
 SUPERCONVERGENT = ("quadrilateral", "hexahedron")
-"""Cells whose samples are more accurate than what is between them."""
+"""Cells whose samples are more accurate than the values between them."""
 
 FACETS = {
     "triangle": "interval", "quadrilateral": "interval",
@@ -288,7 +288,7 @@ class Cells:
         ]
 
     def at_nodes(self, coefficients: Array) -> Array:
-        """Values at nodes of polynomials at vertices: their own, amid vertices the mean of theirs.
+        """Values at nodes of the polynomials at vertices; amid vertices the mean of two.
 
         Parameters
         ----------

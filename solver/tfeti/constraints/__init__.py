@@ -1,7 +1,9 @@
 """The rows of B: gluing, held nodes and contact, and products with them on all ranks.
 
-`conditions` are the conditions at nodes, `merge` joins equal conditions into one row, `rows` writes
-B, `cross_points` glues nodes of many subdomains, `exchange` sends data of the copies of a node to
-the rank that owns the node, and `matrix` is B itself. `hierarchy` has levels of contact rows, from
-coarse to fine, for contact that peels off.
+Input are conditions at nodes of the subdomains, the product is the matrix B with the kind of each
+row (Dostál, Horák and Kučera, 2006). `conditions` are the conditions
+at nodes, `merge` joins equal conditions into one row, `rows` writes B, `cross_points` glues nodes
+of many subdomains, `exchange` sends data of the copies of a node to the rank that owns the node,
+and `matrix` is B itself. `hierarchy` has levels of contact rows, from coarse to fine, for contact
+that peels off.
 """

@@ -155,7 +155,7 @@ class _Frozen:
     def following(self, iterations: OuterIterations, state: OuterState) -> OuterIterations | None:
         """Outer iterations with the next slip limits, if these are due (collective)."""
         limits, problem = self._limits, self._problem
-        if limits is None or not limits.follow:
+        if limits is None or not limits.depend_on_forces:
             return None
         force = problem.offset + state.x
         pressing_forces = force[problem.inequality]

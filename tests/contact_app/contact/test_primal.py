@@ -228,7 +228,7 @@ def test_the_cycle_that_has_followed_sets_is_that_of_the_last_one() -> None:
     residuals = np.random.default_rng(0).standard_normal((2, system.size))
 
     def corrections(cycle: CycleOnSets, projector: Projector) -> NDArray[np.float64]:
-        cycle.follow(projector)
+        cycle.adapt_to(projector)
         results = np.empty_like(residuals)
         for residual, result in zip(residuals, results, strict=True):
             cycle.apply(projector.apply_transpose(residual), result)
@@ -257,7 +257,7 @@ def test_the_cycle_goes_on_from_that_of_the_first_set() -> None:
     residual = projector.apply_transpose(np.random.default_rng(0).standard_normal(system.size))
     found = []
     for cycle in (CycleOnSets(system, hierarchy, made), CycleOnSets(system, hierarchy)):
-        cycle.follow(projector)
+        cycle.adapt_to(projector)
         found.append(np.empty(system.size))
         cycle.apply(residual, found[-1])
     begun, fresh = found
@@ -285,13 +285,13 @@ def test_the_cycle_follows_compliances_and_turned_frames() -> None:
     compliance[first + 1] = 10.0 ** draw.uniform(-8.0, -4.0, len(first))
     hierarchy = build_hierarchy(system)
     followed, fresh = CycleOnSets(system, hierarchy), CycleOnSets(system, hierarchy)
-    followed.follow(Projector(system, system.normal))
+    followed.adapt_to(Projector(system, system.normal))
     for _ in range(2):
         angle = draw.uniform(-3.0, 3.0, len(first))
         turned = system.turned(Turn(first, first + 1, np.cos(angle), np.sin(angle)))
         soft = Projector(turned, active[system.rows], compliance[system.rows])
-        followed.follow(soft)
-    fresh.follow(soft)
+        followed.adapt_to(soft)
+    fresh.adapt_to(soft)
     residual = draw.standard_normal(system.size)
     again, expected = np.empty_like(residual), np.empty_like(residual)
     followed.apply(residual, again)
