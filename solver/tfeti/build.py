@@ -24,6 +24,7 @@ from solver.tfeti.free_motions import FreeMotions, LooseBodies
 from solver.tfeti.options import TotalFetiOptions
 from solver.tfeti.row_order import order_rows
 from solver.tfeti.subdomain.classes import (
+    ClassData,
     SubdomainClass,
     subdomain_class,
     unfactored_class,
@@ -227,17 +228,14 @@ def _classes(
         if sharing is not None:
             comm.Allreduce(MPI.IN_PLACE, by_any, op=MPI.LOR)
         node, component = np.nonzero(by_any)
-        data = (
+        data = ClassData(
             group.stiffness, group.points, d, group.nodes[node] * d + component, len(group.bodies),
-            group.eliminated,
+            group.eliminated, group.kernel,
         )  # fmt: skip
         with measure():
             try:
-                classes.append(
-                    subdomain_class(*data, sharing, group.kernel)
-                    if factored
-                    else unfactored_class(*data, group.kernel)
-                )
+                made = subdomain_class(data, sharing) if factored else unfactored_class(data)
+                classes.append(made)
             except (ArithmeticError, ValueError) as error:  # the other ranks go on
                 failed = failed or f"{error}"
     for text in filter(None, comm.allgather(failed)):

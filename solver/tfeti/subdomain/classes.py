@@ -151,122 +151,175 @@ class SubdomainClass:
         return np.searchsorted(self.free, self.interface)
 
 
-def unfactored_class(
-    stiffness: sparse.csr_matrix,
-    points: NDArray[np.float64],
-    dimension: int,
-    touched: NDArray[np.int64],
-    members: int,
-    eliminated: NDArray[np.int64] | None,
-    kernel: NDArray[np.float64] | None = None,
-) -> SubdomainClass:
-    """A class without factor and kernel, for methods that solve for the displacements.
+@dataclass(frozen=True, eq=False)
+class ClassData:
+    """Congruent subdomains, before anything is factored.
 
-    Parameters are those of `subdomain_class`.
+    Attributes
+    ----------
+    stiffness : (n, n)
+        K; unknown ``node * dimension + component``. Without entries for a rigid body, whose free
+        unknowns are its kernel.
+    points : (nodes, 3)
+    touched
+        Unknowns with entries in B in some member.
+    members
+        Number of subdomains.
+    eliminated
+        Held unknowns that are eliminated; None where the members float.
+    kernel : (n, k)
+        Basis of the kernel of K; the rigid motions of the points if None.
+    """
+
+    stiffness: sparse.csr_matrix
+    points: NDArray[np.float64]
+    dimension: int
+    touched: NDArray[np.int64]
+    members: int
+    eliminated: NDArray[np.int64] | None
+    kernel: NDArray[np.float64] | None = None
+
+    @property
+    def is_rigid(self) -> bool:
+        """Whether the subdomains are rigid bodies."""
+        return bool(self.stiffness.nnz == 0)
+
+    @property
+    def every(self) -> NDArray[np.int64]:
+        """All unknowns, (n,)."""
+        return np.arange(self.stiffness.shape[0])
+
+    @property
+    def free(self) -> NDArray[np.int64]:
+        """The unknowns that are not eliminated, (m,)."""
+        if self.eliminated is None:
+            return self.every
+        return np.setdiff1d(self.every, self.eliminated)
+
+    def motions(self) -> NDArray[np.float64]:
+        """Orthonormal basis of the kernel, (n, k).
+
+        Raises
+        ------
+        ValueError
+            The stiffness resists a rigid motion.
+        """
+        if self.kernel is None:
+            basis = orthonormal_kernel(self.points, self.dimension)
+        else:
+            basis = np.linalg.qr(self.kernel)[0]
+        check_kernel(self.stiffness, basis)
+        return basis
+
+
+def unfactored_class(data: ClassData) -> SubdomainClass:
+    """A class without factor and kernel, for methods that solve for the displacements.
 
     Raises
     ------
     ValueError
         The stiffness resists a rigid motion.
     """
-    every = np.arange(stiffness.shape[0])
-    free = every if eliminated is None else np.setdiff1d(every, eliminated)
-    if stiffness.nnz == 0:
+    K, every, free, members = data.stiffness, data.every, data.free, data.members
+    if data.is_rigid:
         unit = np.eye(len(every))
-        return SubdomainClass(stiffness, unit[:, :0], unit, free, every, members, None, None, False)
-    rigid = orthonormal_kernel(points, dimension) if kernel is None else np.linalg.qr(kernel)[0]
-    check_kernel(stiffness, rigid)
-    return SubdomainClass(
-        stiffness, rigid[:, :0], rigid, free, np.unique(touched), members, None, None, False
-    )
+        return SubdomainClass(K, unit[:, :0], unit, free, every, members, None, None, False)
+    rigid, interface = data.motions(), np.unique(data.touched)
+    return SubdomainClass(K, rigid[:, :0], rigid, free, interface, members, None, None, False)
 
 
-def subdomain_class(
-    stiffness: sparse.csr_matrix,
-    points: NDArray[np.float64],
-    dimension: int,
-    touched: NDArray[np.int64],
-    members: int,
-    eliminated: NDArray[np.int64] | None,
-    sharing: MPI.Intracomm | None = None,
-    kernel: NDArray[np.float64] | None = None,
-) -> SubdomainClass:
+@dataclass(frozen=True, eq=False)
+class _Inverse:
+    """A generalised inverse and its class, with the field names of `SubdomainClass`.
+
+    Attributes
+    ----------
+    kind
+        The form in which K⁺ between interface unknowns pays.
+    """
+
+    stiffness: sparse.csr_matrix
+    kernel: NDArray[np.float64]
+    free: NDArray[np.int64]
+    interface: NDArray[np.int64]
+    inverse: GeneralisedInverse | SymmetricInverse
+    kind: BlockKind
+
+
+def subdomain_class(data: ClassData, sharing: MPI.Intracomm | None = None) -> SubdomainClass:
     """Factor the stiffness of a congruence class and choose how K⁺ is applied.
-
-    A stiffness without entries is that of a rigid body, whose free unknowns are its kernel.
 
     Parameters
     ----------
-    stiffness : (n, n)
-        K; unknown ``node * dimension + component``.
-    points : (nodes, 3)
-    touched
-        Unknowns with entries in B in some member. Their mirror images join the interface if the
-        class is symmetric.
-    eliminated
-        Held unknowns that are eliminated; None where the members float.
     sharing
         All ranks, if all build this class now with the same `touched`: they share the work.
-    kernel : (n, k)
-        Basis of the kernel of K; the rigid motions of the points unless given.
 
     Raises
     ------
     ValueError, ArithmeticError
         The stiffness resists a rigid motion, or has further zero-energy modes.
     """
-    if stiffness.nnz == 0:
-        return _rigid_class(stiffness, members, eliminated)
+    if data.is_rigid:
+        return _rigid_class(data)
     # all ranks that share the work decide alike here
-    most = sharing.allreduce(members, op=MPI.MAX) if sharing else members
-    rigid = orthonormal_kernel(points, dimension) if kernel is None else np.linalg.qr(kernel)[0]
-    check_kernel(stiffness, rigid)
-    every = np.arange(stiffness.shape[0])
-    inverse: GeneralisedInverse | SymmetricInverse
-    if eliminated is not None:
-        free = np.setdiff1d(every, eliminated)
-        moves = np.zeros((len(every), 0))
-        inverse = GeneralisedInverse(stiffness[free][:, free], moves[free], every[:0])
-        interface = touched
-        block_kind = choose_block(len(free), len(touched), most, 1, dimension)
+    most = sharing.allreduce(data.members, op=MPI.MAX) if sharing else data.members
+    rigid = data.motions()
+    if data.eliminated is None:
+        inverted = _floating(data, rigid, most, sharing)
     else:
-        free, moves = every, rigid
-        symmetry = None
-        if kernel is None:
-            nodes = fixing_nodes(points, dimension)
-            fixing = (nodes[:, None] * dimension + np.arange(dimension)).ravel()
-            symmetry = find_symmetry(points, dimension, stiffness)
-        else:
-            fixing = fixing_unknowns(rigid)
-        interface = np.unique(touched)
-        if symmetry is not None:
-            interface = symmetry.split(symmetry.closure(touched)).unknowns
-        order = symmetry.order if symmetry else 1
-        block_kind = choose_block(len(free), len(interface), most, order, dimension)
-        if symmetry is None or block_kind is BlockKind.NONE:
-            inverse = GeneralisedInverse(stiffness, moves, fixing)
-        else:
-            stiffness = symmetry.average(stiffness)
-            inverse = SymmetricInverse(stiffness, moves, fixing, symmetry, sharing)
+        inverted = _held(data, most)
     block: Block | None = None
-    if block_kind is not BlockKind.NONE:
-        block = inverse.restricted(np.searchsorted(free, interface))
-        if block_kind is BlockKind.DENSE:
+    if inverted.kind is not BlockKind.NONE:
+        block = inverted.inverse.restricted(np.searchsorted(inverted.free, inverted.interface))
+        if inverted.kind is BlockKind.DENSE:
             block = DenseBlock(block.toarray())
-    relaxes = block is not None and relaxing_pays(len(interface), most, block.order)
+    relaxes = block is not None and relaxing_pays(len(inverted.interface), most, block.order)
     return SubdomainClass(
-        stiffness, moves, rigid, free, interface, members, inverse, block, relaxes
-    )
+        inverted.stiffness, inverted.kernel, rigid, inverted.free, inverted.interface, data.members,
+        inverted.inverse, block, relaxes,
+    )  # fmt: skip
 
 
-def _rigid_class(
-    stiffness: sparse.csr_matrix, members: int, eliminated: NDArray[np.int64] | None
-) -> SubdomainClass:
+def _held(data: ClassData, most: int) -> _Inverse:
+    """The inverse on the unknowns that are not eliminated."""
+    free, moves = data.free, np.zeros((data.stiffness.shape[0], 0))
+    none = data.every[:0]
+    inverse = GeneralisedInverse(data.stiffness[free][:, free], moves[free], none)
+    kind = choose_block(len(free), len(data.touched), most, 1, data.dimension)
+    return _Inverse(data.stiffness, moves, free, data.touched, inverse, kind)
+
+
+def _floating(
+    data: ClassData, rigid: NDArray[np.float64], most: int, sharing: MPI.Intracomm | None
+) -> _Inverse:
+    """The inverse of floating subdomains; mirror images of touched unknowns join the interface."""
+    stiffness, points, d = data.stiffness, data.points, data.dimension
+    symmetry = None
+    if data.kernel is None:
+        nodes = fixing_nodes(points, d)
+        fixing = (nodes[:, None] * d + np.arange(d)).ravel()
+        symmetry = find_symmetry(points, d, stiffness)
+    else:
+        fixing = fixing_unknowns(rigid)
+    interface = np.unique(data.touched)
+    if symmetry is not None:
+        interface = symmetry.split(symmetry.closure(data.touched)).unknowns
+    order = symmetry.order if symmetry else 1
+    kind = choose_block(stiffness.shape[0], len(interface), most, order, d)
+    inverse: GeneralisedInverse | SymmetricInverse
+    if symmetry is None or kind is BlockKind.NONE:
+        inverse = GeneralisedInverse(stiffness, rigid, fixing)
+    else:
+        stiffness = symmetry.average(stiffness)
+        inverse = SymmetricInverse(stiffness, rigid, fixing, symmetry, sharing)
+    return _Inverse(stiffness, rigid, data.every, interface, inverse, kind)
+
+
+def _rigid_class(data: ClassData) -> SubdomainClass:
     """The class of rigid bodies: all unknowns are on the interface, and free ones are kernel."""
-    every = np.arange(stiffness.shape[0])
-    free = every if eliminated is None else np.setdiff1d(every, eliminated)
+    every, free = data.every, data.free
     unit, inverse = np.eye(len(every)), ZeroInverse()
     return SubdomainClass(
-        stiffness, unit[:, free], unit, free, every, members, inverse, inverse.restricted(every),
-        relaxes=True,
+        data.stiffness, unit[:, free], unit, free, every, data.members, inverse,
+        inverse.restricted(every), relaxes=True,
     )  # fmt: skip
