@@ -23,13 +23,12 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from solver.contact.active_set_options import ActiveSetOptions
 from solver.contact.checkpoint import Checkpoint, Saver, without_outer_iterations
 from solver.contact.monitoring import with_bounds
 from solver.contact.options import Method, SolverOptions
-from solver.contact.solution import Solution
+from solver.contact.solution import Guess, Solution
 from solver.contact.stopping import Assess, stopping_rule
 from solver.qp.mprgp import MPRGP
 from solver.qp.result import Monitor, Reason
@@ -79,7 +78,7 @@ def solve(
     monitor: Monitor | None = None,
     checkpoint: Checkpoint | None = None,
     assess: Assess | None = None,
-    start: NDArray[np.float64] | None = None,
+    start: Guess | None = None,
     active_sets: ActiveSetOptions | None = None,
 ) -> Solution:
     """Solve to `options.tolerance`, as the certificate measures it (collective).
@@ -91,8 +90,8 @@ def solve(
         It also holds the final state of the solve for a run that is stopped later.
     assess
         Estimates the errors of an answer; an automatic tolerance needs it.
-    start : (dual,)
-        Initial multipliers; the paper's algorithm ignores them and begins at zero.
+    start
+        Initial guess; the paper's algorithm ignores it and begins at zero.
     active_sets
         Options of the active-set loop.
     """
@@ -116,7 +115,7 @@ def solve(
     return with_least_motion(problem, solution)
 
 
-def _solved(task: Task, method: Method, start: NDArray[np.float64] | None) -> Solution:
+def _solved(task: Task, method: Method, start: Guess | None) -> Solution:
     """The answer of a method (collective)."""
     problem, checkpoint = task.problem, task.checkpoint
     if not problem.factored:
@@ -124,6 +123,7 @@ def _solved(task: Task, method: Method, start: NDArray[np.float64] | None) -> So
 
         restart = checkpoint.load(problem) if checkpoint else None
         return solve_by_multigrid(task, start, restart)
+    multiplier = None if start is None else start.multiplier
     if method == "smalbe":
         if problem.coarse is not None and problem.friction is not None:
             restart = checkpoint.load(problem) if checkpoint else None
@@ -132,11 +132,11 @@ def _solved(task: Task, method: Method, start: NDArray[np.float64] | None) -> So
             return solve_as_in_the_paper(task)
         return replace(solve_by_mprgp(task, None, accelerated=False), method=method)
     if problem.coarse is None or not problem.one_sided:
-        return solve_by_mprgp(task, start)
+        return solve_by_mprgp(task, multiplier)
     restart = checkpoint.load(problem) if checkpoint else None
     if restart is not None and restart.rho:
         return solve_by_smalbe(task, None, restart)
-    outcome, answer = solve_from_first_set(task, restart, Saver(checkpoint), start)
+    outcome, answer = solve_from_first_set(task, restart, Saver(checkpoint), multiplier)
     if answer is not None:
         return answer
     if method == "auto":

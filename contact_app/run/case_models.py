@@ -34,7 +34,7 @@ from contact_app.model.model import Model, build_model, model_of_case, model_of_
 from contact_app.model.outline import Outline, Report, outline_of_case, outline_of_scene
 from contact_app.run.step_equilibrium import leaving_in_step
 from contact_app.scene.scene import Scene
-from solver.contact.solution import Solution
+from solver.contact.solution import Guess, Solution
 from solver.tfeti.constraints.matrix import ConstraintMatrix
 from solver.tfeti.decomposed import SharedPlace
 from solver.tfeti.directions import Directions
@@ -216,8 +216,8 @@ class CaseModels:
             self._directions = None
         self._earlier.append(_Earlier(problem.B, problem.effect_of_loads, solution.multiplier))
 
-    def on(self, model: Model) -> Array | None:
-        """Initial multipliers (dual,); None if no earlier case is near (collective)."""
+    def on(self, model: Model) -> Guess | None:
+        """Initial multipliers; None if no earlier case is near (collective)."""
         comparable = [e for e in self._earlier if e.B is model.problem.B]
         if not comparable:
             return None
@@ -225,7 +225,7 @@ class CaseModels:
         shares = nearest_combination(self._comm.allreduce(vectors @ vectors.T))
         if shares is None:
             return None
-        return np.asarray(shares @ np.array([e.multiplier for e in comparable]))
+        return Guess(shares @ np.array([e.multiplier for e in comparable]))
 
 
 def nearest_combination(products: Array) -> Array | None:

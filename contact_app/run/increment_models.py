@@ -28,6 +28,7 @@ from contact_app.run.case_models import CaseModels
 from contact_app.run.placing import SameRows
 from contact_app.scene.rigid import RigidBodies
 from contact_app.scene.scene import Scene
+from solver.contact.solution import Guess
 from solver.tfeti.derived import beside_moved
 
 Displacements = list[NDArray[np.float64]]
@@ -141,8 +142,9 @@ class IncrementModels:
     def add(self, solved: SolvedScene) -> None:
         """Store an answer: the next increment begins with it."""
         self._last, self._displacements = solved.model.scene, solved.solution.displacements
-        self._rows = SameRows(solved.solution.multiplier)
-        self._models.add(solved.model, solved.solution)
+        self._rows = SameRows(solved.solution)
+        if not self._rough or solved.model.problem.factored:
+            self._models.add(solved.model, solved.solution)
 
     def after(self, scene: Scene | None, displacements: Displacements) -> IncrementModels:
         """Models of the increment that follows another state; these models stay as they are.
@@ -156,7 +158,12 @@ class IncrementModels:
         following._last, following._displacements = scene, displacements
         return following
 
-    def on(self, model: Model) -> NDArray[np.float64] | None:
-        """Initial multipliers (dual,)."""
-        near = self._models.on(model)
+    def on(self, model: Model) -> Guess | None:
+        """Initial guess: a combination of earlier answers, or the last one (collective).
+
+        With friction multigrid begins with the last answer: one to nearly equal loads, which came
+        from the other side, slides the other way.
+        """
+        follows = self._rough and not model.problem.factored
+        near = None if follows else self._models.on(model)
         return near if near is not None or self._rows is None else self._rows.on(model)

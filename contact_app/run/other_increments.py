@@ -87,7 +87,7 @@ def in_twice_the_length(
     problem = _problem_from(models, scene, begin, now)
     if problem is None:
         return None
-    answer = solve(problem, *_loosely(now, monitor), start=now.solution.multiplier)
+    answer = solve(problem, *_loosely(now, monitor), start=now.solution.guess)
     return answer if answer.converged else None
 
 
@@ -117,7 +117,7 @@ def halved(
     problem = _problem_from(models, halfway, first.displacements, now)
     if problem is None:
         return None
-    second = solve(problem, options, limited, start=now.solution.multiplier)
+    second = solve(problem, options, limited, start=now.solution.guess)
     if not second.converged:
         return None
     change = change_to(now, second.multiplier, second.displacements)

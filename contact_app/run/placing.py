@@ -26,6 +26,7 @@ from contact_app.results.rigid import placements_of
 from contact_app.run.summary import warned
 from contact_app.scene.conditions import Contact
 from contact_app.scene.rigid import Placement, RigidBody
+from solver.contact.solution import Guess, Solution
 
 PLACINGS = 20
 """Largest number of new placements of a body.
@@ -48,16 +49,18 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True, eq=False)
 class SameRows:
-    """Initial multipliers from an answer with the same rows, such as to other placements."""
+    """An answer with the same rows, such as to other placements, as initial guess."""
 
-    multiplier: Array
+    answer: Solution
 
-    def on(self, model: Model) -> Array | None:
-        """The multipliers if the number of rows is the same, otherwise None (collective)."""
-        same = model.problem.size == len(self.multiplier)
+    def on(self, model: Model) -> Guess | None:
+        """The answer if the rows and subdomains are the same, otherwise None (collective)."""
+        same = model.problem.size == len(self.answer.multiplier)
+        shapes = [u.shape for u in self.answer.displacements]
+        same &= shapes == [forces.shape for forces in model.problem.forces]
         if not model.comm.allreduce(int(same), op=MPI.MIN):
             return None
-        return self.multiplier
+        return self.answer.guess
 
 
 class Relaxation:

@@ -41,7 +41,7 @@ from contact_app.run.ways import first_certified
 from contact_app.scene.scene import Scene
 from solver import Counts
 from solver.contact.checkpoint import Checkpoint, CheckpointError
-from solver.contact.solution import Solution
+from solver.contact.solution import Guess, Solution
 from solver.driver import solve
 from solver.qp.result import Monitor
 
@@ -59,8 +59,8 @@ The duality gap does not contain it.
 class Start(Protocol):
     """Initial guess from the answer to another scene: on another mesh, or under other loads."""
 
-    def on(self, model: Model) -> NDArray[np.float64] | None:
-        """Initial multipliers (dual,) of a model; None if there are no useful ones (collective)."""
+    def on(self, model: Model) -> Guess | None:
+        """Initial guess for a model; None if there is no useful one (collective)."""
 
 
 class Shared(Protocol):
@@ -179,7 +179,7 @@ def _at_rest(request: _Request) -> SolvedScene:
             log.info("rigid bodies have moved: solving again with new placements")
         places = relaxation.towards(solved.model.scene.placements, places)
         request = replace(
-            request, scene=request.scene.placed(places), start=SameRows(solved.solution.multiplier),
+            request, scene=request.scene.placed(places), start=SameRows(solved.solution),
             checkpoint=None, counts_before=solved.solution.counts, report=None,
         )  # fmt: skip
     return never_placed(solved)

@@ -45,6 +45,7 @@ from contact_app.studies.fused import fused_scene, mesh_of
 from contact_app.studies.last_case import scene_of
 from contact_app.studies.peers import METHODS, solve
 from contact_app.studies.undecomposed import UnsuitableError, WholeSystem, assemble
+from solver.contact.solution import Guess
 from solver.driver import solve as solve_problem
 
 OURS = ("primal", "active-set", "auto")
@@ -89,7 +90,7 @@ def ours(
     }
     if row["used"] == "primal" and not once:
         pressing = np.where(solution.multiplier > 0.0, solution.multiplier, 0.0)
-        again = solve_problem(solved.model.problem, scene.solver, start=pressing)
+        again = solve_problem(solved.model.problem, scene.solver, start=Guess(pressing))
         row["known"] = again.counts.hessian
     return row
 

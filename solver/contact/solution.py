@@ -78,6 +78,22 @@ class Accuracy:
 
 
 @dataclass(frozen=True, eq=False)
+class Guess:
+    """Initial guess of a solve, from answers to nearly equal problems; arrays are local parts.
+
+    Attributes
+    ----------
+    multiplier : (dual,)
+        λ.
+    displacements : one (n, members) array for each class
+        None if they are unknown; methods for multipliers do not need them.
+    """
+
+    multiplier: NDArray[np.float64]
+    displacements: list[NDArray[np.float64]] | None = None
+
+
+@dataclass(frozen=True, eq=False)
 class Solution:
     """An answer with the work of the solver; arrays are local parts.
 
@@ -111,6 +127,11 @@ class Solution:
     accuracy: Accuracy | None = None
     method: str = "direct"
     warm: bool = False
+
+    @property
+    def guess(self) -> Guess:
+        """The initial guess for a nearly equal problem."""
+        return Guess(self.multiplier, self.displacements)
 
     @property
     def converged(self) -> bool:

@@ -14,7 +14,7 @@ from solver.contact.active_set import Start
 from solver.contact.checkpoint import Saver
 from solver.contact.law import ContactLaw
 from solver.contact.retries import solve_with_retries
-from solver.contact.solution import Solution
+from solver.contact.solution import Guess, Solution
 from solver.contact.solve_on_set import Outcome
 from solver.contact.stopping import CertificateTest, StoppingRule
 from solver.primal.augmented import AugmentedLagrangian
@@ -58,7 +58,7 @@ tries eight sets on all rows, and 34 with levels.
 
 def solve_by_multigrid(
     task: Task,
-    guess: NDArray[np.float64] | None,
+    guess: Guess | None,
     restart: Restart | None,
     factors: FactorOptions | None = None,
 ) -> Solution:
@@ -68,8 +68,8 @@ def solve_by_multigrid(
 
     Parameters
     ----------
-    guess : (dual,)
-        Multipliers of a nearly equal problem.
+    guess
+        The answer to a nearly equal problem.
     restart
         State of an interrupted solve.
     factors
@@ -94,7 +94,7 @@ def solve_by_multigrid(
 
 def _solve(
     task: Task,
-    guess: NDArray[np.float64] | None,
+    guess: Guess | None,
     restart: Restart | None,
     factors: FactorOptions | None,
 ) -> Solution:
@@ -122,13 +122,15 @@ def _solve(
     if restart is not None:
         active = problem.inequality & (restart.multiplier > 0.5)
     elif guess is not None:
-        active = problem.inequality & (guess > 0.0)
+        active = problem.inequality & (guess.multiplier > 0.0)
+        if guess.displacements is not None:
+            backend.begin_at(backend.system.from_subdomains(guess.displacements))
     else:
         first = backend.first_set()
         backend.begin_at(first.u)
         active = backend.closed_in(first)
         statuses = _statuses_of(backend, method.law, first, active)
-    near = restart.x if restart is not None else guess
+    near = restart.x if restart is not None else guess.multiplier if guess is not None else None
     start = Start(active, None if frictionless else near, statuses=statuses)
     outcome = solve_with_retries(method, start)
     if outcome.reason is None:

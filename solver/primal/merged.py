@@ -184,6 +184,14 @@ class MergedSystem:
             here += _summed(values, at, self.nodes, d)
         return _to_owners(self.comm, self.scatter, here, self.size)
 
+    def from_subdomains(self, parts: Sequence[Array]) -> Array:
+        """Mean over the copies of displacements (n, members) of each class, (unknowns,).
+
+        Held unknowns have their displacement under the loads of this problem (collective).
+        """
+        copies = self.summed([np.ones_like(values) for values in parts])
+        return np.where(self.held, self.at_rest, self.summed(parts) / copies)
+
     def at_copies(self, values: Array) -> Array:
         """Values of owned unknowns at this rank's distinct nodes (collective)."""
         total = len(self.nodes.numbers) * self.problem.dimension

@@ -30,6 +30,7 @@ from contact_app.model.model import Model
 from contact_app.results.pressure import boundary_shares
 from contact_app.results.surface_nodes import SurfaceNodes
 from meshes import Subdomain
+from solver.contact.solution import Guess
 from solver.tfeti.dual_operator import interface_slices
 
 Array = NDArray[np.float64]
@@ -70,8 +71,8 @@ class LastLevel:
             PointValues(model, [np.concatenate(v, axis=2) for v in zip(*parts, strict=True)])
         )
 
-    def on(self, model: Model) -> Array:
-        """Multipliers on another mesh of the scene, (dual,); none is tensile."""
+    def on(self, model: Model) -> Guess:
+        """Multipliers on another mesh of the scene; none is tensile."""
         problem, contact = model.problem, model.problem.contact
         multiplier = np.zeros(problem.size)
         if problem.coarse is not None:
@@ -87,7 +88,7 @@ class LastLevel:
             rows, place = friction.rows, friction.places(contact)
             along = np.einsum("ki,ki->k", at[place, -2 - 2 * d : -2 - d], rows.normals[:, :d])
             multiplier[problem.tangential] = along * areas[place] / rows.spread
-        return multiplier
+        return Guess(multiplier)
 
     def _forces(self, model: Model) -> Array:
         """Bᵀ λ of gluing and held rows, an interface vector."""

@@ -67,7 +67,7 @@ def test_a_level_begins_with_the_answer_of_the_last(cell: str, subdomains: Any) 
 def start_error(coarse: SolvedScene, fine: SolvedScene) -> float:
     """Error in energy norm of the multipliers a mesh begins with, over the norm of its answer."""
     problem, exact = fine.model.problem, fine.solution.multiplier
-    start = LastLevel.of(coarse).on(fine.model)
+    start = LastLevel.of(coarse).on(fine.model).multiplier
     assert problem.coarse is not None
     missing, change = np.empty_like(problem.e), np.empty(problem.size)
     problem.coarse.restrict(start, missing)

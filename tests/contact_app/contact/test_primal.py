@@ -156,7 +156,7 @@ def test_a_begun_solve_goes_on_from_contact_forces() -> None:
     )
     problem = build_model(scene, MPI.COMM_SELF).problem
     cold = solve_problem(problem, scene.solver)
-    warm = solve_problem(problem, scene.solver, start=cold.multiplier)
+    warm = solve_problem(problem, scene.solver, start=cold.guess)
     assert cold.converged
     assert warm.converged
     touching = problem.inequality & (cold.multiplier > 1e-9 * np.abs(cold.multiplier).max())

@@ -12,6 +12,7 @@ import contact_app
 from contact_app.model.model import build_model
 from contact_app.run.case_models import nearest_combination
 from contact_app.run.cases import solved_cases
+from solver.contact.solution import Guess
 from solver.contact.stopping import StoppingRule
 from solver.primal.by_active_sets import solve_by_multigrid
 from solver.qp.mprgp import MPRGP
@@ -110,7 +111,7 @@ def test_loads_away_from_contact_have_an_effect_without_factors() -> None:
 def test_a_guess_that_holds_no_body_is_dropped() -> None:
     problem = build_model(scenes.build(on_a_block(False, {})), MPI.COMM_SELF).problem
     task = Task(problem, StoppingRule(1e-6), MPRGP(rtol=1e-8, max_iterations=2000))
-    found = solve_by_multigrid(task, np.zeros(problem.size), None)
+    found = solve_by_multigrid(task, Guess(np.zeros(problem.size)), None)
     assert found.converged
     assert (found.multiplier[problem.inequality] > 0.0).all()
 
