@@ -303,9 +303,9 @@ class Multipliers:
 
 def _on_facets(pairs: Overlaps, facets: int, values: NDArray[np.float64]) -> NDArray[np.float64]:
     """Sums of values (pairs, …) over the overlaps of each `on` facet, (facets, …)."""
-    total = np.zeros((facets, *values.shape[1:]))
-    np.add.at(total, pairs.i, values)
-    return total
+    count = len(values)
+    pick = sparse.csr_matrix((np.ones(count), (pairs.i, np.arange(count))), shape=(facets, count))
+    return np.asarray(pick @ values.reshape(count, -1)).reshape(facets, *values.shape[1:])
 
 
 def _dual_of_second_order(

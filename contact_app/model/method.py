@@ -70,9 +70,6 @@ LEAST_ALONE, LEAST_OF_SEVERAL = 10_000, 40_000
 """Unknowns of bodies from mesh files, one or several, from which on multigrid is used; with
 friction the first for several bodies, too."""
 
-COMPRESSIBLE = 0.45
-"""Poisson's ratio up to which smoothed aggregation works well."""
-
 LARGEST_THIN = {2: 500_000, 3: 60_000}
 """Unknowns up to which factors of thin scenes are inexpensive, by dimension."""
 
@@ -121,8 +118,7 @@ def with_chosen_method(scene: Scene) -> Scene:
         return scene
     least = LEAST_ALONE if alone or scene.has_friction else LEAST_OF_SEVERAL
     congruent = any(body.mesh.congruent for body in bodies)
-    soft = any(m.poisson > COMPRESSIBLE for body in bodies for m in body.materials)
-    if scene.dimension == 2 or scene.unknowns < least or congruent or soft:
+    if scene.dimension == 2 or scene.unknowns < least or congruent:
         return scene
     if alone and may_peel(scene):
         return scene
@@ -184,8 +180,6 @@ def why_total_feti(scene: Scene) -> str:
         return "congruent subdomains of boxes share a factor"
     if scene.dimension == 2:
         return "in the plane subdomains have cheap factors"
-    if any(m.poisson > COMPRESSIBLE for body in bodies for m in body.materials):
-        return f"multigrid converges slowly for Poisson's ratios above {COMPRESSIBLE}"
     if _friction_is_faster_decomposed(scene):
         return "with friction it is faster on thin bodies"
     return "multigrid does not pay on so few unknowns"

@@ -9,7 +9,7 @@ instance of sliding points, are loads; rows with a compliance are springs (`solv
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from mpi4py import MPI
@@ -130,6 +130,7 @@ class Multigrid:
         self.direct = self.matrices.direct
         self.begin_at(self.system.at_rest)
         self._cycle: Cycle | CycleOnSets | None = None
+        self._first_set: FirstSet | None = None
         self._held = HeldEnergy(self.system)
         self.smallest_eigenvalue = UNKNOWN
 
@@ -162,11 +163,13 @@ class Multigrid:
         """Contact on coarse levels; all rows if a constraint hierarchy applies (collective)."""
         if self.matrices.peels:
             return FirstSet(np.ones(len(self.system.rows), bool), self.u)
-        first_set = find_first_set(self.system, self.matrices.hierarchy)
-        if self._cycle is None and first_set.cycle is not None and not self.direct:
-            self._cycle = CycleOnSets(self.system, self.matrices.hierarchy, first_set.cycle)
-        self.release()
-        return first_set
+        if self._first_set is None:
+            first = find_first_set(self.system, self.matrices.hierarchy)
+            if self._cycle is None and first.cycle is not None and not self.direct:
+                self._cycle = CycleOnSets(self.system, self.matrices.hierarchy, first.cycle)
+            self._first_set = replace(first, cycle=None)  # the cycle changes with the sets
+            self.release()
+        return self._first_set
 
     def estimated_contact(self) -> Mask:
         """Contact rows (dual,) that close on coarse levels (collective).
@@ -414,8 +417,7 @@ class PrimalSet:
         backend, system, r = self._backend, self._system, residual[0]
         problem, turn = system.problem, self.statuses.turn
         jumps = multiply(system.C, u) - system.c
-        moved = np.zeros(problem.bodies.count)
-        np.maximum.at(moved, system.body, np.abs(u))
+        moved = system.largest_in_bodies(u)
         lengths = body_lengths(problem.bodies, largest(system.comm, moved), problem.free_lengths)
         forces, distances = system.on_all_rows(multiplier), system.on_all_rows(jumps)
         square = self._error_square(*residual)

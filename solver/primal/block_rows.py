@@ -124,6 +124,7 @@ class BlockRows:
 
     def to_petsc(self) -> PETSc.Mat:
         """The matrix for PETSc, in single entries (collective)."""
+        self.local.sort_indices()  # fewer numbers than those of single entries
         rows = self.local.tocsr()
         rows.sort_indices()
         sizes = [

@@ -135,7 +135,8 @@ class CycleOnSets:
     ) -> None:
         K, self._P = hierarchy.operators[0], hierarchy.prolongations[0]
         self._K = in_blocks(K)
-        self._smoother = Smoother(self._K, system.flexibility, hierarchy.options.smoothing)
+        steps = hierarchy.options.smoothing
+        self._smoother = Smoother(self._K, system.flexibility, hierarchy.largest, steps)
         self._prolongations = hierarchy.prolongations[1:]
         self._options = hierarchy.options
         self._unturned = self._system = system

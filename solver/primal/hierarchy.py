@@ -58,11 +58,14 @@ class Hierarchy:
         Entry k maps level k + 1 to level k; level 0 is the finest.
     operators
         Stiffness of each level, K first.
+    largest
+        Estimate of the largest eigenvalue of D⁻¹ K; zero where K is the only level.
     """
 
     prolongations: tuple[PETSc.Mat, ...]
     operators: tuple[PETSc.Mat, ...]
     options: MultigridOptions
+    largest: float = 0.0
 
 
 def no_hierarchy(system: MergedSystem) -> Hierarchy:
@@ -84,11 +87,11 @@ def build_hierarchy(system: MergedSystem, options: MultigridOptions | None = Non
         top = A.to_petsc()
     prolongations, operators = [], [top]
     motions = rigid.reshape(-1, d, rigid.shape[1])
-    aggressive = options.aggressive
+    aggressive, eigenvalues = options.aggressive, list[float]()
     while operators[-1].getSize()[0] > options.smallest:
         operator = in_blocks(K) if operators[-1] is K else operators[-1]
-        largest = largest_eigenvalue(operator, _flexibility(operator))
-        level = coarsened(A, motions, largest, options.threshold, aggressive > 0)
+        eigenvalues.append(largest_eigenvalue(operator, _flexibility(operator)))
+        level = coarsened(A, motions, eigenvalues[-1], options.threshold, aggressive > 0)
         if level is None:
             break
         A, motions = A.galerkin(level.P), level.rigid
@@ -97,7 +100,8 @@ def build_hierarchy(system: MergedSystem, options: MultigridOptions | None = Non
         operators.append(A.to_petsc())
     if vertices is not None:
         prolongations, operators = [vertices.P, *prolongations], [K, *operators]
-    return Hierarchy(tuple(prolongations), tuple(operators), options)
+        eigenvalues.insert(0, largest_eigenvalue(in_blocks(K), _flexibility(K)))
+    return Hierarchy(tuple(prolongations), tuple(operators), options, (eigenvalues or [0.0])[0])
 
 
 def _flexibility(operator: PETSc.Mat) -> NDArray[np.float64]:

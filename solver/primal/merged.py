@@ -127,6 +127,17 @@ class MergedSystem:
         """Whether any rank has unknowns of rigid bodies (collective at the first call)."""
         return bool(self.comm.allreduce(int(self.stiffless.any())))
 
+    @cached_property
+    def _of_bodies(self) -> list[NDArray[np.int64]]:
+        """The unknowns of each body."""
+        order = np.argsort(self.body, kind="stable")
+        ends = np.searchsorted(self.body[order], np.arange(1, self.problem.bodies.count))
+        return np.split(order, ends)
+
+    def largest_in_bodies(self, u: Array) -> Array:
+        """Largest magnitude of u (unknowns,) in each body on this rank, (bodies,)."""
+        return np.array([np.abs(u[of_body]).max(initial=0.0) for of_body in self._of_bodies])
+
     @property
     def at_rest(self) -> Array:
         """The displacements of held unknowns, zero elsewhere, (unknowns,)."""

@@ -14,7 +14,6 @@ import numpy as np
 from numpy.typing import NDArray
 from petsc4py import PETSc
 
-from solver.primal.lanczos import largest_eigenvalue
 from solver.primal.products import multiply
 from solver.primal.projector import Projector
 
@@ -33,13 +32,15 @@ class Smoother:
         Stiffness, for products.
     flexibility : (unknowns,)
         D⁻¹.
+    largest
+        Estimate of the largest eigenvalue of D⁻¹ K.
     steps
         Of Chebyshev's iteration.
     """
 
-    def __init__(self, K: PETSc.Mat, flexibility: Array, steps: int) -> None:
+    def __init__(self, K: PETSc.Mat, flexibility: Array, largest: float, steps: int) -> None:
         self._K, self._flexibility, self._steps = K, flexibility, steps
-        lower, upper = largest_eigenvalue(K, flexibility) * np.array(INTERVAL)
+        lower, upper = largest * np.array(INTERVAL)
         self._middle, self._half = 0.5 * float(upper + lower), 0.5 * float(upper - lower)
 
     def begin(self, residual: Array, projector: Projector) -> Array:

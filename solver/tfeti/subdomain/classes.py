@@ -86,7 +86,7 @@ class SubdomainClass:
         """Whether the members are rigid bodies, without any stiffness."""
         return self.stiffness.nnz == 0
 
-    @property
+    @cached_property
     def resistance(self) -> NDArray[np.float64]:
         """Diagonal of K, (n,); infinite for rigid bodies, which no force strains."""
         if self.rigid:

@@ -136,6 +136,16 @@ def test_bodies_of_mesh_files_take_multigrid_in_both_degrees(degree: int) -> Non
     assert with_chosen_method(tied).solver.method == "primal"
 
 
+@pytest.mark.parametrize("poisson", [0.49, 0.4999])
+def test_rubber_takes_multigrid(poisson: float) -> None:
+    """Total FETI takes two to eight times the seconds there."""
+    scene = pillow_block(1)
+    body = scene.bodies[0]
+    rubber = tuple(replace(material, poisson=poisson) for material in body.materials)
+    soft = replace(scene, bodies=(replace(body, materials=rubber),))
+    assert with_chosen_method(soft).solver.method == "primal"
+
+
 def bimetal_strip(length: float = 30.0) -> scenes.Config:
     """Two tied layers of thickness one, clamped at one end and heated."""
     bodies = [
