@@ -9,6 +9,7 @@ from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from contact_app.errors import ConfigurationError
 from contact_app.machine.memory import needed_bytes
 from contact_app.scene.bodies import CELLS, MOTION_NAMES, Body, BodyMesh, Box
 from contact_app.scene.expressions import Expression, ExpressionError
@@ -49,10 +50,9 @@ def read_bodies(keys: Keys) -> tuple[Body, ...]:
                 ("bodies", i, "name"),
                 f"is {body.name!r}; a letter or _ first, then letters, digits, _ and - are allowed",
             )
-    read = _reading_once()
-    bodies = tuple(
-        _body(keys, i, body, read) for i, body in enumerate(entries) if isinstance(body, c.Body)
-    )
+    elastic = {i: body for i, body in enumerate(entries) if isinstance(body, c.Body)}
+    meshes = _meshes(keys, elastic)
+    bodies = tuple(_body(keys, i, body, meshes[i]) for i, body in elastic.items())
     names = [body.name for body in entries]
     for i, name in enumerate(names):
         if name in names[:i]:
@@ -74,12 +74,46 @@ def _reading_once() -> Read:
     return read
 
 
-def _body(keys: Keys, i: int, body: c.Body, read: Read) -> Body:
-    """A body as resolved from its keys, its mesh read."""
+def _meshes(keys: Keys, bodies: dict[int, c.Body]) -> dict[int, BodyMesh]:
+    """The mesh of each body (collective).
+
+    Ranks share the checks of each mesh, or the bodies if there are enough: then no part of reading
+    is done twice.
+    """
+    read, comm = _reading_once(), keys.comm
+    files = [i for i, body in bodies.items() if body.mesh.file is not None]
+    if comm is None or not 1 < comm.size <= len(files):
+        return {i: _mesh_of(keys, i, body, read) for i, body in bodies.items()}
+    alone = Keys(keys.configuration, keys.memory)
+    of_rank: dict[int, BodyMesh | ConfigurationError] = {}
+    for i in files[comm.rank :: comm.size]:
+        try:
+            of_rank[i] = _mesh_of(alone, i, bodies[i], read)
+        except ConfigurationError as error:
+            of_rank[i] = error
+    meshes: dict[int, BodyMesh] = {}
+    for i, body in bodies.items():
+        if i not in files:
+            meshes[i] = _mesh_of(keys, i, body, read)
+            continue
+        result = comm.bcast(of_rank.get(i), root=files.index(i) % comm.size)
+        if isinstance(result, ConfigurationError):
+            raise result
+        meshes[i] = result
+    return meshes
+
+
+def _mesh_of(keys: Keys, i: int, body: c.Body, read: Read) -> BodyMesh:
+    """The mesh of a body."""
     path: Place = ("bodies", i)
     if body.degree not in (1, 2):
         keys.fail((*path, "degree"), f"is {body.degree}; 1 or 2 is allowed")
-    mesh = _mesh(keys, body.mesh, body.degree, (*path, "mesh"), read)
+    return _mesh(keys, body.mesh, body.degree, (*path, "mesh"), read)
+
+
+def _body(keys: Keys, i: int, body: c.Body, mesh: BodyMesh) -> Body:
+    """A body as resolved from its keys and its mesh."""
+    path: Place = ("bodies", i)
     materials, mesh = _materials(keys, body, mesh, (*path, "material"))
     if body.mean_dilatation:
         _check_mean_dilatation(keys, body, mesh.cell, (*path, "mean_dilatation"))
