@@ -97,32 +97,16 @@ class Symmetry:
         fixed = self.images[:, first] == first
         # elements that leave an unknown in place, and the signs of all elements, as bits
         bits = 1 << np.arange(self.order)
-        kind = np.stack([bits @ fixed, bits @ (self.signs[:, first] > 0)], axis=1)
-        families = []
-        for kinds in np.unique(kind, axis=0):
-            firsts = first[(kind == kinds).all(axis=1)]
-            families.append(self._family(firsts))
+        kind = (bits @ fixed << self.order) + bits @ (self.signs[:, first] > 0)
+        families = [self._family(first[kind == one]) for one in np.unique(kind)]
         families.sort(key=lambda family: len(family.unknowns))
         return Split(tuple(families), self.order)
 
     def _family(self, first: NDArray[np.int64]) -> Family:
         """Orbits on which the group acts alike, from their first unknowns."""
-        one, elements = first[0], range(self.order)
-        stays = [h for h in elements if self.images[h, one] == one]
-        moves: list[int] = []  # a basis of the quotient group
-        reached = set(stays)
-        for h in elements:
-            if h not in reached:
-                moves.append(h)
-                reached |= {h ^ g for g in reached}
-        cosets = [0]
-        for h in moves:
-            cosets += [h ^ g for g in cosets]
-        # of the characters that are 1 on the elements that stay: their signs on the basis
-        negative = (_characters(self.order) * self.signs[:, one]) < 0
-        unchanged = np.flatnonzero(~negative[:, stays].any(axis=1))
-        characters = np.empty(len(cosets), np.int64)
-        characters[negative[unchanged][:, moves] @ (1 << np.arange(len(moves)))] = unchanged
+        one = first[0]
+        stays = tuple((self.images[:, one] == one).tolist())
+        cosets, characters = _action(stays, tuple(self.signs[:, one].tolist()))
         return Family(self.images[cosets][:, first], characters)
 
 
@@ -234,10 +218,9 @@ class Split:
         parts: list[list[NDArray[np.int64]]] = [[] for _ in range(self.order)]
         for family in self.families:
             first = family.unknowns[0]
+            part = np.stack([first, np.full_like(first, len(family.unknowns))])
             for character in family.characters:
-                parts[character].append(
-                    np.stack([first, np.full_like(first, len(family.unknowns))])
-                )
+                parts[character].append(part)
         return [np.concatenate([np.zeros((2, 0), np.int64), *p], axis=1) for p in parts]
 
     def bases(self, size: int) -> list[sparse.csc_matrix]:
@@ -332,6 +315,34 @@ def find_symmetry(
         images += [image[earlier] for earlier in images]
         signs += [before * sign[earlier] for earlier, before in zip(images, signs, strict=False)]
     return Symmetry(np.array(images), np.array(signs), dimension)
+
+
+@cache
+def _action(stays: tuple[bool, ...], signs: tuple[int, ...]) -> tuple[list[int], NDArray[np.int64]]:
+    """How a group acts on an unknown: the images of an orbit, and the characters of its sums.
+
+    Parameters
+    ----------
+    stays, signs
+        For each element, whether it leaves the unknown in place, and the sign of the image.
+    """
+    elements = range(len(stays))
+    fixing = [h for h in elements if stays[h]]
+    moves: list[int] = []  # a basis of the quotient group
+    reached = set(fixing)
+    for h in elements:
+        if h not in reached:
+            moves.append(h)
+            reached |= {h ^ g for g in reached}
+    cosets = [0]
+    for h in moves:
+        cosets += [h ^ g for g in cosets]
+    # of the characters that are 1 on the elements that stay: their signs on the basis
+    negative = (_characters(len(stays)) * np.array(signs)) < 0
+    unchanged = np.flatnonzero(~negative[:, fixing].any(axis=1))
+    characters = np.empty(len(cosets), np.int64)
+    characters[negative[unchanged][:, moves] @ (1 << np.arange(len(moves)))] = unchanged
+    return cosets, characters
 
 
 @cache
