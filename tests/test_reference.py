@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 import scipy.sparse as sp
 
-from tests import extended, reference, scenes
+from tests import reference, scenes
 
 
 def test_every_scene_is_a_contact_problem() -> None:
@@ -65,20 +65,3 @@ def test_refuses_a_held_node_inside_an_obstacle() -> None:
     made["contacts"][0]["obstacle"] = scenes.plane("hexahedron", (0.9, 0, 0), (-1, 0, 0))
     with pytest.raises(reference.ReferenceError, match="penetrates"):
         reference.solve(scenes.build(made))
-
-
-def test_extended_precision_agrees_with_the_reference() -> None:
-    """A well-conditioned programme: the same minimiser by both, from any start."""
-    rng = np.random.default_rng(5)
-    n, rows = 30, 12
-    root = rng.standard_normal((n, n))
-    K, B = sp.csr_matrix(root @ root.T + n * np.eye(n)), sp.csr_matrix(rng.random((rows, n)))
-    load, gap = 50.0 * rng.random(n), rng.random(rows)
-    known = reference.minimise(K, load, B, gap, 1.0)[0]
-    assert ((B @ known - gap) > -1e-9).sum() >= 1
-    for near in (np.zeros(n), known):
-        found = extended.minimise(K, load, B, gap, near)
-        assert found is not None
-        np.testing.assert_allclose(found.astype(float), known, atol=1e-8 * np.abs(known).max())
-    floating = sp.csr_matrix(np.array([[1.0, -1.0], [-1.0, 1.0]]))
-    assert extended.minimise(floating, load[:2], B[:, :2], gap, np.zeros(2)) is None

@@ -16,14 +16,11 @@ import scipy.sparse as sp
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
-from tests import extended, reference
+from tests import reference
 from tests.stability.polish import polish
 
 REFERENCE = 1e-7
 """Relative residual of the optimality conditions that the reference may leave here."""
-
-EXTENDED = 1500
-"""Unknowns of a body up to which extended precision decides where the reference fails."""
 
 IDLE = 1e-3
 """Load of a body over that of its group below which its strains need fewer digits: the answer's
@@ -162,7 +159,7 @@ def solve(
 ) -> Known:
     """Solve group by group.
 
-    Groups on which the reference fails in double precision are solved in extended precision,
+    Groups on which the reference fails are solved with residuals in extended precision (`polish`),
     beginning with what is closed in `near`.
 
     Raises
@@ -202,8 +199,6 @@ def _solve_group(
             raise
         start = (near[dofs] - moved)[~held]
         exact = polish(*programme, _pressing(programme, start))
-        if exact is None and len(start) <= EXTENDED:
-            exact = extended.minimise(*programme, start)
         if exact is None:
             raise
         v[~held] = exact
