@@ -249,12 +249,7 @@ def holding(
     """
     d, m, comm = subdomains.dimension, MOTIONS[subdomains.dimension], subdomains.comm
     held, contact, groups = rows.held, rows.contact, rows.groups
-    work, scale = np.zeros((bodies.count, m)), np.zeros(bodies.count)
-    for number, (f, body) in enumerate(zip(loads, bodies.of_subdomain, strict=True)):
-        points = subdomains.points[subdomains.copies(number)]
-        work[body] += f @ bodies.motions(int(body), points, d).reshape(len(f), m)
-        scale[body] += np.abs(f).sum()
-    work, scale = comm.allreduce(work), comm.allreduce(scale)
+    work, scale = _work_of_loads(subdomains, bodies, loads)
     springs = resisted(subdomains, bodies, stiffness)
     body_of_held = bodies.of_node[held.nodes - exchange.first]
     seen = contact_motions(bodies, exchange, contact, d)
@@ -297,6 +292,23 @@ def holding(
             [b.loose for b in every], [b.allowed for b in every], bodies.centres, bodies.lengths
         ),
     )
+
+
+def _work_of_loads(
+    subdomains: Subdomains, bodies: Bodies, loads: list[Array]
+) -> tuple[Array, Array]:
+    """Work of the loads in each rigid motion of each body, and their sizes (collective).
+
+    (bodies, motions) and (bodies,).
+    """
+    d, m, comm = subdomains.dimension, MOTIONS[subdomains.dimension], subdomains.comm
+    work, scale = np.zeros((bodies.count, m)), np.zeros(bodies.count)
+    for number, (f, body) in enumerate(zip(loads, bodies.of_subdomain, strict=True)):
+        points = subdomains.points[subdomains.copies(number)]
+        work[body] += f @ bodies.motions(int(body), points, d).reshape(len(f), m)
+        scale[body] += np.abs(f).sum()
+    work, scale = comm.allreduce(work), comm.allreduce(scale)
+    return work, scale
 
 
 def _moved_by_contact(

@@ -57,25 +57,14 @@ def body_balances(
         Held nodes and tied rows that this rank owns.
     """
     held, tied = holding
-    d, comm, partition = geometry.dimension, geometry.comm, geometry.partition
-    rigid, elastic = RigidUnknowns.of(geometry), len(scene.bodies)
-    count = elastic + rigid.count
-    work, scale = np.zeros((count, MOTIONS[d])), np.zeros(count)
-    for s, load in zip(partition.subdomains, loads, strict=True):
-        if load is not None:
-            motions = rigid_motions(s.points(), d, *body_frame(scene.bodies[s.body]))
-            work[s.body] += load @ motions.reshape(len(load), -1)
-            scale[s.body] += np.abs(load).sum()
-    work, scale = comm.allreduce(work), comm.allreduce(scale)
-    for nth in range(rigid.count):
-        work[elastic + nth] = rigid.loads(nth)
-        scale[elastic + nth] = np.abs(work[elastic + nth]).sum()
+    d, comm, elastic = geometry.dimension, geometry.comm, len(scene.bodies)
+    work, scale = _work_of_loads(geometry, loads)
     touching, joined = (contact_motions(geometry, rows) for rows in (contact, tied))
     points = None
     if friction is not None:
         slips = contact_motions(geometry, friction.rows)
         points = ContactPoints(friction, friction.places(contact), slips)
-    balances: list[BodyBalance | None] = [None] * count
+    balances: list[BodyBalance | None] = [None] * len(work)
     for group in groups_in_contact(geometry, scene.touching, scene.all_ties):
         held_rows, requested = _holding(geometry, held, group)
         columns = (group[:, None] * MOTIONS[d] + np.arange(MOTIONS[d])).ravel()
@@ -103,6 +92,27 @@ def body_balances(
         for b, of_body in zip(group, rows.balances(comm, state, group < elastic), strict=True):
             balances[b] = of_body
     return [b for b in balances if b is not None]
+
+
+def _work_of_loads(geometry: Geometry, loads: Iterable[Array | None]) -> tuple[Array, Array]:
+    """Work of the loads in each rigid motion of each body, and their sizes (collective).
+
+    (bodies, motions) and (bodies,), elastic bodies first, then moving rigid ones.
+    """
+    d, comm, partition = geometry.dimension, geometry.comm, geometry.partition
+    rigid, elastic = RigidUnknowns.of(geometry), len(geometry.bodies)
+    count = elastic + rigid.count
+    work, scale = np.zeros((count, MOTIONS[d])), np.zeros(count)
+    for s, load in zip(partition.subdomains, loads, strict=True):
+        if load is not None:
+            motions = rigid_motions(s.points(), d, *body_frame(geometry.bodies[s.body]))
+            work[s.body] += load @ motions.reshape(len(load), -1)
+            scale[s.body] += np.abs(load).sum()
+    work, scale = comm.allreduce(work), comm.allreduce(scale)
+    for nth in range(rigid.count):
+        work[elastic + nth] = rigid.loads(nth)
+        scale[elastic + nth] = np.abs(work[elastic + nth]).sum()
+    return work, scale
 
 
 def _no_equilibrium(
