@@ -49,15 +49,58 @@ def test_polygons_press_as_circles(straight: SolvedScene, smooth: SolvedScene) -
     assert smooth.summary["certificate"]["passed"]
 
 
+def line(places: np.ndarray) -> tuple[Surface, np.ndarray]:
+    """Lines between places on the x axis, and the integrals of their shape functions."""
+    points = np.stack([places, 0.0 * places, 0.0 * places], axis=1)
+    nodes = np.stack([np.arange(len(places) - 1), np.arange(1, len(places))], axis=1)
+    inside = points[nodes].mean(axis=1) - [0.0, 1.0, 0.0]
+    lengths = np.diff(places)
+    shares = 0.5 * (np.append(lengths, 0.0) + np.insert(lengths, 0, 0.0))
+    return Surface.of(2, nodes, points[nodes], inside), shares
+
+
+def smoothed(side: Surface, pressure: np.ndarray, shares: np.ndarray) -> np.ndarray:
+    samples = np.arange(len(pressure)), pressure, shares, np.ones(len(pressure))
+    return smoothed_on(MPI.COMM_SELF, [side], samples, len(pressure))
+
+
 def test_a_pressure_that_rises_towards_an_end_stays() -> None:
-    """A linear pressure is met by the linear fit, also where nodes lie on one side alone."""
-    points = np.array([[0.1 * i, 0.0, 0.0] for i in range(11)])
-    nodes = np.array([[i, i + 1] for i in range(10)])
-    side = Surface.of(2, nodes, points[nodes], np.tile([0.5, -1.0, 0.0], (10, 1)))
-    pressure, shares = 1.0 + points[:, 0], np.full(11, 0.1)
-    shares[[0, -1]] = 0.05
-    known = np.arange(11), pressure, shares, np.ones(11)
-    np.testing.assert_allclose(smoothed_on(MPI.COMM_SELF, [side], known, 11), pressure, rtol=1e-9)
+    """The square of a linear pressure is quadratic, also where nodes lie on one side alone."""
+    side, shares = line(0.1 * np.arange(11))
+    pressure = 1.0 + side.points[:, 0, 0].max() * np.linspace(0.0, 1.0, 11)
+    np.testing.assert_allclose(smoothed(side, pressure, shares), pressure, rtol=1e-3)
+
+
+@pytest.mark.parametrize("across", [4, 6, 8])
+def test_hertz_pressure_stays(across: int) -> None:
+    """An ellipse on facets of random lengths: its peak, and the fall at the edge."""
+    random = np.random.default_rng(across)
+    side, shares = line(np.cumsum(random.uniform(0.7, 1.3, 40)) - 20.0)
+    x = np.append(side.points[:, 0, 0], side.points[:, 1, 0].max())
+    x = np.sort(x)
+    pressure = np.sqrt(np.maximum(1.0 - (2.0 * x / across) ** 2, 0.0))
+    np.testing.assert_allclose(smoothed(side, pressure, shares), pressure, atol=0.02)
+
+
+@pytest.mark.parametrize("share", [0.2, 1.0])
+def test_alternating_pressures_are_averaged(share: float) -> None:
+    """Between every other node and the next the pressure varies, or single nodes are open."""
+    side, shares = line(np.arange(41.0))
+    pressure = 1.0 + share * (-1.0) ** np.arange(41)
+    inside = smoothed(side, pressure, shares)[5:-5]
+    np.testing.assert_allclose(inside, 1.0, atol=0.35 * share)
+
+
+def test_a_singular_edge_stays_away_from_other_nodes() -> None:
+    """The pressure of a flat punch: the smoothed one is positive, and right amid it to 8 %."""
+    side, shares = line(np.linspace(-1.0, 1.0, 17))
+    x = np.linspace(-1.0, 1.0, 17)
+    ends = np.array([-1.0, *(0.5 * (x[1:] + x[:-1])), 1.0])
+    pressure = np.diff(np.arcsin(ends)) / shares  # means over the lengths about the nodes
+    found = smoothed(side, pressure, shares)
+    assert found @ shares == pytest.approx(np.pi)
+    assert found.min() > 0.85
+    np.testing.assert_allclose(found[3:-3], pressure[3:-3], rtol=0.08)
 
 
 def test_the_integral_stays(straight: SolvedScene) -> None:
@@ -78,8 +121,8 @@ def test_a_constant_pressure_stays(cell: str) -> None:
 
 
 def test_a_half_has_the_pressure_of_the_whole() -> None:
-    """Means reach across the plane of symmetry."""
-    whole = scenes.build(pressed("quadrilateral", 4), 1)
+    """Fits reach across the plane of symmetry."""
+    whole = scenes.build(pressed("quadrilateral", 8), 1)
     found = halved(whole).scene
     assert found.mirrors
     one, other = (solve_scene(scene).summary["contacts"] for scene in (whole, found))
@@ -88,6 +131,38 @@ def test_a_half_has_the_pressure_of_the_whole() -> None:
             first["max_smoothed_pressure"], rel=1e-5
         )
     assert one[0]["max_smoothed_pressure"] != pytest.approx(one[0]["max_pressure"], rel=1e-2)
+
+
+@pytest.mark.parametrize("cell", ["quadrilateral", "triangle"])
+def test_a_half_that_is_held_has_the_pressure_of_the_whole(cell: str) -> None:
+    """A boundary that slides along a plane has mirror images beyond it, one beside it has none."""
+    peaks = []
+    for left, held in ((0, "x-"), (-1, "y-")):
+        made: scenes.Config = {
+            "dimension": "plane_strain",
+            "bodies": [{
+                "name": "block", "material": {"young": 1000.0, "poisson": 0.3},
+                "mesh": {"box": {
+                    "lower": [left, -1], "upper": [1, 0], "cells": [16 * (1 - left), 16],
+                    "cell": cell,
+                }},
+            }],
+            "conditions": [
+                {"on": "block.y-", "displacement": [0, 0.01]},
+                {"on": f"block.{held}", "displacement": [0, None if left == 0 else 0.01]},
+            ],
+            "contacts": [{
+                "on": "block.y+", "obstacle": {"sphere": {"center": [0, 3], "radius": 3}},
+            }],
+        }  # fmt: skip
+        (contact,) = solve_scene(scenes.build(made)).summary["contacts"]
+        peaks.append((contact["max_smoothed_pressure"], contact["max_pressure"]))
+    (half, half_nodal), (whole, whole_nodal) = peaks
+    if cell == "quadrilateral":
+        assert half == pytest.approx(whole, rel=1e-4)
+        assert half != pytest.approx(half_nodal, rel=1e-4)
+    else:  # the triangle at the plane is stiffer: the largest pressure is less wrong
+        assert half / whole - 1.0 < 0.75 * (half_nodal / whole_nodal - 1.0)
 
 
 def test_play_is_held_against_the_facets(straight: SolvedScene) -> None:
