@@ -17,6 +17,7 @@ from contact_app.model.pairs import sides_of
 from contact_app.results.fields import NodeFields
 from contact_app.results.percent import percent
 from contact_app.scene.bodies import Body
+from contact_app.scene.finer_meshes import facets_on
 from meshes import CellMesh
 from meshes.contact_surface import Surface
 from solver.contact.solution import Solution
@@ -65,12 +66,13 @@ def polygon_solved(model: Model, solution: Solution, nodes: NodeFields) -> str:
     """The reason why finer cells do not converge for round bodies that touch each other.
 
     Empty if they do converge. Halved edges stay on the original straight edges: the bodies remain
-    polygons whose corners press into flat facets, however fine the cells (collective).
+    polygons whose corners press into flat facets, however fine the cells. With `round: true` they
+    lie on the curve (collective).
     """
     scene, moved = model.scene, solution.measures.deformations
     for pair, sagitta in zip(scene.pairs, pair_sagittas(model, nodes), strict=True):
         largest = max(moved[pair.body], moved[pair.other])
-        if sagitta > LARGE_SAGITTA * largest > 0.0:
+        if sagitta > LARGE_SAGITTA * largest > 0.0 and not pair.round:
             return (
                 f"{pair.source}: finer cells stay on the flat facets of the mesh file, which lie "
                 f"up to {sagitta:.2g} off the round surface, {percent(sagitta / largest)} of "
@@ -185,20 +187,15 @@ def _straight(body: Body) -> bool:
 def _sagitta(
     body: Body, boundary: str, watched: NDArray[np.float64], gaps: NDArray[np.float64]
 ) -> float:
-    """Largest sagitta near watched points whose gap does not exceed the sagitta."""
+    """Largest sagitta near watched points whose gap does not exceed the sagitta.
+
+    It is that of the coarse mesh: from its vertices alone the curve of `round: true` is known, too.
+    """
     mesh = body.mesh
     assert isinstance(mesh, CellMesh)
     mesh = mesh.coarse or mesh
-    d = mesh.dimension
-    points = np.pad(mesh.points, ((0, 0), (0, 3 - d)))
-    facets = mesh.topology.facets
-    if boundary in body.boundaries:
-        inside = body.boundaries[boundary](points)[facets].all(axis=1)
-        for name in set(body.cuts) & set(mesh.sides):
-            inside[mesh.sides[name]] = False
-        facets = facets[inside]
-    else:
-        facets = facets[mesh.sides[boundary]]
+    points = np.pad(mesh.points, ((0, 0), (0, 3 - mesh.dimension)))
+    facets = mesh.topology.facets[facets_on(mesh, body, boundary)]
     return largest_sagitta(facets, points[facets], watched, gaps)
 
 

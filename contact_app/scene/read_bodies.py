@@ -118,7 +118,7 @@ def _body(keys: Keys, i: int, body: c.Body, mesh: BodyMesh) -> Body:
     if body.mean_dilatation:
         _check_mean_dilatation(keys, body, mesh.cell, (*path, "mean_dilatation"))
         materials = tuple(replace(m, mean_dilatation=True) for m in materials)
-    return Body(
+    made = Body(
         name=body.name,
         mesh=mesh,
         degree=body.degree,
@@ -127,6 +127,20 @@ def _body(keys: Keys, i: int, body: c.Body, mesh: BodyMesh) -> Body:
         hold=_held_motions(keys, body, (*path, "hold")),
         degree_given="degree" in body.model_fields_set or keys.configuration.certificate.guaranteed,
     )
+    return _refined(keys, made, body.mesh.refine) if body.mesh.refine else made
+
+
+def _refined(keys: Keys, body: Body, times: int) -> Body:
+    """The body with the edges of its mesh halved several times."""
+    from contact_app.scene.finer_meshes import halved
+
+    contacts = [contact for contact in keys.configuration.contacts if contact.round]
+    both = [(contact.on, contact.against or "") for contact in contacts]
+    sides = [side.partition(".") for pair in both for side in pair]
+    round_sides = [boundary for name, _, boundary in sides if name == body.name]
+    for _ in range(times):
+        body = halved(body, round_sides)
+    return body
 
 
 def _held_motions(keys: Keys, body: c.Body, path: Place) -> tuple[int, ...]:
@@ -228,8 +242,8 @@ def _mesh(keys: Keys, mesh: c.Mesh, degree: int, path: Place, read: Read) -> Bod
 
 def _file(keys: Keys, mesh: c.Mesh, degree: int, path: Place, read: Read) -> BodyMesh:
     # imports dolfinx and meshio, which boxes do not need here
-    """The mesh of a file, placed and refined."""
-    from meshes import MeshError, refined
+    """The mesh of a file, placed."""
+    from meshes import MeshError
     from meshes.repair import Placement, load_mesh
 
     axis: Any = (0.0, 0.0, 1.0)
@@ -263,8 +277,6 @@ def _file(keys: Keys, mesh: c.Mesh, degree: int, path: Place, read: Read) -> Bod
             f"makes about {dofs:.3g} degrees of freedom, which need {needed / 1e9:.3g} GB; "
             f"{available / 1e9:.3g} GB are available",
         )
-    for _ in range(mesh.refine):
-        body_mesh = refined(body_mesh)
     return body_mesh
 
 

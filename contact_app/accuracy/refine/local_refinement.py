@@ -19,9 +19,8 @@ from numpy.typing import NDArray
 
 from contact_app.accuracy.solved_scene import SolvedScene
 from contact_app.scene.bodies import Body, Box
-from meshes.bisect import bisected
+from contact_app.scene.finer_meshes import halved
 from meshes.quadratic import VERTICES
-from meshes.refine import refined
 from meshes.unstructured import CellMesh, matching_rows
 
 Array = NDArray[np.float64]
@@ -47,11 +46,17 @@ def locally_refined(bodies: Sequence[Body], solved: SolvedScene, target: float) 
     theta = float(np.clip((1.0 - target**2) / (1.0 - 4.0**-degree), LEAST, MOST))
     indivisible = [not _divisible(body) for body in bodies]
     left = (1.0 - theta) * total / len(bodies)
-    finer, marked_share = [], 0.0
+    round_sides: list[list[str]] = [[] for _ in bodies]
+    for pair in solved.model.scene.pairs:
+        if pair.round:
+            round_sides[pair.body].append(pair.boundary)
+            round_sides[pair.other].append(pair.other_boundary)
+    finer: list[Body] = []
+    marked_share = 0.0
     for body, part, together in zip(bodies, squares, indivisible, strict=True):
         if together and part.sum() > left:
             marked_share += float(part.sum())
-            body = _finer(body)
+            body = _finer(body, round_sides[len(finer)])
         finer.append(body)
     some = np.concatenate(
         [np.zeros(0), *(p for p, w in zip(squares, indivisible, strict=True) if not w)]
@@ -63,8 +68,7 @@ def locally_refined(bodies: Sequence[Body], solved: SolvedScene, target: float) 
         for b, (body, part) in enumerate(zip(finer, squares, strict=True)):
             marked = np.flatnonzero(part >= least)
             if not indivisible[b] and len(marked):
-                assert isinstance(body.mesh, CellMesh)
-                finer[b] = replace(body, mesh=bisected(body.mesh, marked))
+                finer[b] = halved(body, round_sides[b], marked)
     return tuple(finer)
 
 
@@ -107,10 +111,9 @@ def _divisible(body: Body) -> bool:
     )
 
 
-def _finer(body: Body) -> Body:
+def _finer(body: Body, round_sides: Sequence[str]) -> Body:
     """The body with every edge of its mesh halved."""
     mesh = body.mesh
     if isinstance(mesh, Box):
         return replace(body, mesh=replace(mesh, cells=tuple(2 * n for n in mesh.cells)))
-    assert isinstance(mesh, CellMesh)
-    return replace(body, mesh=refined(mesh))
+    return halved(body, round_sides)
