@@ -10,7 +10,7 @@ import numpy as np
 from mpi4py import MPI
 from numpy.typing import NDArray
 
-from contact_app.model.boundaries import boundary_facets
+from contact_app.model.boundaries import boundary_facets, surface_facets
 from contact_app.model.planes import on_planes
 from contact_app.scene.bodies import Body
 from contact_app.scene.rigid import RigidBodies
@@ -66,10 +66,26 @@ class Geometry:
     def facets_of(self, body: int, boundary: str) -> list[NDArray[np.int32]]:
         """Rows of the reference's facets of each subdomain of this rank on a boundary."""
         none = np.zeros(0, np.int32)
-        return [
-            boundary_facets(s, self.bodies[body], boundary) if s.body == body else none
-            for s in self.partition.subdomains
+        subdomains, of_body = self.partition.subdomains, self.bodies[body]
+        if boundary not in of_body.boundaries:
+            return [
+                boundary_facets(s, of_body, boundary) if s.body == body else none
+                for s in subdomains
+            ]
+        # the condition is evaluated once, on the facets of all subdomains
+        surfaces = [surface_facets(s, of_body) if s.body == body else none for s in subdomains]
+        points = [
+            s.points()[s.reference.facets[rows]]
+            for s, rows in zip(subdomains, surfaces, strict=True)
+            if len(rows)
         ]
+        if not points:
+            return surfaces
+        every = np.concatenate(points)
+        inside = of_body.boundaries[boundary](every.reshape(-1, 3))
+        on = inside.reshape(every.shape[:2]).all(axis=1)
+        parts = np.split(on, np.cumsum([len(rows) for rows in surfaces])[:-1])
+        return [rows[part] for rows, part in zip(surfaces, parts, strict=True)]
 
     def surface_of(self, facets: Sequence[NDArray[np.int32]]) -> Surface | None:
         """Facets of the whole scene, mirror images too, on all ranks; None if there are none.

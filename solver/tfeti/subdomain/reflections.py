@@ -223,20 +223,22 @@ class Split:
                 parts[character].append(part)
         return [np.concatenate([np.zeros((2, 0), np.int64), *p], axis=1) for p in parts]
 
-    def bases(self, size: int) -> list[sparse.csc_matrix]:
+    def bases(self, size: int) -> list[sparse.csr_matrix]:
         """V_χ, whose transpose maps vectors on all `size` unknowns to coordinates."""
         result = []
         for character, columns in enumerate(self.sizes):
-            rows, place, values, start = [], [], [], 0
+            # each unknown is in one orbit, so it has at most one coordinate of a character
+            place, value, start = np.full(size, -1), np.zeros(size), 0
             for family in self.families:
                 cosets, orbits = family.unknowns.shape
                 for gamma in np.flatnonzero(family.characters == character):
-                    rows.append(family.unknowns.ravel())
-                    place.append(np.tile(np.arange(start, start + orbits), cosets))
-                    values.append(np.repeat(_characters(cosets)[gamma], orbits))
+                    place[family.unknowns] = np.arange(start, start + orbits)
+                    value[family.unknowns] = _characters(cosets)[gamma][:, None]
                     start += orbits
-            entries = (np.concatenate(values), (np.concatenate(rows), np.concatenate(place)))
-            result.append(sparse.csc_matrix(entries, shape=(size, columns)))
+            some = place >= 0
+            begins = np.concatenate([[0], np.cumsum(some)])
+            entries = value[some], place[some], begins
+            result.append(sparse.csr_matrix(entries, shape=(size, columns)))
         return result
 
     def forward(self, vectors: NDArray[np.float64]) -> NDArray[np.float64]:
