@@ -208,8 +208,8 @@ class Hierarchy(Protocol):
     def finest(self) -> bool:
         """Whether all rows are allowed."""
 
-    def refine(self) -> None:
-        """Go to the next level."""
+    def finer(self) -> Hierarchy:
+        """The hierarchy from the next level on."""
 
 
 class Backend(Protocol[Out]):

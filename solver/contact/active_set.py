@@ -226,12 +226,14 @@ def _with_changes(
     """The state with the rows in its history that change after a set (collective)."""
     assert solved.state is not None
     assert solved.released is not None
+    assert solved.hierarchy is not None
     turnover = _turnover(method.backend, loop.statuses, solved.following)
     on_all_rows = loop.on_all_rows
-    if loop.rules.update.hierarchy.finest:
+    if solved.hierarchy.finest:
         on_all_rows = (*on_all_rows, turnover)
     return replace(
         loop,
+        rules=loop.rules.on_level(solved.hierarchy),
         turnovers=(*loop.turnovers, turnover),
         on_all_rows=on_all_rows,
         strained=(*loop.strained, solved.state.strained),

@@ -29,8 +29,7 @@ class ActiveSetUpdate(Generic[S]):
     Attributes
     ----------
     hierarchy
-        Constraint hierarchy: the open rows that may join. Where no row changes, it goes to its next
-        level.
+        Constraint hierarchy: the open rows that may join.
     looks_ahead
         Whether the law may release points before a state shows that they slide.
     """
@@ -41,23 +40,27 @@ class ActiveSetUpdate(Generic[S]):
     options: ActiveSetOptions
     looks_ahead: bool = True
 
-    def following(self, on_set: SetSolve[S], state: S) -> tuple[Statuses, Mask]:
-        """The next statuses, and the tangential rows released early, (rows,) (collective)."""
+    def following(self, on_set: SetSolve[S], state: S) -> tuple[Statuses, Mask, Hierarchy]:
+        """The next statuses, the tangential rows (rows,) released early, the level (collective).
+
+        Where no row changes, the next level decides.
+        """
         backend, before = self.backend, on_set.statuses
         active = before.active & backend.contact_rows
         error = self.options.significant * on_set.error(state.strained)
         data = StateData.of(backend.comm, state, before.active, error)
         stays = self.law.may_stay_active(state.multiplier, data.zero_force)
+        hierarchy = self.hierarchy
         for _ in range(2):
-            joins = self.hierarchy.allowed & self.law.closes(state.distance, error)
+            joins = hierarchy.allowed & self.law.closes(state.distance, error)
             if not backend.comm.allreduce(int(active.sum())):
                 joins &= self._first_to_close(state, joins)
             normals = backend.contact_rows & np.where(active, stays, joins)
             following, early = self.law.following(normals, data, before, self.looks_ahead)
-            if self.hierarchy.finest or changed_rows(backend.comm, before, following):
+            if hierarchy.finest or changed_rows(backend.comm, before, following):
                 break
-            self.hierarchy.refine()
-        return following, early
+            hierarchy = hierarchy.finer()
+        return following, early, hierarchy
 
     def on_levels(self, statuses: Statuses) -> tuple[ActiveSetUpdate[S], Statuses]:
         """The update from the coarsest level on, and the statuses on this level (collective)."""
@@ -113,6 +116,10 @@ class SetRules(Generic[S]):
         fingerprint = statuses.fingerprint(self.update.backend.comm)
         return rules._after_visit(fingerprint)._after_many_sets(number), statuses
 
+    def on_level(self, hierarchy: Hierarchy) -> SetRules[S]:
+        """The rules on a level of the constraint hierarchy."""
+        return replace(self, update=replace(self.update, hierarchy=hierarchy))
+
     def with_ahead(self, are_right: bool) -> SetRules[S]:
         """The rules without early release if too many of the points so released stick again."""
         ahead = self.update.looks_ahead and are_right
@@ -135,8 +142,7 @@ class SetRules(Generic[S]):
             return replace(self, visited=self.visited | {fingerprint})
         visited = frozenset({fingerprint})
         if not self.update.hierarchy.finest:  # the next level decides
-            self.update.hierarchy.refine()
-            return replace(self, visited=visited)
+            return replace(self.on_level(self.update.hierarchy.finer()), visited=visited)
         reduction = self.reduction * self.update.options.deeper
         return replace(self.with_ahead(False), reduction=reduction, visited=visited)
 

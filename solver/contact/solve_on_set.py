@@ -9,13 +9,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Generic
 
 import numpy as np
 from numpy.typing import NDArray
 
-from solver.backend import S, SetSolve, Statuses
+from solver.backend import Hierarchy, S, SetSolve, Statuses
 from solver.contact.active_set_update import SetRules, changed_rows
 from solver.qp.iterate import Iterate, Watch
 from solver.qp.mprgp import MPRGP
@@ -89,6 +89,8 @@ class Outcome(Generic[S]):
     released : (rows,)
         Tangential rows of points that the law released before the state showed that they slide;
         None if the set was not changed.
+    hierarchy
+        Level of the constraint hierarchy that changed the set; None if it was not changed.
     """
 
     reason: Reason | None
@@ -96,6 +98,7 @@ class Outcome(Generic[S]):
     following: Statuses
     counts: Counts
     released: Mask | None = None
+    hierarchy: Hierarchy | None = None
 
 
 def solve_on_set(
@@ -126,7 +129,8 @@ def solve_on_set(
         ):
             tolerance *= options.tighten
             continue
-        following, released = update.following(on_set, state)
+        following, released, hierarchy = update.following(on_set, state)
+        update = replace(update, hierarchy=hierarchy)
         if not (ended.converged or ended is Reason.ROUND_OFF):
             return Outcome(ended, state, following, on_set.counts)
         changes = changed_rows(comm, on_set.statuses, following)
@@ -140,7 +144,7 @@ def solve_on_set(
                 return Outcome(Reason.ROUND_OFF, state, following, on_set.counts)
             required = max(test.required_reduction(state), options.margin / options.tighten)
         if changes:
-            return Outcome(None, state, following, on_set.counts, released)
+            return Outcome(None, state, following, on_set.counts, released, hierarchy)
         evaluations += 1
         tolerance = options.margin * on_set.residual / max(required, 1.0)
         if test.may_end_early or evaluations < options.evaluations:

@@ -211,7 +211,7 @@ class Multigrid:
 
     def hierarchy(self, coarsened: bool) -> ConstraintHierarchy:
         """The constraint hierarchy of thin bodies, whose contact may peel off (collective)."""
-        return ConstraintHierarchy(self.problem, coarsened and self.matrices.peels)
+        return ConstraintHierarchy.of(self.problem, coarsened and self.matrices.peels)
 
     def release(self) -> None:
         """Free the matrices of the last set: petsc4py leaves them for later."""

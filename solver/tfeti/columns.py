@@ -37,7 +37,7 @@ def on_columns(problem: DualProblem) -> tuple[NDArray[np.float64], int]:
     nothing is computed.
     """
     comm = problem.comm
-    levels = ConstraintHierarchy(problem, coarsened=True)
+    levels = ConstraintHierarchy.of(problem, coarsened=True)
     result, applications = np.zeros(problem.size), 0
     if levels.finest:
         return result, applications
@@ -78,7 +78,7 @@ def on_columns(problem: DualProblem) -> tuple[NDArray[np.float64], int]:
             some = comm.allreduce(int(changed.sum()))
             if some or levels.finest:
                 break
-            levels.refine()
+            levels = levels.finer()
         if not some:
             break
         closed, deepest = closed ^ changed, 0.0

@@ -15,6 +15,8 @@ are fewer than k and accordingly farther apart.
 
 from __future__ import annotations
 
+from dataclasses import dataclass, replace
+
 import numpy as np
 from mpi4py import MPI
 from numpy.typing import NDArray
@@ -32,28 +34,39 @@ HALVINGS = 20
 """Largest number of levels: cells down to a millionth of the extent of the contacts."""
 
 
+@dataclass(frozen=True, eq=False)
 class ConstraintHierarchy:
     """The contact rows that may close, level by level.
 
     Attributes
     ----------
-    allowed : (dual,)
-        Contact rows of the level.
+    every : (dual,)
+        Mask of all contact rows.
+    coarse : masks (dual,)
+        Contact rows of this level and of coarse levels after it; empty on the finest level.
     """
 
-    def __init__(self, problem: DecomposedProblem, coarsened: bool) -> None:
-        self._levels = _levels(problem) if coarsened else []
-        self._all = problem.inequality
-        self.refine()
+    every: NDArray[np.bool_]
+    coarse: tuple[NDArray[np.bool_], ...] = ()
+
+    @classmethod
+    def of(cls, problem: DecomposedProblem, coarsened: bool) -> ConstraintHierarchy:
+        """The hierarchy of a problem from its coarsest level on, or the finest (collective)."""
+        return cls(problem.inequality, tuple(_levels(problem)) if coarsened else ())
+
+    @property
+    def allowed(self) -> NDArray[np.bool_]:
+        """Contact rows of the level, (dual,)."""
+        return self.every if self.finest else self.coarse[0]
 
     @property
     def finest(self) -> bool:
         """Whether all rows are allowed."""
-        return self.allowed is self._all
+        return not self.coarse
 
-    def refine(self) -> None:
-        """Go to the next level."""
-        self.allowed = self._levels.pop(0) if self._levels else self._all
+    def finer(self) -> ConstraintHierarchy:
+        """The hierarchy from the next level on."""
+        return replace(self, coarse=self.coarse[1:])
 
 
 def _thickness(problem: DecomposedProblem, rows: NDArray[np.int64]) -> float:

@@ -30,10 +30,10 @@ from tests import scenes
 
 comm, counts = MPI.COMM_WORLD, []
 problem = build_model(scenes.build(json.loads(sys.argv[1]), [6, 1, 1]), comm).problem
-levels = ConstraintHierarchy(problem, coarsened=True)
+levels = ConstraintHierarchy.of(problem, coarsened=True)
 while not levels.finest:
     counts.append(comm.allreduce(int(levels.allowed.sum())))
-    levels.refine()
+    levels = levels.finer()
 if comm.rank == 0:
     print(counts)
 """
@@ -46,7 +46,7 @@ def problem(made: Config, parts: list[int]) -> DualProblem:
 def test_levels_of_a_slender_body_are_nested_and_even() -> None:
     """Each level contains the rows of the one before and about as many more, evenly distributed."""
     dual = problem(slender(100.0, [200, 2]), [10, 1])
-    levels = ConstraintHierarchy(dual, coarsened=True)
+    levels = ConstraintHierarchy.of(dual, coarsened=True)
     x = dual.contact.points[:, 0]
     before = np.zeros(dual.size, bool)
     counts = []
@@ -56,7 +56,7 @@ def test_levels_of_a_slender_body_are_nested_and_even() -> None:
         counts.append(len(chosen))
         assert np.diff(chosen).max() < 2.5 / len(chosen)
         before = levels.allowed
-        levels.refine()
+        levels = levels.finer()
     assert counts[0] <= 16
     assert len(counts) >= 4
     assert all(a < b <= 2.5 * a for a, b in zip(counts, counts[1:], strict=False))
@@ -84,14 +84,14 @@ def test_thickness_counts_in_distances_between_rows(degree: int) -> None:
     """Cells of degree 2 have rows at their vertices alone, a quarter of the nodes that touch."""
     dual = problem(plate(degree), [1, 1, 1])
     assert int(dual.inequality.sum()) in (60 * 5, 61 * 5)
-    levels = ConstraintHierarchy(dual, coarsened=True)
+    levels = ConstraintHierarchy.of(dual, coarsened=True)
     assert not levels.finest
     assert levels.allowed.sum() <= 16
 
 
 @pytest.mark.parametrize("made", [wall(16), slender(5.0, [45, 9])])
 def test_thick_bodies_have_none(made: Config) -> None:
-    assert ConstraintHierarchy(problem(made, [2, 1]), coarsened=True).finest
+    assert ConstraintHierarchy.of(problem(made, [2, 1]), coarsened=True).finest
 
 
 @pytest.mark.ratchet

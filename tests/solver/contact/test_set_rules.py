@@ -18,7 +18,7 @@ ROWS = 8
 OPTIONS = ActiveSetOptions(patience=3, largest_error=0.3, sets_before_levels=5)
 
 
-@dataclass
+@dataclass(frozen=True)
 class Levels:
     """Every second row on the coarse level."""
 
@@ -28,8 +28,8 @@ class Levels:
     def allowed(self) -> np.ndarray:
         return np.ones(ROWS, bool) if self.finest else np.arange(ROWS) % 2 == 0
 
-    def refine(self) -> None:
-        self.finest = True
+    def finer(self) -> Levels:
+        return Levels(finest=True)
 
 
 class Rigid:
@@ -90,4 +90,5 @@ def test_contact_that_peels_off_goes_on_by_levels() -> None:
     np.testing.assert_array_equal(fewer.active, Levels(False).allowed)
     fine, _ = coarse.for_set(4, fewer, peeling)  # the set returns: the next level decides
     assert fine.update.hierarchy.finest
+    assert not coarse.update.hierarchy.finest
     assert fine.reduction == coarse.reduction
