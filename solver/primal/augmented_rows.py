@@ -10,8 +10,8 @@ P the projection onto the disc of radius s. Its force is P(p): a spring of stiff
 point sticks, |p| ≤ s. A sliding point has the force s d along d = p / |p|, and across d, in a
 turned frame, a spring of stiffness W s / |p|.
 
-The limits of Coulomb's law follow the contact forces in each step, until the forces λ are first
-changed, and then by Anderson's acceleration (`solver.contact.slip_limits`).
+The limits of Coulomb's law follow the contact forces in each step while L is far from its least
+value, and then by Anderson's acceleration (`solver.contact.slip_limits`).
 """
 
 from __future__ import annotations
