@@ -7,9 +7,9 @@ of the stiffness on the interface (Dirichlet) or the stiffness between interface
 stands (lumped; C. Farhat, F.-X. Roux, 1991, and C. Farhat, J. Mandel, F.-X. Roux, *Optimal
 convergence properties of the FETI domain decomposition method*, 1994). The Schur complement saves
 iterations, the more the larger the subdomain. Where F has dense blocks it is computed from their
-inverses (`costs.relaxing_pays` decides). B has orthonormal rows, so no scaling by multiplicity is
-needed, except for rows of several nodes, which `CoupledRows` weighs. The solver sets the result to
-zero on rows that are not free. An application costs two projections and a product with S.
+inverses. B has orthonormal rows, so no scaling by multiplicity is needed, except for rows of
+several nodes, which `CoupledRows` weighs. The solver sets the result to zero on rows that are not
+free. An application costs two projections and a product with S.
 """
 
 from __future__ import annotations

@@ -16,7 +16,7 @@ from mpi4py import MPI
 from numpy.typing import NDArray
 from scipy import sparse
 
-from solver.tfeti.subdomain.costs import BlockKind, choose_block, relaxing_pays
+from solver.tfeti.subdomain.costs import BlockKind, choose_block
 from solver.tfeti.subdomain.generalised_inverse import (
     Block,
     DenseBlock,
@@ -32,9 +32,6 @@ from solver.tfeti.subdomain.kernels import (
 )
 from solver.tfeti.subdomain.reflections import find_symmetry
 from solver.tfeti.subdomain.rigid import ZeroInverse
-
-DENSE_GAIN = 20.0
-"""Speed of a dense product over that of a sparse one, per multiplication."""
 
 MEMBERS_AT_ONCE = 128
 """Number of members whose full vectors are processed together."""
@@ -62,8 +59,6 @@ class SubdomainClass:
         K⁺ on the free unknowns; None where the class is not factored.
     block : (i, i) or None
         K⁺ between interface unknowns; None where it does not pay.
-    relaxes
-        Whether a preconditioner of Schur complements pays.
     """
 
     stiffness: sparse.csr_matrix
@@ -74,7 +69,6 @@ class SubdomainClass:
     members: int
     inverse: Inverse | None
     block: Block | None
-    relaxes: bool
 
     @property
     def unknowns(self) -> int:
@@ -105,16 +99,13 @@ class SubdomainClass:
 
     @cached_property
     def preconditioning(self) -> Block | sparse.csr_matrix:
-        """The stiffness on the interface in a preconditioner, dense where that is faster."""
-        if self.schur_complement is not None:
-            return self.schur_complement
-        S = self.interface_stiffness
-        return DenseBlock(S.toarray()) if S.shape[0] ** 2 < DENSE_GAIN * S.nnz else S
+        """The stiffness on the interface in a preconditioner: relaxed inside where it can be."""
+        return self.schur_complement or self.interface_stiffness
 
     @cached_property
     def schur_complement(self) -> Block | None:
-        """Schur complement of K on the interface, (i, i); None where it does not pay."""
-        if self.block is None or not self.relaxes:
+        """Schur complement of K on the interface, (i, i); None without a block."""
+        if self.block is None:
             return None
         try:
             return self.block.schur_complement(self.kernel[self.interface])
@@ -223,9 +214,9 @@ def unfactored_class(data: ClassData) -> SubdomainClass:
     K, every, free, members = data.stiffness, data.every, data.free, data.members
     if data.is_rigid:
         unit = np.eye(len(every))
-        return SubdomainClass(K, unit[:, :0], unit, free, every, members, None, None, False)
+        return SubdomainClass(K, unit[:, :0], unit, free, every, members, None, None)
     rigid, interface = data.motions(), np.unique(data.touched)
-    return SubdomainClass(K, rigid[:, :0], rigid, free, interface, members, None, None, False)
+    return SubdomainClass(K, rigid[:, :0], rigid, free, interface, members, None, None)
 
 
 @dataclass(frozen=True, eq=False)
@@ -273,10 +264,9 @@ def subdomain_class(data: ClassData, sharing: MPI.Intracomm | None = None) -> Su
         block = inverted.inverse.restricted(np.searchsorted(inverted.free, inverted.interface))
         if inverted.kind is BlockKind.DENSE:
             block = DenseBlock(block.toarray())
-    relaxes = block is not None and relaxing_pays(len(inverted.interface), most, block.order)
     return SubdomainClass(
         inverted.stiffness, inverted.kernel, rigid, inverted.free, inverted.interface, data.members,
-        inverted.inverse, block, relaxes,
+        inverted.inverse, block,
     )  # fmt: skip
 
 
@@ -321,5 +311,5 @@ def _rigid_class(data: ClassData) -> SubdomainClass:
     unit, inverse = np.eye(len(every)), ZeroInverse()
     return SubdomainClass(
         data.stiffness, unit[:, free], unit, free, every, data.members, inverse,
-        inverse.restricted(every), relaxes=True,
+        inverse.restricted(every),
     )  # fmt: skip

@@ -164,31 +164,6 @@ def build_seconds(
     return solves
 
 
-def relaxing_pays(interface: int, members: int, order: int) -> bool:
-    """Whether a preconditioner of Schur complements beats one of plain stiffnesses.
-
-    It costs an inverse of the block, and an application costs as much as that of the block. It
-    saves iterations: the more cells a subdomain has along an edge, the more.
-    """
-    kind = BlockKind.SPLIT if order > 1 else BlockKind.DENSE
-    block = apply_seconds(kind, 0, interface, order)
-    rest = ROW_SECONDS * interface / 2.0
-    inverse = order * (interface / order) ** 3 / PRODUCT_RATE
-    lumped = APPLICATIONS * members * (block + SPARSE_SECONDS * interface + rest)
-    both = 2.0 * block + rest
-    relaxed = APPLICATIONS * members * both * relaxed_share(interface)
-    return inverse + relaxed < lumped
-
-
-def relaxed_share(interface: int) -> float:
-    """Iterations with the Schur complement over those with the plain stiffness.
-
-    On cubes of 4³ hexahedra they are 0.75 to 0.85 (`solver/README.md`).
-    """
-    edge = (interface / 18.0) ** 0.5  # cells along an edge of a box in space
-    return min(1.0, (edge / 3.0) ** -0.35)
-
-
 def coarse_seconds(subdomains: int) -> float:
     """Seconds of one solve with G Gᵀ."""
     return 1.5e-7 * subdomains ** (4.0 / 3.0)

@@ -47,15 +47,7 @@ class Inverse(Protocol):
 
 
 class Block(Protocol):
-    """A dense part of K⁺, symmetric, applied to many members at once.
-
-    Attributes
-    ----------
-    order : int
-        Number of diagonal blocks after the split by reflections; 1 without reflections.
-    """
-
-    order: int
+    """A dense part of K⁺, symmetric, applied to many members at once."""
 
     def apply(self, loads: NDArray[np.float64], out: NDArray[np.float64]) -> None:
         """Apply the block to vectors, one row per member: (s, m) to (s, m)."""
@@ -240,8 +232,6 @@ class SymmetricInverse:
 class DenseBlock:
     """A dense part of K⁺ as one matrix (protocol `Block`)."""
 
-    order = 1
-
     def __init__(self, matrix: NDArray[np.float64]) -> None:
         self.matrix = matrix
 
@@ -285,7 +275,6 @@ class SymmetricBlock:
     ) -> None:
         self.blocks, self.split = blocks, split
         self._comm = comm
-        self.order = split.order
 
     def apply(self, loads: NDArray[np.float64], out: NDArray[np.float64]) -> None:
         """Apply the block to vectors, one row per member: (s, m) to (s, m)."""
