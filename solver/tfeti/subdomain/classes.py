@@ -16,10 +16,9 @@ from mpi4py import MPI
 from numpy.typing import NDArray
 from scipy import sparse
 
-from solver.tfeti.subdomain.costs import BlockKind, choose_block
+from solver.tfeti.subdomain.costs import block_pays
 from solver.tfeti.subdomain.generalised_inverse import (
     Block,
-    DenseBlock,
     GeneralisedInverse,
     Inverse,
     SymmetricInverse,
@@ -225,8 +224,8 @@ class _Inverse:
 
     Attributes
     ----------
-    kind
-        The form in which K⁺ between interface unknowns pays.
+    block_pays
+        Whether K⁺ between interface unknowns pays.
     """
 
     stiffness: sparse.csr_matrix
@@ -234,7 +233,7 @@ class _Inverse:
     free: NDArray[np.int64]
     interface: NDArray[np.int64]
     inverse: GeneralisedInverse | SymmetricInverse
-    kind: BlockKind
+    block_pays: bool
 
 
 def subdomain_class(data: ClassData, sharing: MPI.Intracomm | None = None) -> SubdomainClass:
@@ -260,10 +259,8 @@ def subdomain_class(data: ClassData, sharing: MPI.Intracomm | None = None) -> Su
     else:
         inverted = _held(data, most)
     block: Block | None = None
-    if inverted.kind is not BlockKind.NONE:
+    if inverted.block_pays:
         block = inverted.inverse.restricted(np.searchsorted(inverted.free, inverted.interface))
-        if inverted.kind is BlockKind.DENSE:
-            block = DenseBlock(block.toarray())
     return SubdomainClass(
         inverted.stiffness, inverted.kernel, rigid, inverted.free, inverted.interface, data.members,
         inverted.inverse, block,
@@ -275,8 +272,8 @@ def _held(data: ClassData, most: int) -> _Inverse:
     free, moves = data.free, np.zeros((data.stiffness.shape[0], 0))
     none = data.every[:0]
     inverse = GeneralisedInverse(data.stiffness[free][:, free], moves[free], none)
-    kind = choose_block(len(free), len(data.touched), most, 1, data.dimension)
-    return _Inverse(data.stiffness, moves, free, data.touched, inverse, kind)
+    pays = block_pays(len(free), len(data.touched), most, 1, data.dimension)
+    return _Inverse(data.stiffness, moves, free, data.touched, inverse, pays)
 
 
 def _floating(
@@ -295,14 +292,14 @@ def _floating(
     if symmetry is not None:
         interface = symmetry.split(symmetry.closure(data.touched)).unknowns
     order = symmetry.order if symmetry else 1
-    kind = choose_block(stiffness.shape[0], len(interface), most, order, d)
+    pays = block_pays(stiffness.shape[0], len(interface), most, order, d)
     inverse: GeneralisedInverse | SymmetricInverse
-    if symmetry is None or kind is BlockKind.NONE:
+    if symmetry is None or not pays:
         inverse = GeneralisedInverse(stiffness, rigid, fixing)
     else:
         stiffness = symmetry.average(stiffness)
         inverse = SymmetricInverse(stiffness, rigid, fixing, symmetry, sharing)
-    return _Inverse(stiffness, rigid, data.every, interface, inverse, kind)
+    return _Inverse(stiffness, rigid, data.every, interface, inverse, pays)
 
 
 def _rigid_class(data: ClassData) -> SubdomainClass:

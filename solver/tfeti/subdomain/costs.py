@@ -10,7 +10,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from enum import Enum
 
 APPLICATIONS = 50
 """Expected applications of the dual operator in a solve; weighs them against set-up."""
@@ -53,14 +52,6 @@ SET_SECONDS = {2: 5e-4, 3: 5e-3}
 """Seconds of the calls of an active set, by dimension."""
 
 
-class BlockKind(Enum):
-    """Representation of K⁺ on the interface of a class."""
-
-    NONE = "sparse solves"
-    DENSE = "one dense block"
-    SPLIT = "a dense block for each character of the reflections"
-
-
 @dataclass(frozen=True)
 class Group:
     """A group of equal subdomains.
@@ -82,9 +73,9 @@ class Group:
     order: int
 
     @property
-    def kind(self) -> BlockKind:
-        """Representation of K⁺ on the interface."""
-        return choose_block(self.unknowns, self.interface, self.members, self.order, self.dimension)
+    def has_block(self) -> bool:
+        """Whether K⁺ on the interface is a dense block."""
+        return block_pays(self.unknowns, self.interface, self.members, self.order, self.dimension)
 
 
 def run_seconds(
@@ -105,16 +96,16 @@ def run_seconds(
     dimension = groups[0].dimension
     setup, application = 0.005 + SUBDOMAIN_SECONDS * subdomains, ROW_SECONDS * rows
     for g in groups:
-        kind = g.kind
         setup += CLASS_SECONDS + (ASSEMBLY_SECONDS[g.dimension] + 1e-5) * g.unknowns
         setup += UNKNOWN_SECONDS * g.unknowns * g.members
         setup += factor_seconds(g.unknowns, g.order, g.dimension)
-        setup += build_seconds(kind, g.unknowns, g.interface, g.order, g.dimension)
-        apply = apply_seconds(kind, g.unknowns, g.interface, g.order, g.dimension)
-        application += g.members * apply
-        if glued:
-            relaxed = kind is not BlockKind.NONE
-            application += g.members * (apply if relaxed else SPARSE_SECONDS * g.interface)
+        preconditioning = SPARSE_SECONDS * g.interface
+        if g.has_block:
+            setup += build_seconds(g.unknowns, g.interface, g.order, g.dimension)
+            apply = preconditioning = apply_seconds(g.interface, g.order)
+        else:
+            apply = solve_seconds(g.unknowns, g.order, g.dimension)
+        application += g.members * (apply + glued * preconditioning)
         application += CALL_SECONDS
         setup += 2.0 * g.members * solve_seconds(g.unknowns, g.order, g.dimension)
     if glued:
@@ -138,30 +129,18 @@ def solve_seconds(unknowns: float, order: int = 1, dimension: int = 3) -> float:
     return order * 1.2e-8 * (unknowns / order) ** (4.0 / 3.0)
 
 
-def apply_seconds(
-    kind: BlockKind, unknowns: int, interface: int, order: int, dimension: int = 3
-) -> float:
-    """Seconds of K⁺ on the interface of one member."""
-    if kind is BlockKind.NONE:
-        return solve_seconds(unknowns, order, dimension)
-    if kind is BlockKind.DENSE:
-        return 2.0 * interface**2 / PRODUCT_RATE
-    return 2.0 * interface**2 / order / PRODUCT_RATE + SPLIT_SECONDS * interface
+def apply_seconds(interface: int, order: int) -> float:
+    """Seconds of a dense block of K⁺ on the interface of one member."""
+    split = SPLIT_SECONDS * interface if order > 1 else 0.0
+    return 2.0 * interface**2 / order / PRODUCT_RATE + split
 
 
-def build_seconds(
-    kind: BlockKind, unknowns: int, interface: int, order: int, dimension: int = 3
-) -> float:
+def build_seconds(unknowns: int, interface: int, order: int, dimension: int = 3) -> float:
     """Seconds to build the block from the factor of K.
 
     One solve per interface unknown, many at once.
     """
-    if kind is BlockKind.NONE:
-        return 0.0
-    solves = 0.35 * interface * solve_seconds(unknowns / order, 1, dimension)
-    if kind is BlockKind.DENSE and order > 1:  # assembled from the blocks of the characters
-        solves += interface * apply_seconds(BlockKind.SPLIT, unknowns, interface, order)
-    return solves
+    return 0.35 * interface * solve_seconds(unknowns / order, 1, dimension)
 
 
 def coarse_seconds(subdomains: int) -> float:
@@ -176,21 +155,13 @@ def coarse_factor_seconds(subdomains: int, dimension: int = 3) -> float:
     return max(8e-6 * subdomains**1.17, 2e-8 * subdomains**2.0)
 
 
-def choose_block(
-    unknowns: int, interface: int, members: int, order: int, dimension: int = 3
-) -> BlockKind:
-    """The cheapest representation of K⁺ for a whole run, within `BLOCK_LIMIT`."""
-    if interface == 0:
-        return BlockKind.NONE
-    kinds = [BlockKind.NONE]
-    if 8.0 * interface**2 <= BLOCK_LIMIT:
-        kinds.append(BlockKind.DENSE)
-    if order > 1 and 8.0 * interface**2 / order <= BLOCK_LIMIT:
-        kinds.append(BlockKind.SPLIT)
-    return min(
-        kinds,
-        key=lambda kind: (
-            build_seconds(kind, unknowns, interface, order, dimension)
-            + APPLICATIONS * members * apply_seconds(kind, unknowns, interface, order, dimension)
-        ),
-    )
+def block_pays(unknowns: int, interface: int, members: int, order: int, dimension: int = 3) -> bool:
+    """Whether a dense block of K⁺ is cheaper in a whole run than solves with the sparse factors.
+
+    It consists of `order` blocks, one for each character of the reflections.
+    """
+    if not 0.0 < 8.0 * interface**2 / order <= BLOCK_LIMIT:
+        return False
+    block = APPLICATIONS * members * apply_seconds(interface, order)
+    block += build_seconds(unknowns, interface, order, dimension)
+    return block < APPLICATIONS * members * solve_seconds(unknowns, order, dimension)
