@@ -74,7 +74,7 @@ all kinds of cells, none with three facets or more had a larger one
 SMOOTHED = "and max_smoothed_pressure may be a third off, too"
 """Sentence on the smoothed pressure in warnings of fewer than three facets across a contact. With
 2.2 to 2.7 across Hertz's ellipse (ball_in_grooves.yaml, its ball turned by random angles) it is 2 %
-to 22 % too low, with 2.8 across Hertz's circle up to 31 %."""
+to 15 % too low, with 2.8 across Hertz's circle up to 20 %."""
 
 
 def entered_beside(model: Model, solution: Solution, number: int) -> tuple[int, float]:

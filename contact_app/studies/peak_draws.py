@@ -1,11 +1,13 @@
 """The largest pressures of Hertz's contacts at random positions of the mesh, and what is right.
 
-``python -m contact_app.studies.peak_draws [KIND …] [--draws 20] [--seed 0] [--facets 3 4 5 6 8]``
+``python -m contact_app.studies.peak_draws [KIND …] [--draws 20] [--seed 0] [--facets 3 4 5 6 8]
+[--half]``
 presses a rigid ball into a block, and a rigid roller into a plane block, at random places between
 the nodes. The load is that of Hertz's contact with so many facets across (half facets for cells of
 degree 2). For each kind of cell it prints the facets that the warning counts, how far the largest
 nodal and the largest smoothed pressure are off (mean and worst), and in how many draws the smoothed
-one is further off than the warning says.
+one is further off than the warning says. With ``--half`` the ball presses at the planes of symmetry
+of a half or quarter model.
 
 Right is Hertz's peak for the given force; of a block it is right to about 1 %.
 """
@@ -95,9 +97,22 @@ def hertz_scene(kind: Kind, facets: float, centre: Sequence[float]) -> tuple[dic
     }, float(peak)  # fmt: skip
 
 
-def draw(kind: Kind, facets: float, centre: Sequence[float]) -> Draw:
-    """Solve one position."""
-    made, right = hertz_scene(kind, facets, centre)
+def half_scene(kind: Kind, facets: float) -> tuple[dict[str, Any], float]:
+    """The half of `hertz_scene` in the plane, a quarter in space, and Hertz's peak."""
+    d = kind.dimension
+    made, peak = hertz_scene(kind, facets, [0.0] * (d - 1))
+    box, conditions = made["bodies"][0]["mesh"]["box"], made["conditions"]
+    box["lower"] = [0] * (d - 1) + [-1]
+    box["cells"] = [kind.cells // 2] * d
+    conditions[2]["total_force"][-1] /= 2 ** (d - 1)
+    for axis in range(d - 1):
+        held = [0 if k == axis else None for k in range(d)]
+        conditions.append({"on": f"block.{'xyz'[axis]}-", "displacement": held})
+    return made, peak
+
+
+def draw(kind: Kind, made: dict[str, Any], right: float) -> Draw:
+    """Solve one position whose peak is known."""
     solved = solve_scene(build_scene(Configuration.model_validate(made)))
     (record,) = solved.summary["contacts"]
     (pressed,) = pressed_facets(solved.model, solved.nodes)
@@ -111,7 +126,7 @@ def draw(kind: Kind, facets: float, centre: Sequence[float]) -> Draw:
 def draws(kind: Kind, facets: float, count: int, random: np.random.Generator) -> list[Draw]:
     """Solve at random positions between the nodes in the middle of the surface."""
     places = (random.random((count, kind.dimension - 1)) - 0.5) * 2.0 / kind.cells
-    return [draw(kind, facets, [float(x) for x in place]) for place in places]
+    return [draw(kind, *hertz_scene(kind, facets, place.tolist())) for place in places]
 
 
 def _row(name: str, facets: float, of_row: Sequence[Draw]) -> str:
@@ -134,6 +149,7 @@ def main() -> None:
     parser.add_argument("kinds", nargs="*", help=f"of {', '.join(KINDS)}; all unless given")
     parser.add_argument("--draws", type=int, default=20)
     parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--half", action="store_true", help="half models, the ball at their planes")
     parser.add_argument("--facets", type=float, nargs="+", default=[3.0, 4.0, 5.0, 6.0, 8.0])
     arguments = parser.parse_args()
     random = np.random.default_rng(arguments.seed)
@@ -143,9 +159,12 @@ def main() -> None:
     print("|---|---|---|---|---|---|---|---|")
     for name in arguments.kinds or KINDS:
         for facets in arguments.facets:
-            print(
-                _row(name, facets, draws(KINDS[name], facets, arguments.draws, random)), flush=True
-            )
+            kind = KINDS[name]
+            if arguments.half:
+                of_row = [draw(kind, *half_scene(kind, facets))]
+            else:
+                of_row = draws(kind, facets, arguments.draws, random)
+            print(_row(name, facets, of_row), flush=True)
 
 
 if __name__ == "__main__":

@@ -27,7 +27,8 @@ def test_three_to_six_facets_across_cause_a_warning_with_the_expected_error(cell
     assert float(words[1]) == pytest.approx(4.0, abs=0.5)
     assert int(words[2]) == pytest.approx(100.0 * expected_error(float(words[1])), abs=2.0)
     (contact,) = found["contacts"]
-    assert abs(contact["max_smoothed_pressure"] / right - 1.0) < 0.01 * int(words[2])
+    error = abs(contact["max_smoothed_pressure"] / right - 1.0)
+    assert error < min(0.01 * int(words[2]), 0.07)
     made, _ = hertz_scene(kind, 9.0, [0.0] * (kind.dimension - 1))
     assert "facets across" not in " ".join(
         solve_scene(scenes.build(made)).summary["certificate"]["warnings"]
