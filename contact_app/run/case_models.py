@@ -216,6 +216,15 @@ class CaseModels:
             self._directions = None
         self._earlier.append(_Earlier(problem.B, problem.effect_of_loads, solution.multiplier))
 
+    def is_near_last(self, model: Model) -> bool:
+        """Whether the loads are near those of the last answer, by `FAR` (collective)."""
+        if not self._earlier or self._earlier[-1].B is not model.problem.B:
+            return False
+        effect, last = model.problem.effect_of_loads, self._earlier[-1].effect
+        vectors = effect - last, effect, last
+        change, *squares = self._comm.allreduce(np.array([v @ v for v in vectors]))
+        return bool(change <= FAR**2 * max(squares))
+
     def on(self, model: Model) -> Guess | None:
         """Initial multipliers; None if no earlier case is near (collective)."""
         comparable = [e for e in self._earlier if e.B is model.problem.B]

@@ -143,8 +143,7 @@ class IncrementModels:
         """Store an answer: the next increment begins with it."""
         self._last, self._displacements = solved.model.scene, solved.solution.displacements
         self._rows = SameRows(solved.solution)
-        if not self._rough or solved.model.problem.factored:
-            self._models.add(solved.model, solved.solution)
+        self._models.add(solved.model, solved.solution)
 
     def after(self, scene: Scene | None, displacements: Displacements) -> IncrementModels:
         """Models of the increment that follows another state; these models stay as they are.
@@ -161,9 +160,9 @@ class IncrementModels:
     def on(self, model: Model) -> Guess | None:
         """Initial guess: a combination of earlier answers, or the last one (collective).
 
-        With friction multigrid begins with the last answer: one to nearly equal loads, which came
-        from the other side, slides the other way.
+        With friction multigrid begins with the last answer unless its loads are far: an earlier one
+        to nearly equal loads, which came from the other side, slides the other way.
         """
-        follows = self._rough and not model.problem.factored
+        follows = self._rough and not model.problem.factored and self._models.is_near_last(model)
         near = None if follows else self._models.on(model)
         return near if near is not None or self._rows is None else self._rows.on(model)
