@@ -122,6 +122,21 @@ class DualProblem(DecomposedProblem):
         loads = replace(self.system.loads, c=c, lengths_before=lengths)
         return DualProblem(replace(self.system, loads=loads), replace(self.reused, d=None))
 
+    def beside(self, displacements: list[NDArray[np.float64]]) -> DualProblem:
+        """The problem with the least undetermined motions from given displacements (collective).
+
+        The problem itself if they are of other subdomains.
+
+        Parameters
+        ----------
+        displacements : one (n, members) array per class
+        """
+        other = [u.shape for u in displacements] != [f.shape for f in self.forces]
+        if self.comm.allreduce(int(other)):
+            return self
+        loads = replace(self.system.loads, displacements_before=tuple(displacements))
+        return DualProblem(replace(self.system, loads=loads), self.reused)
+
     @cached_property
     def F(self) -> DualOperator:
         """The dual operator."""

@@ -67,13 +67,15 @@ def _moved(problem: DecomposedProblem, free: FreeMotions, solution: Solution) ->
     """The displacements u - V z of least size; None where they are u (collective)."""
     resist = rows_that_resist(problem, solution.multiplier)
     left = -problem.residual(problem.on_interface(solution.displacements))
+    earlier = problem.system.loads.displacements_before or (0.0,) * len(solution.displacements)
+    changes = [u - before for u, before in zip(solution.displacements, earlier, strict=True)]
     motions: list[Array | None] = [None] * problem.bodies.count
     sizes = np.zeros(problem.bodies.count)
     for group in range(problem.bodies.group_count):
         along, images = _undetermined(problem, free, group, resist)
         if not images.shape[1]:
             continue
-        gram, right = free.mean_squares(solution.displacements, along, group)
+        gram, right = free.mean_squares(changes, along, group)
         values, vectors = np.linalg.eigh(gram)
         moving = values > RESOLVED * values.max()
         basis = vectors[:, moving] / np.sqrt(values[moving])

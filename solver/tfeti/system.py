@@ -96,6 +96,8 @@ class Loads:
         that it balances itself; empty without heat.
     lengths_before : (bodies,) or None
         Largest displacements of each body at the end of the last increment; None in the first one.
+    displacements_before : one (n, members) array per class
+        Displacements from which undetermined motions are least; empty for those of zero.
     """
 
     forces: tuple[NDArray[np.float64], ...]
@@ -104,6 +106,7 @@ class Loads:
     e: NDArray[np.float64]
     thermal: tuple[NDArray[np.float64] | None, ...] = ()
     lengths_before: NDArray[np.float64] | None = None
+    displacements_before: tuple[NDArray[np.float64], ...] = ()
 
 
 @dataclass(frozen=True, eq=False)

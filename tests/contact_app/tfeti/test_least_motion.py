@@ -107,3 +107,16 @@ def test_two_ranks_find_the_same_place(tmp_path: Path) -> None:
     expected = 0.03 + 2.0 * WIDER - 0.01
     for probes in (one, two):
         assert probes["corner"]["displacement"][0] == pytest.approx(expected, abs=1e-7)
+
+
+@pytest.mark.parametrize("method", ["auto", "primal"])
+def test_a_block_stays_where_a_load_has_brought_it(method: str) -> None:
+    """Pushed to the right wall in the first step, without the push in the second one."""
+    made = blocks(0.0, left=-0.1, right=1.2)
+    made["conditions"] += [{"on": "a.x-", "traction": [1.0, 0.0], "name": "push"}]
+    made["steps"] = [{"push": 1.0}, {"push": 0.0}]
+    answers = contact_app.solve({**made, "solver": {"method": method}}).increments
+    pushed, released = (answer.displacement[:, 0] for answer in answers)
+    assert pushed.max() == pytest.approx(0.2, abs=1e-7)
+    assert released.mean() == pytest.approx(pushed.mean(), abs=1e-3)
+    assert released.max() <= 0.2 + 1e-7
