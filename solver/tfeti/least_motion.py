@@ -67,7 +67,9 @@ def _moved(problem: DecomposedProblem, free: FreeMotions, solution: Solution) ->
     """The displacements u - V z of least size; None where they are u (collective)."""
     resist = rows_that_resist(problem, solution.multiplier)
     left = -problem.residual(problem.on_interface(solution.displacements))
-    earlier = problem.system.loads.displacements_before or (0.0,) * len(solution.displacements)
+    earlier = problem.system.loads.displacements_before or [
+        np.zeros(1) for _ in solution.displacements
+    ]
     changes = [u - before for u, before in zip(solution.displacements, earlier, strict=True)]
     motions: list[Array | None] = [None] * problem.bodies.count
     sizes = np.zeros(problem.bodies.count)
