@@ -36,6 +36,10 @@ over the displacement in the mean square, below which an answer stays as it is."
 AT_REST = 1e-12
 """Displacement over the motion that is taken away, below which it is a rounding error of this."""
 
+NO_FORCE = 1e-13
+"""Contact force over the largest load of the group of bodies, below which it is a rounding error:
+forces of 4e-15 stood on bodies that nothing else pressed."""
+
 
 def with_least_motion(problem: DecomposedProblem, solution: Solution) -> Solution:
     """A certified answer without friction, with the least undetermined motions (collective).
@@ -65,7 +69,7 @@ def with_least_motion(problem: DecomposedProblem, solution: Solution) -> Solutio
 
 def _moved(problem: DecomposedProblem, free: FreeMotions, solution: Solution) -> list[Array] | None:
     """The displacements u - V z of least size; None where they are u (collective)."""
-    resist = rows_that_resist(problem, solution.multiplier)
+    resist = rows_that_resist(problem, solution.multiplier) & _real_forces(problem, solution)
     left = -problem.residual(problem.on_interface(solution.displacements))
     earlier = problem.system.loads.displacements_before or [
         np.zeros(1) for _ in solution.displacements
@@ -99,6 +103,13 @@ def _moved(problem: DecomposedProblem, free: FreeMotions, solution: Solution) ->
                 if np.abs(part).max() <= AT_REST * sizes[b]:
                     part[:] = 0.0
     return moved
+
+
+def _real_forces(problem: DecomposedProblem, solution: Solution) -> NDArray[np.bool_]:
+    """Mask (dual,) of the rows with a force that is no rounding error beside those of the group."""
+    bodies = problem.bodies
+    largest = bodies.by_group(solution.measures.loads)[bodies.groups[bodies.rows[:, 0]]]
+    return np.asarray(np.abs(solution.multiplier) * problem.spread > NO_FORCE * largest)
 
 
 def _undetermined(

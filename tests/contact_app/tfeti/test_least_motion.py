@@ -85,6 +85,18 @@ def test_rigid_bodies_without_a_drive_neither_turn_nor_rise(method: str) -> None
     assert solved.solution.measures.displacement < 1e-12
 
 
+def test_contact_forces_of_rounding_errors_hold_no_body() -> None:
+    """By multigrid the second body has a single force, 1e-15 of that on the first one."""
+    largest = []
+    for method in ("auto", "primal"):
+        made, subdomains = feature_scene(104106)
+        made["solver"]["method"] = method
+        solved = solve_scene(scenes.build(made, None if method == "primal" else subdomains))
+        assert solved.solution.converged
+        largest.append(solved.solution.measures.displacements)
+    assert largest[0] == pytest.approx(largest[1], rel=1e-6)
+
+
 def test_forces_and_energy_stay_and_no_gap_closes_beyond_zero() -> None:
     made = blocks(0.0, 1.01, left=0.03, right=2.2)
     solved = solve_scene(scenes.build({**made, "decomposition": {"subdomains": 4}}))
