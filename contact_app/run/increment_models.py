@@ -89,7 +89,7 @@ class IncrementModels:
             self._displacements = self._earlier([(len(f), f.shape[1]) for f in problem.forces])
             self._earlier = None
         if not self._rough and self._displacements is not None:
-            problem = problem.beside(self._displacements)
+            problem = problem.with_least_motion_from(self._displacements)
         elif self._displacements is not None:
             problem = problem.with_slip_from(self._displacements)
             moved = self._moved(model)

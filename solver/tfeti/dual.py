@@ -122,7 +122,7 @@ class DualProblem(DecomposedProblem):
         loads = replace(self.system.loads, c=c, lengths_before=lengths)
         return DualProblem(replace(self.system, loads=loads), replace(self.reused, d=None))
 
-    def beside(self, displacements: list[NDArray[np.float64]]) -> DualProblem:
+    def with_least_motion_from(self, displacements: list[NDArray[np.float64]]) -> DualProblem:
         """The problem with the least undetermined motions from given displacements (collective).
 
         The problem itself if they are of other subdomains.
