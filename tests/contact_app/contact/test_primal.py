@@ -392,3 +392,22 @@ def test_ranks_agree_on_degree_2() -> None:
     )
     assert float(energy) == pytest.approx(float(known), rel=1e-8)
     assert int(count) < int(other) + 10
+
+
+PIN_ON_RANKS = """
+from mpi4py import MPI
+from contact_app.run.solve import solve_scene
+from contact_app.scene.build import build_scene
+from contact_app.scene.configuration import load
+from tests.contact_app.contact.test_primal import CONFIGS
+pin = load(CONFIGS / "pin_in_lug.yaml", ["solver.method=primal"])
+summary = solve_scene(build_scene(pin, comm=MPI.COMM_WORLD), MPI.COMM_WORLD).summary
+if MPI.COMM_WORLD.rank == 0:
+    print(summary["solver"]["method"])
+"""
+
+
+@pytest.mark.mpi
+def test_springs_join_coarse_levels_whose_sums_over_ranks_have_no_zeros() -> None:
+    """This pin of degree 2 was left to Total FETI on two ranks."""
+    assert execute(PIN_ON_RANKS, ranks=2).split()[-1] == "primal"
