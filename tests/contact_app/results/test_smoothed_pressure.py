@@ -92,15 +92,14 @@ def test_alternating_pressures_are_averaged(share: float) -> None:
 
 
 def test_a_singular_edge_stays_away_from_other_nodes() -> None:
-    """The pressure of a flat punch: the smoothed one is positive, and right amid it to 8 %."""
+    """A flat punch's pressure is right to 10 %; without the second weights it is off by 14 %."""
     side, shares = line(np.linspace(-1.0, 1.0, 17))
     x = np.linspace(-1.0, 1.0, 17)
     ends = np.array([-1.0, *(0.5 * (x[1:] + x[:-1])), 1.0])
     pressure = np.diff(np.arcsin(ends)) / shares  # means over the lengths about the nodes
     found = smoothed(side, pressure, shares)
     assert found @ shares == pytest.approx(np.pi)
-    assert found.min() > 0.85
-    np.testing.assert_allclose(found[3:-3], pressure[3:-3], rtol=0.08)
+    np.testing.assert_allclose(found, pressure, rtol=0.1)
 
 
 def test_the_integral_stays(straight: SolvedScene) -> None:
