@@ -35,6 +35,7 @@ from contact_app.model.method import feti_options, is_undecomposed
 from contact_app.model.outline import Outline, Report, outline_of_scene
 from contact_app.model.probes import Probe
 from contact_app.model.rigid import RigidUnknowns, rigid_subdomains, subdomains_of_copies
+from contact_app.model.rigid_ties import rough_at_tied_nodes
 from contact_app.model.sections import SectionPiece
 from contact_app.model.supports import support_rows
 from contact_app.model.surface_copies import SurfaceCopies
@@ -286,7 +287,7 @@ def _notes(scene: Scene, outline: Outline, problem: DualProblem) -> tuple[str, .
 
 
 def _cautions(scene: Scene, outline: Outline) -> tuple[str, ...]:
-    """Sentences on bodies that no load drives, loads and friction without effect, and ties apart.
+    """Sentences on bodies that no load drives, loads and friction without effect, and ties.
 
     Collective.
     """
@@ -303,6 +304,9 @@ def _cautions(scene: Scene, outline: Outline) -> tuple[str, ...]:
         for load in held
     ]
     cautions += without_area(scene.touching, outline.tangential, outline.partition.comm)
+    cautions += rough_at_tied_nodes(
+        outline.geometry, scene.all_ties, scene.touching, outline.contact, outline.tied.rows
+    )
     return (*cautions, *outline.tied.notes)
 
 

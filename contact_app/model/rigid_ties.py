@@ -167,6 +167,35 @@ def on_motions(
     return ContactRows.join([rows, contact.of(slips)])
 
 
+def rough_at_tied_nodes(
+    geometry: Geometry,
+    ties: Sequence[Tie | RigidTie],
+    touching: Sequence[Contact | BodyContact],
+    contact: ContactRows,
+    tied: ContactRows,
+) -> list[str]:
+    """Sentences on contacts with friction at nodes that are tied to moving rigid bodies.
+
+    Each of these nodes has a tied row and rows of friction along the same components (collective).
+    """
+    comm, sentences = geometry.comm, []
+    for number, tie in of_rigid_bodies(ties):
+        if tie.rigid not in geometry.rigid.moving:
+            continue
+        nodes = np.concatenate(comm.allgather(tied.nodes[tied.sources == number]))
+        sources = contact.sources[np.isin(contact.nodes, nodes)]
+        shared = comm.allreduce(np.bincount(sources, minlength=len(touching)))
+        sentences += [
+            f"{item.source}: {count} of its nodes with friction are tied to a moving rigid body "
+            f"({tie.source}); how friction and the tie share the forces there is not unique, so "
+            "that pressures at these nodes depend on the method and the decomposition; let one of "
+            "the two boundaries end before the other"
+            for item, count in zip(touching, shared, strict=True)
+            if count and item.friction is not None
+        ]
+    return sentences
+
+
 def refuse_pushed(
     geometry: Geometry,
     ties: Sequence[Tie | RigidTie],

@@ -261,3 +261,32 @@ def test_nodes_tied_to_a_rigid_body_rub_as_those_tied_to_a_stiff_block() -> None
     x, y, z = forces[0]
     np.testing.assert_allclose(np.hypot(x, z), 0.3 * y, rtol=5e-3)  # nodes slide apart
     np.testing.assert_allclose(*forces, atol=1e-3 * y)
+
+
+@pytest.mark.parametrize(("foot", "warned"), [("x < 2", True), ("x < 0.8", False)])
+def test_friction_at_tied_nodes_is_warned_about(foot: str, warned: bool) -> None:
+    """Friction and a tie at one node share its force in no single way; apart they do."""
+    peaks = []
+    for method in ("auto", "primal"):
+        made = {
+            "title": "a block tied to a free plate on a rough floor", "dimension": 2,
+            "bodies": [
+                {"name": "block", "material": {"young": 1000.0, "poisson": 0.3},
+                 "mesh": {"box": {"lower": [0, 0], "upper": [1, 1], "cells": [4, 4]}},
+                 "boundaries": {"foot": {"where": f"y < 1e-9 and {foot}"}}},
+                {"name": "plate", "rigid": {"plane": {"point": [1, 0.5], "normal": [-1, 0]}}},
+            ],
+            "conditions": [{"on": "block.y+", "traction": [0, -10]},
+                           {"in": "plate", "total_force": [1.0, -1.0]}],
+            "contacts": [{"on": "block.x+", "against": "plate", "tied": True},
+                         {"on": "block.foot", "friction": {"coulomb": 0.3},
+                          "obstacle": {"plane": {"point": [0, 0], "normal": [0, 1]}}}],
+            "solver": {"tolerance": 1e-8, "method": method},
+        }  # fmt: skip
+        summary = solve(made).summary
+        assert summary["certificate"]["passed"]
+        told = [w for w in summary["certificate"]["warnings"] if "share the forces" in w]
+        assert [w.startswith("contacts[1]: 1 of its nodes") for w in told] == [True] * warned
+        peaks.append(summary["contacts"][1]["max_pressure"])
+    if not warned:
+        assert peaks[0] == pytest.approx(peaks[1], rel=1e-5)
