@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
+import meshio
 import numpy as np
 import pytest
 from mpi4py import MPI
@@ -50,6 +51,66 @@ def test_rollers_with_friction_are_solved_by_multigrid(tmp_path: Path) -> None:
     assert summary["solver"]["hessian_multiplications"] <= 180
     other = solve(made, None, tolerance=1e-6, method="smalbe").summary
     assert summary["solution"]["energy"] == pytest.approx(other["solution"]["energy"], rel=1e-5)
+
+
+def strip(path: Path, corners: list[tuple[float, float]], cells: tuple[int, int]) -> str:
+    """A mesh file of triangles on a quadrilateral with these corners, counter-clockwise."""
+    a, b, c, d = (np.array([*corner, 0.0]) for corner in corners)
+    x, y = (v.ravel()[:, None] for v in np.meshgrid(*(np.linspace(0, 1, n + 1) for n in cells)))
+    points = (1 - y) * ((1 - x) * a + x * b) + y * ((1 - x) * d + x * c)
+    node = np.arange(len(points)).reshape(cells[1] + 1, cells[0] + 1)
+    e, f, g, h = (v.ravel() for v in (node[:-1, :-1], node[:-1, 1:], node[1:, 1:], node[1:, :-1]))
+    triangles = np.concatenate([np.c_[e, f, g], np.c_[e, g, h]])
+    meshio.Mesh(points, {"triangle": triangles}).write(path)
+    return str(path)
+
+
+@pytest.mark.ratchet
+def test_a_wedge_that_locks_in_elastic_jaws_is_solved_by_multigrid(tmp_path: Path) -> None:
+    """With μ = 0.8 and a slope of 0.14 active sets do not settle; friction carries the load."""
+    t, load = 0.14, 500.0
+    shapes = {
+        "wedge": ([(-1, 0), (1, 0), (1 + 10 * t, 10), (-1 - 10 * t, 10)], (4, 14)),
+        "right": ([(1, 0), (6, 0), (6, 9), (1 + 9 * t, 9)], (8, 14)),
+        "left": ([(-6, 0), (-1, 0), (-1 - 9 * t, 9), (-6, 9)], (8, 14)),
+    }
+    sides = {
+        "wedge": {
+            "right": f"x > 0.999 + {t} * y",
+            "left": f"x < -0.999 - {t} * y",
+            "top": "y > 9.99",
+        },
+        "right": {"face": f"x < 1.001 + {t} * y", "back": "x > 5.99"},
+        "left": {"face": f"x > -1.001 - {t} * y", "back": "x < -5.99"},
+    }
+    made = {
+        "dimension": 2,
+        "bodies": [
+            {
+                "name": name,
+                "mesh": {"file": strip(tmp_path / f"{name}.vtu", corners, cells)},
+                "material": {"young": 7e4, "poisson": 0.3},
+                "boundaries": {side: {"where": where} for side, where in sides[name].items()},
+            }
+            for name, (corners, cells) in shapes.items()
+        ],
+        "conditions": [
+            {"on": "left.back", "displacement": [0, 0]},
+            {"on": "right.back", "displacement": [0, 0]},
+            {"on": "wedge.top", "total_force": [0, -load]},
+        ],
+        "contacts": [
+            {"on": f"wedge.{side}", "against": f"{side}.face", "friction": {"coulomb": 0.8}}
+            for side in ("left", "right")
+        ],
+    }
+    summary = solve(made, None, tolerance=1e-6, method="primal").summary
+    assert summary["certificate"]["passed"]
+    assert summary["solver"]["method"] == "primal"
+    assert summary["solver"]["hessian_multiplications"] <= 500
+    forces = np.array([contact["force"][:2] for contact in summary["contacts"]])
+    assert forces[:, 1] == pytest.approx(load / 2, rel=1e-3)
+    assert forces[0, 0] == pytest.approx(-forces[1, 0], rel=1e-3)
 
 
 @pytest.mark.parametrize("seed", range(5))
