@@ -270,11 +270,13 @@ def _solution_of(model: Model, estimator: ErrorEstimator, request: _Request) -> 
     NoAnswerError
         The solver failed.
     """
-    options = model.scene.solver
+    options, problem = model.scene.solver, model.problem
     begin = request.start.on(model) if request.start is not None else None
+    if isinstance(request.start, SameRows):  # otherwise bodies that nothing drives move each time
+        problem = problem.with_least_motion_from(request.start.answer.displacements)
     try:
         return solve(
-            model.problem, options, request.monitor, request.checkpoint, estimator.accuracy, begin
+            problem, options, request.monitor, request.checkpoint, estimator.accuracy, begin
         )
     except CheckpointError as error:
         raise ConfigurationError(str(error)) from error

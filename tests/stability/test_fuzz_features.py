@@ -37,6 +37,12 @@ def test_random_scene(seed: int) -> None:
     assert not verdict.fault, verdict
 
 
+def test_rigid_bodies_that_no_load_drives_come_to_rest_where_others_are_placed_anew() -> None:
+    """The least motion from the last placement; that from the scene file changed with each."""
+    verdict = judge(200020)
+    assert verdict.kind == "agrees", verdict
+
+
 def test_a_scene_that_multigrid_solves_to_rounding_errors() -> None:
     """Steps made of rounding errors crashed it, and closing jumps that depend on one another."""
     with warnings.catch_warnings():
