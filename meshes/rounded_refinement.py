@@ -20,7 +20,7 @@ from scipy.spatial import cKDTree
 from meshes.cell_shape import at_vertices, corner_jacobians
 from meshes.contact_surface import Surface
 from meshes.smooth_surface import SMOOTH
-from meshes.unstructured import CellMesh
+from meshes.unstructured import CellMesh, matching_rows
 
 LEAST_JACOBIAN = 0.3
 """Jacobian at a corner of a cell over that with straight edges, below which the nodes of the cell
@@ -75,9 +75,14 @@ def _moves(mesh: CellMesh, facets: NDArray[np.integer]) -> tuple[Array, Array]:
     corners, inside = mesh.topology.facets, points[mesh.cells].mean(axis=1)
     inside = inside[mesh.topology.facet_cells]
     skin = Surface.of(d, corners, points[corners], inside)
-    some = Surface.of(d, corners[facets], points[corners[facets]], inside[facets]).smooth()
-    is_round = np.isin(np.arange(len(corners)), facets)
-    is_round = is_round[np.lexsort(np.sort(corners, axis=1).T)]  # the order of `Surface.of`
+    place = matching_rows(np.sort(skin.nodes, axis=1), np.sort(corners[facets], axis=1))
+    is_round = np.isin(np.arange(len(corners)), place)
+    some = replace(
+        skin,
+        nodes=skin.nodes[is_round],
+        points=skin.points[is_round],
+        normals=skin.normals[is_round],
+    ).smooth()
     v = corners.shape[1]
     bulge = np.zeros((len(corners), v, v))
     bulge[is_round] = some.bulge

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 from mpi4py import MPI
@@ -128,13 +129,9 @@ def _of_bodies(answer: FormAnswer) -> Iterator[str]:
     label = problem.bodies.groups
     groups = [np.flatnonzero(label == k) for k in np.unique(label)]
     names = [bodies.name(b) for b in range(bodies.count)]
-    friction = problem.system.friction
-    seen, slips = (
-        None if rows is None else contact_motions(bodies, model.exchange, rows, problem.dimension)
-        for rows in (problem.contact, None if friction is None else friction.rows)
-    )
+    motions_of = partial(contact_motions, bodies, model.exchange, d=problem.dimension)
     movable = Movable(groups, names, bodies.size_of)
-    yield from play_warnings(undetermined_of(problem, solution, (seen, slips), movable), fixes)
+    yield from play_warnings(undetermined_of(problem, solution, motions_of, movable), fixes)
 
 
 def _locking(answer: FormAnswer, fit: Fit) -> Iterator[str]:

@@ -33,6 +33,7 @@ from contact_app.model.equilibrium import (
 from contact_app.model.model import Model
 from solver.contact.equilibrium import undetermined_motions
 from solver.contact.solution import Solution
+from solver.tfeti.constraints.conditions import ContactRows
 from solver.tfeti.dual import DualProblem
 from solver.tfeti.subdomain.kernels import MOTIONS
 from solver.vectors import largest_magnitude
@@ -105,14 +106,9 @@ def play_warnings(motions: list[Undetermined], remedy: str) -> list[str]:
 def undetermined(model: Model, solution: Solution) -> list[Undetermined]:
     """The motions that an answer leaves open (collective)."""
     scene, problem = model.scene, model.problem
-    friction = problem.system.friction
-    seen, slips = (
-        None if rows is None else contact_motions(model.geometry, rows)
-        for rows in (problem.contact, None if friction is None else friction.rows)
-    )
     groups = groups_in_contact(model.geometry, scene.touching, scene.all_ties)
     bodies = Movable(groups, scene.body_names, partial(motion_size, scene.bodies))
-    return undetermined_of(problem, solution, (seen, slips), bodies)
+    return undetermined_of(problem, solution, partial(contact_motions, model.geometry), bodies)
 
 
 @dataclass(frozen=True, eq=False)
@@ -137,16 +133,15 @@ class Movable:
 def undetermined_of(
     problem: DualProblem,
     solution: Solution,
-    rows: tuple[sparse.csr_matrix, sparse.csr_matrix | None],
+    motions_of: Callable[[ContactRows], sparse.csr_matrix],
     bodies: Movable,
 ) -> list[Undetermined]:
     """The motions of bodies that an answer leaves open (collective).
 
     Parameters
     ----------
-    rows : (rows, bodies · motions) each
-        Contact rows and tangential rows applied to the rigid motions of each body; None without
-        friction.
+    motions_of
+        Rows applied to the rigid motions of each body, (rows, bodies · motions).
     """
     free, contact, comm = problem.system.free, problem.contact, problem.comm
     if free is None:
@@ -156,11 +151,11 @@ def undetermined_of(
     left = np.maximum(left / contact.spread, 0.0)
     force = solution.multiplier[problem.inequality] * contact.spread
     largest = comm.allreduce(float(force.max(initial=0.0)), op=MPI.MAX)
-    seen, slips = rows
+    seen, points, friction = motions_of(contact), problem.friction, problem.system.friction
     rough = seen[:0]
-    if slips is not None and problem.friction is not None:
-        limits = problem.friction.slip_limits(solution.multiplier)
-        rough = slips[(limits > PRESSING * largest)[problem.friction.point]]
+    if points is not None and friction is not None:
+        resists = points.slip_limits(solution.multiplier) > PRESSING * largest
+        rough = motions_of(friction.rows)[resists[points.point]]
     motions = []
     for group in bodies.groups:
         columns = (group[:, None] * m + np.arange(m)).ravel()
