@@ -89,6 +89,9 @@ class _Request:
         Candidate rows that become contact rows.
     cases
         Models shared with other load cases or increments.
+    moved
+        Displacements under other placements, from which undetermined motions are the least: else
+        bodies that nothing drives would move with each placement.
     """
 
     scene: Scene
@@ -101,12 +104,18 @@ class _Request:
     counts_before: Counts = field(default_factory=Counts)
     needed: Needed = "distinct"
     cases: Shared | None = None
+    moved: list[NDArray[np.float64]] | None = None
 
     def model(self) -> Model:
         """The model of the scene (collective)."""
+        rest = self.timings, self.needed, self.report
         if self.cases is not None:
-            return self.cases.model(self.scene, self.timings, self.needed, self.report)
-        return build_model(self.scene, self.comm, self.timings, self.needed, self.report)
+            model = self.cases.model(self.scene, *rest)
+        else:
+            model = build_model(self.scene, self.comm, *rest)
+        if self.moved is None:
+            return model
+        return replace(model, problem=model.problem.with_least_motion_from(self.moved))
 
     def estimator(self, model: Model) -> ErrorEstimator:
         """The estimator of errors of its answers."""
@@ -181,6 +190,7 @@ def _at_rest(request: _Request) -> SolvedScene:
         request = replace(
             request, scene=request.scene.placed(places), start=SameRows(solved.solution),
             checkpoint=None, counts_before=solved.solution.counts, report=None,
+            moved=solved.solution.displacements,
         )  # fmt: skip
     return never_placed(solved)
 
@@ -270,14 +280,10 @@ def _solution_of(model: Model, estimator: ErrorEstimator, request: _Request) -> 
     NoAnswerError
         The solver failed.
     """
-    options, problem = model.scene.solver, model.problem
     begin = request.start.on(model) if request.start is not None else None
-    if isinstance(request.start, SameRows):  # otherwise bodies that nothing drives move each time
-        problem = problem.with_least_motion_from(request.start.answer.displacements)
+    rest = request.monitor, request.checkpoint, estimator.accuracy, begin
     try:
-        return solve(
-            problem, options, request.monitor, request.checkpoint, estimator.accuracy, begin
-        )
+        return solve(model.problem, model.scene.solver, *rest)
     except CheckpointError as error:
         raise ConfigurationError(str(error)) from error
     except FAILURES as error:
