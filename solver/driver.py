@@ -125,7 +125,7 @@ def _solved(task: Task, method: Method, start: Guess | None) -> Solution:
         return solve_by_multigrid(task, start, restart)
     multiplier = None if start is None else start.multiplier
     if method == "smalbe":
-        if problem.coarse is not None and problem.friction is not None:
+        if problem.coarse is not None and problem.friction.acts:
             restart = checkpoint.load(problem) if checkpoint else None
             return solve_by_smalbe(task, None, restart, active_sets=False)
         if problem.coarse is not None:

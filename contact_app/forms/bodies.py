@@ -223,13 +223,13 @@ class Resisting:
     groups : (bodies,)
         The group of each body.
     friction
-        Tangential rows; None where no contact has friction.
+        Tangential rows.
     """
 
     held: HeldRows
     contact: ContactRows
     groups: NDArray[np.int64]
-    friction: FrictionRows | None = None
+    friction: FrictionRows
 
 
 def holding(
@@ -254,10 +254,8 @@ def holding(
     body_of_held = bodies.of_node[held.nodes - exchange.first]
     seen = contact_motions(bodies, exchange, contact, d)
     moved = _moved_by_contact(bodies, exchange, contact, d)
-    rough: ContactPoints | None = None
-    if rows.friction is not None:
-        slips = contact_motions(bodies, exchange, rows.friction.rows, d)
-        rough = ContactPoints(rows.friction, rows.friction.places(contact), slips)
+    slips = contact_motions(bodies, exchange, rows.friction.rows, d)
+    rough = ContactPoints(rows.friction, rows.friction.places(contact), slips)
     balances: list[BodyBalance | None] = [None] * bodies.count
     for number in np.unique(groups):
         group = np.flatnonzero(groups == number)
@@ -269,7 +267,7 @@ def holding(
         columns = (group[:, None] * m + np.arange(m)).ravel()
         of_group = seen[:, columns]
         in_group = np.diff(of_group.indptr) > 0
-        cones = None if rough is None else rough.cones(in_group, columns)
+        cones = rough.cones(in_group, columns)
         none = np.zeros((0, len(columns)))
         on_group = GroupRows(
             holds_body, none, of_group[in_group].toarray(), moved[:, columns], cones
@@ -277,9 +275,9 @@ def holding(
         state = on_group.balance(comm, work[group].ravel(), float(scale[group].sum()))
         if state.escape is not None:
             escape = state.escape
-            if cones is not None:
+            if cones.acts:
                 escape = slide(comm, on_group.holding, on_group.contact, escape, cones)
-            raise NoEquilibriumError(_leaving(bodies, group, escape, cones is not None))
+            raise NoEquilibriumError(_leaving(bodies, group, escape, cones.acts))
         elastic = np.ones(len(group), bool)
         for b, of_body in zip(group, on_group.balances(comm, state, elastic), strict=True):
             balances[b] = of_body

@@ -49,8 +49,8 @@ def friction_rows(
     sides: tuple[Sequence[Sides], Sequence[MeanJumps | None]],
     held: HeldRows,
     rows: tuple[ContactRows, ContactRows],
-) -> FrictionRows | None:
-    """The tangential rows of all contacts with friction (collective); None where there are none.
+) -> FrictionRows:
+    """The tangential rows of all contacts with friction (collective).
 
     Parameters
     ----------
@@ -64,8 +64,6 @@ def friction_rows(
         for number, (contact, side, jumps) in enumerate(zip(contacts, *sides, strict=True))
         if contact.law is not None
     ]
-    if not rough:
-        return None
     contact, merged = rows
     return tangential_rows(exchange, rough, contact, merged, held, contact.none())
 

@@ -177,14 +177,14 @@ def build_model(
     groups = groups_of(bodies, exchange, contact)
     resisting = Resisting(held, contact, groups, friction)
     state = holding(subdomains, bodies, exchange, stiffness, acting.total, resisting)
-    eliminated = state.held & (bodies.sizes == 1) & (friction is None)
+    eliminated = state.held & (bodies.sizes == 1) & (not friction.acts)
     first = parts.comm.exscan(subdomains.count) or 0
     numbers = np.repeat(first + np.arange(subdomains.count), np.diff(subdomains.starts))
     of_held = eliminated[bodies.of_node[held.nodes - exchange.first]]
-    slips = None if friction is None else friction.rows
-    rows, shared = write_rows(exchange, numbers, held, SharedRows.of(contact, slips), of_held)
-    if friction is not None:
-        friction = replace(friction, rows=shared.tangential)
+    rows, shared = write_rows(
+        exchange, numbers, held, SharedRows.of(contact, friction.rows), of_held
+    )
+    friction = replace(friction, rows=shared.tangential)
     supports = _supports(subdomains, bodies, state, first)
     constraints = ConstraintRows(exchange, rows, shared, supports, state.without_contact, friction)
     lifted = _lifted(exchange, held)
@@ -263,8 +263,7 @@ def with_new_loads(
     at = np.searchsorted(held.nodes, unknowns[rows] // parts.dimension)
     c[rows] = held.values[at, unknowns[rows] % parts.dimension]
     c[problem.inequality] = contact.gaps * problem.contact.spread
-    if friction is not None:
-        c[problem.tangential] = friction.rows.gaps * problem.spread[problem.tangential]
+    c[problem.tangential] = friction.rows.gaps * problem.spread[problem.tangential]
     case = problem.with_loads(forces, lifting, c, [h if h.any() else None for h in heat])
     return replace(model, problem=case, merged=merged)
 

@@ -277,7 +277,7 @@ def summary_of(
     mesh, count = parts.space.mesh, comm.allreduce(model.subdomains.count)
     multiplier = solution.multiplier[model.problem.inequality]
     certificate = solution.certificate.as_dict()
-    rough = model.problem.system.friction is not None
+    rough = model.problem.friction.acts
     work = {"dissipated_work": dissipated_work(model.problem, solution)} if rough else {}
     forces = [c["force"] for c, contact in zip(contacts, model.contacts, strict=True)
               if contact.against is None]  # fmt: skip

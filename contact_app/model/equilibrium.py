@@ -45,7 +45,7 @@ def body_balances(
     holding: tuple[HeldRows, ContactRows],
     contact: ContactRows,
     loads: Iterable[Array | None],
-    friction: FrictionRows | None = None,
+    friction: FrictionRows,
 ) -> list[BodyBalance]:
     """The equilibrium of each body, (bodies,): elastic ones first, then moving rigid ones.
 
@@ -60,10 +60,8 @@ def body_balances(
     d, comm, elastic = geometry.dimension, geometry.comm, len(scene.bodies)
     work, scale = _work_of_loads(geometry, loads)
     touching, joined = (contact_motions(geometry, rows) for rows in (contact, tied))
-    points = None
-    if friction is not None:
-        slips = contact_motions(geometry, friction.rows)
-        points = ContactPoints(friction, friction.places(contact), slips)
+    slips = contact_motions(geometry, friction.rows)
+    points = ContactPoints(friction, friction.places(contact), slips)
     balances: list[BodyBalance | None] = [None] * len(work)
     for group in groups_in_contact(geometry, scene.touching, scene.all_ties):
         held_rows, requested = _holding(geometry, held, group)
@@ -79,7 +77,7 @@ def body_balances(
             np.concatenate([block_diag(*requested), tied_rows]),
             some[nonzero].toarray(),
             moved,
-            points.cones(nonzero, columns) if points is not None else None,
+            points.cones(nonzero, columns),
         )
         load = work[group].ravel()
         state = rows.balance(comm, load, float(scale[group].sum()))
@@ -129,13 +127,13 @@ def _no_equilibrium(
     step only its own loads grow, and the message of the step has the factor.
     """
     share, cones, both = None, rows.cones, (rows.holding, rows.contact)
-    if cones is not None:
+    if cones.acts:
         escape = slide(comm, *both, escape, cones)
         share = None if scene.in_step else carried_share(comm, *both, load, cones)
     return (
         f"{scene.source}: the scene has no equilibrium: nothing stops "
         f"{leaving(scene.body_names.__getitem__, group, escape)} under its loads"
-        + (", not even friction at its limit" if cones is not None else "")
+        + (", not even friction at its limit" if cones.acts else "")
         + (f"; it starts at {share:.3g} times all loads" if share is not None else "")
     )
 
@@ -217,6 +215,7 @@ class ContactPoints:
         return FrictionCones(
             self.slips[of_normal][:, columns].toarray(), normal,
             self.friction.coefficients[of_normal], self.friction.limits[of_normal],
+            self.friction.acts,
         )  # fmt: skip
 
 

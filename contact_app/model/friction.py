@@ -51,12 +51,12 @@ def always_rough(
 
 
 def without_area(
-    touching: Sequence[Contact | BodyContact], friction: FrictionRows | None, comm: MPI.Intracomm
+    touching: Sequence[Contact | BodyContact], friction: FrictionRows, comm: MPI.Intracomm
 ) -> list[str]:
     """Sentences on contact points where Tresca friction has no area to act on (collective)."""
     sentences = []
     for number, contact in enumerate(touching):
-        if contact.friction is None or not contact.friction.tresca or friction is None:
+        if contact.friction is None or not contact.friction.tresca:
             continue
         rows = friction.rows
         lost = rows.nodes[(rows.sources == number) & (friction.limits == 0.0)]

@@ -185,9 +185,7 @@ def model_of_case(model: Model, outline: Outline, scene: Scene) -> Model:
     c[problem.inequality] = outline.contact.gaps * problem.contact.spread
     c[problem.tied] = outline.tied.rows.gaps * problem.system.tied.spread
     c[problem.means] = outline.means.gaps * problem.system.means.spread
-    friction = outline.tangential
-    if friction is not None:
-        c[problem.tangential] = friction.rows.gaps * problem.spread[problem.tangential]
+    c[problem.tangential] = outline.tangential.rows.gaps * problem.spread[problem.tangential]
     case = problem.with_loads(
         forces, lifting, c, [heat if heat.any() else None for heat in thermal]
     )
@@ -218,11 +216,9 @@ def model_of_outline(
     geometry, unknowns = outline.geometry, RigidUnknowns.of(outline.geometry)
     of_copies = subdomains_of_copies(surface, partition, unknowns.count)
     friction = outline.tangential
-    slips = None if friction is None else friction.rows
-    shared = SharedRows.of(outline.contact, slips, outline.tied.rows, outline.means)
+    shared = SharedRows.of(outline.contact, friction.rows, outline.tied.rows, outline.means)
     rows, shared = write_rows(exchange, of_copies, held, shared, eliminated[body_of_held], options)
-    if friction is not None:
-        friction = replace(friction, rows=shared.tangential)
+    friction = replace(friction, rows=shared.tangential)
     supports = support_rows(geometry, surface, balances)
     lifting = _lifting(partition, surface, exchange, held, eliminated)
     classes = _congruent(scene.bodies, partition, lifting)

@@ -112,7 +112,7 @@ class Outline:
     balances
         Equilibrium of each body, elastic ones first, then moving rigid ones.
     friction
-        Tangential rows at all candidate rows of this rank; None without friction.
+        Tangential rows at all candidate rows of this rank.
     """
 
     geometry: Geometry
@@ -134,7 +134,7 @@ class Outline:
     temperatures: list[NDArray[np.float64] | None]
     thermal: list[NDArray[np.float64] | None]
     balances: list[BodyBalance]
-    friction: FrictionRows | None = None
+    friction: FrictionRows
 
     @property
     def partition(self) -> Partition:
@@ -161,9 +161,9 @@ class Outline:
         return gaps, sources
 
     @property
-    def tangential(self) -> FrictionRows | None:
-        """Tangential rows at the contact rows of this rank; None without friction."""
-        return None if self.friction is None else self.friction.at(self.contact)
+    def tangential(self) -> FrictionRows:
+        """Tangential rows at the contact rows of this rank."""
+        return self.friction.at(self.contact)
 
     @property
     def eliminated(self) -> NDArray[np.bool_]:
@@ -173,7 +173,7 @@ class Outline:
         """
         single = np.array([n == 1 for n in self.partition.subdomains_of_body])
         held = np.array([b.held for b in self.balances[: len(single)]])
-        return single & held & (self.friction is None)
+        return single & held & (not self.friction.acts)
 
 
 Report = Callable[[Scene, Outline], None]
@@ -316,12 +316,11 @@ def _friction_and_balances(
     exchange: NodeExchange,
     rows: _Rows,
     loads: Sequence[NDArray[np.float64] | None],
-) -> tuple[FrictionRows | None, list[BodyBalance]]:
-    """Tangential rows, None without friction, and the equilibrium of each body (collective)."""
-    held, contact, tied, friction = rows.held, rows.contact, rows.tied.rows, None
-    if scene.has_friction:
-        rough = rough_contacts(geometry, scene.touching, exchange, held)
-        friction = tangential_rows(exchange, rough, contact, rows.merged, held, tied)
+) -> tuple[FrictionRows, list[BodyBalance]]:
+    """Tangential rows and the equilibrium of each body (collective)."""
+    held, contact, tied = rows.held, rows.contact, rows.tied.rows
+    rough = rough_contacts(geometry, scene.touching, exchange, held)
+    friction = tangential_rows(exchange, rough, contact, rows.merged, held, tied)
     return friction, body_balances(scene, geometry, (held, tied), contact, loads, friction)
 
 

@@ -98,6 +98,8 @@ def tangential_rows(
         Rows that a tighter contact row of the same node makes redundant: it takes over the slip
         limits that are given of their contacts.
     """
+    if not rough:
+        return FrictionRows.none(contact)
     d = contact.normals.shape[1]
     parts, coefficients, limits = [contact.none()], [np.zeros(0)], [np.zeros(0)]
     reused = _taken_over(rough, contact, merged)

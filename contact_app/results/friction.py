@@ -49,8 +49,6 @@ def friction_at_rows(problem: DualProblem, solution: Solution) -> FrictionAtRows
     forces, moments, slips = np.zeros((3, count, 3))
     sticks, rubs = np.zeros((2, count), bool)
     points, rows = problem.friction, problem.system.friction
-    if points is None or rows is None:
-        return FrictionAtRows(forces, moments, slips, sticks, rubs)
     place, normals = rows.places(problem.contact), rows.rows.normals
     force = points.forces(solution.multiplier)
     slip = points.slips(problem.residual(problem.on_interface(solution.displacements)))
@@ -90,11 +88,9 @@ def of_most_pressed(
 
 def dissipated_work(problem: DualProblem, solution: Solution) -> float:
     """Σ λ_t · w, the work dissipated by friction (collective)."""
-    points, work = problem.friction, 0.0
-    if points is not None:
-        residual = problem.residual(problem.on_interface(solution.displacements))
-        work = float(points.forces(solution.multiplier) @ points.slips(residual))
-    return float(problem.comm.allreduce(work))
+    residual = problem.residual(problem.on_interface(solution.displacements))
+    forces = problem.friction.forces(solution.multiplier)
+    return float(problem.comm.allreduce(forces @ problem.friction.slips(residual)))
 
 
 def approach_of_held(model: Model, before: RigidBodies | None) -> Array:
@@ -132,14 +128,13 @@ def closing_points(
     -------
     Numbers of points that close or open, and of points in contact at the start or at the end.
     """
-    counts, points = np.zeros(2, int), problem.friction
-    if points is not None:
-        begun = start or [np.zeros_like(u) for u in solution.displacements]
-        begun_at = problem.residual(problem.on_interface(begun)) + approach
-        gap = -points.normal_residuals(begun_at)
-        was_open = gap > solution.tolerance * solution.measures.displacement
-        closed = points.pressing(solution.multiplier) > 0.0
-        rough = points.coefficients > 0.0
-        counts[:] = (rough & (was_open == closed)).sum(), (rough & (closed | ~was_open)).sum()
-    changed, touching = problem.comm.allreduce(counts)
+    points = problem.friction
+    begun = start or [np.zeros_like(u) for u in solution.displacements]
+    begun_at = problem.residual(problem.on_interface(begun)) + approach
+    was_open = (
+        -points.normal_residuals(begun_at) > solution.tolerance * solution.measures.displacement
+    )
+    closed, rough = points.pressing(solution.multiplier) > 0.0, points.coefficients > 0.0
+    counts = (rough & (was_open == closed)).sum(), (rough & (closed | ~was_open)).sum()
+    changed, touching = problem.comm.allreduce(np.array(counts))
     return int(changed), int(touching)

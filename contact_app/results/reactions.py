@@ -93,11 +93,9 @@ def add_contact(
     force : (owned nodes, components)
         Changed in place.
     """
-    friction = problem.system.friction
     parts = [(problem.contact, problem.inequality), (problem.system.tied, problem.tied)]
     parts.append((problem.system.means, problem.means))
-    if friction is not None:
-        parts.append((friction.rows, problem.tangential))
+    parts.append((problem.system.friction.rows, problem.tangential))
     for rows, chosen in parts:
         of_rows, held = solution.multiplier[chosen] * rows.spread, rows.held
         query = exchange.among(held.node)

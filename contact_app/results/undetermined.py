@@ -152,10 +152,8 @@ def undetermined_of(
     force = solution.multiplier[problem.inequality] * contact.spread
     largest = comm.allreduce(float(force.max(initial=0.0)), op=MPI.MAX)
     seen, points, friction = motions_of(contact), problem.friction, problem.system.friction
-    rough = seen[:0]
-    if points is not None and friction is not None:
-        resists = points.slip_limits(solution.multiplier) > PRESSING * largest
-        rough = motions_of(friction.rows)[resists[points.point]]
+    resists = points.slip_limits(solution.multiplier) > PRESSING * largest
+    rough = motions_of(friction.rows)[resists[points.point]]
     motions = []
     for group in bodies.groups:
         columns = (group[:, None] * m + np.arange(m)).ravel()

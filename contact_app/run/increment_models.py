@@ -104,7 +104,7 @@ class IncrementModels:
     def _moved(self, model: Model) -> NDArray[np.float64] | None:
         """Slips (dual,) from held components of rigid bodies in this increment."""
         problem, friction = model.problem, model.problem.system.friction
-        if friction is None or not model.scene.rigid_bodies:
+        if not model.scene.rigid_bodies:
             return None
         unknowns, moved = RigidUnknowns.of(model.geometry), np.zeros(problem.size)
         added = slips_of_held(friction.rows, unknowns, model.scene.contacts, self._rigid_before)

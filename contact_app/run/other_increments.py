@@ -177,11 +177,9 @@ def change_to(
 ) -> Change:
     """Difference between two answers with the same rows."""
     comm, points, solution = now.model.comm, now.model.problem.friction, now.solution
-    sums = np.zeros(2)
-    if points is not None:
-        forces = points.forces(multiplier) - points.forces(solution.multiplier)
-        sums[:] = points.sizes(forces).sum(), points.slip_limits(solution.multiplier).sum()
-    moved, limits = comm.allreduce(sums)
+    forces = points.forces(multiplier) - points.forces(solution.multiplier)
+    sums = points.sizes(forces).sum(), points.slip_limits(solution.multiplier).sum()
+    moved, limits = comm.allreduce(np.array(sums))
     pairs = list(zip(displacements, solution.displacements, strict=True))
     slipped = np.array(
         [

@@ -271,16 +271,14 @@ def certificate_of(
         "duality_gap": _relative_gaps(problem, measures),
         **friction_numbers(problem, answer.multiplier, residual, load, lengths),
     }
-    frictional = problem.friction is not None
-    certificate = replace(_certificate(by_body, rounded / load), frictional=frictional)
+    certificate = _certificate(by_body, rounded / load)
+    certificate = replace(certificate, frictional=problem.friction.acts)
     return certificate.judged(tolerance), measures
 
 
 def _friction_work(answer: MeasuredAnswer) -> float:
     """Σ s |w| over this rank's points: a part of J(û), but not of the energy of the bodies."""
     points = answer.problem.friction
-    if points is None:
-        return 0.0
     slips = points.sizes(points.slips(answer.residual))
     return float(points.slip_limits(answer.multiplier) @ slips)
 
@@ -302,8 +300,6 @@ def friction_numbers(
         References of forces and of lengths.
     """
     points, bodies = problem.friction, problem.bodies
-    if points is None:
-        return {name: np.zeros(bodies.count) for name in ("friction_cone", "slip_alignment")}
     rows = points.rows[points.first]
     here = np.zeros(len(multiplier), bool)
     here[rows] = True

@@ -99,12 +99,20 @@ class FrictionCones:
         Contact row of each tangential row.
     coefficients, limits : (k,), (k,)
         Coefficient μ and given slip limit (force) of each row; one of the two is 0.
+    acts
+        Whether a contact of any rank has friction.
     """
 
     slips: NDArray[np.float64]
     normal: NDArray[np.int64]
     coefficients: NDArray[np.float64]
     limits: NDArray[np.float64]
+    acts: bool = True
+
+    @classmethod
+    def none(cls, motions: int) -> FrictionCones:
+        """No rows, of contacts without friction."""
+        return cls(np.zeros((0, motions)), np.zeros(0, np.int64), np.zeros(0), np.zeros(0), False)
 
     def along(self, motions: NDArray[np.float64]) -> FrictionCones:
         """The same cones for motions that are combinations (motions, k) of the present motions."""
@@ -151,18 +159,17 @@ def balance(
     load_scale
         Sum of the magnitudes of the loads; smaller residuals than 1e-9 of it are round-off.
     friction
-        Friction of some contact rows; None on all ranks where no contact has friction.
+        Friction of some contact rows; none unless given.
     """
+    friction = friction or FrictionCones.none(contact.shape[1])
     gram_held = comm.allreduce(held.T @ held)
-    gram_contact = comm.allreduce(contact.T @ contact)
-    if friction is not None:
-        gram_contact += comm.allreduce(friction.slips.T @ friction.slips)
+    gram_contact = comm.allreduce(contact.T @ contact + friction.slips.T @ friction.slips)
     allowed = _null_space(gram_held)
     free = _null_space(gram_held + gram_contact)
     if allowed.shape[1] == 0:
         return BodyBalance(free, None, held=True)
-    cones = None if friction is None else friction.along(allowed)
-    residual = _residual(comm, contact @ allowed, allowed.T @ load, 1e-9 * load_scale, cones)
+    rows, cones = contact @ allowed, friction.along(allowed)
+    residual = _residual(comm, rows, allowed.T @ load, 1e-9 * load_scale, cones)
     escape = None if residual is None else allowed @ (residual / np.linalg.norm(residual))
     return BodyBalance(free, escape, held=False)
 
@@ -349,7 +356,7 @@ def _residual(
     rows: NDArray[np.float64],
     load: NDArray[np.float64],
     tolerance: float,
-    friction: FrictionCones | None = None,
+    friction: FrictionCones,
 ) -> NDArray[np.float64] | None:
     """Residual of min ‖load - rowsᵀ λ - friction‖ over λ ≥ 0, or None if it vanishes."""
     chosen, bounded = np.zeros((0, len(load))), np.zeros((0, len(load)))
@@ -357,22 +364,20 @@ def _residual(
     for _ in range(ROUNDS):
         if np.linalg.norm(residual) <= tolerance:
             return None
-        rays = rows if friction is None else friction.opposing(rows, residual)
+        rays = friction.opposing(rows, residual)
         violation = rays @ residual
         best = int(np.argmax(violation)) if len(violation) else -1
         threshold = 1e-10 * np.linalg.norm(residual)
         offer = rays[best] if best >= 0 and violation[best] > threshold else None
         offers = [row for row in comm.allgather(offer) if row is not None]
         fresh = [row for row in offers if not (np.abs(chosen - row).max(axis=1) < 1e-14).any()]
-        pull = np.zeros((0, len(load)))
-        if friction is not None:
-            pull = friction.power_of_limits(residual, len(rows))
-            pull = _new_friction_sum(comm, pull, bounded, residual)
+        pull = friction.power_of_limits(residual, len(rows))
+        pull = _new_friction_sum(comm, pull, bounded, residual)
         if not fresh and not len(pull):
             return residual
         chosen, bounded = np.vstack([chosen, *fresh]), np.vstack([bounded, pull])
         residual = load - _nearest(chosen, bounded, load)
-    return residual if friction is None else None
+    return None if friction.acts else residual
 
 
 def _new_friction_sum(

@@ -43,6 +43,8 @@ class FrictionPoints:
         Coordinates of each point, and the number of its contact.
     tangents : (k, dimension)
         Direction of each tangential row.
+    acts
+        Whether a contact of any rank has friction.
     """
 
     rows: NDArray[np.int64]
@@ -58,6 +60,7 @@ class FrictionPoints:
     places: Array
     sources: NDArray[np.int64]
     tangents: Array
+    acts: bool = True
 
     @property
     def planar(self) -> NDArray[np.int64]:

@@ -38,14 +38,14 @@ class GroupRows:
     moved : (rows · dimension, bodies · motions) or None
         Relative motion of the sides of the contact rows; None if a body of the group is rigid.
     cones
-        Friction of the contact rows; None without friction.
+        Friction of the contact rows.
     """
 
     held: list[Array]
     joined: Array
     contact: Array
     moved: Array | None
-    cones: FrictionCones | None
+    cones: FrictionCones
 
     @property
     def holding(self) -> Array:
@@ -70,9 +70,7 @@ class GroupRows:
         m = holding.shape[1] // count
         sliding = np.zeros((holding.shape[1], 0))
         if self.moved is not None:
-            resisting = self.contact
-            if self.cones is not None:
-                resisting = np.concatenate([self.contact, self.cones.slips])
+            resisting = np.concatenate([self.contact, self.cones.slips])
             sliding = loose_motions(comm, holding, resisting, self.moved)
         # the motions of elastic bodies in the span of slides and free motions
         both = np.hstack([sliding, group.free_motions])

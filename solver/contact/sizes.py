@@ -117,7 +117,7 @@ class MeasuredProblem(Protocol):
         """Force over multiplier of each row, (rows,); its inverse is distance over residual."""
 
     @property
-    def friction(self) -> FrictionPoints | None:
+    def friction(self) -> FrictionPoints:
         """Contact points with friction."""
 
     @property

@@ -260,7 +260,7 @@ class PrimalSet:
         self._left = left if springs.empty else left - springs.forces_at(self._start)
         self._preconditioner = self._make_preconditioner()
         rhs = projector.apply_transpose(self._left)
-        may_slide = system.has_rigid_bodies or backend.problem.friction is not None
+        may_slide = system.has_rigid_bodies or backend.problem.friction.acts
         if may_slide and rigid.leaves(rhs, system.load):
             raise ArithmeticError("the active rows leave a body that the load drives")
         self._iterate = it = Iterate(BoxQP(operator, rhs), preconditioner=self._preconditioner)

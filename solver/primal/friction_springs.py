@@ -8,7 +8,7 @@ force at the beginning of a step.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from mpi4py import MPI
@@ -32,6 +32,8 @@ class FrictionSprings:
         Stiffness of the springs while the points stick.
     coefficients, limits : (points,)
         Largest friction over the normal multiplier, and given largest friction.
+    acts
+        Whether a contact of any rank has friction.
     """
 
     rows: Numbers
@@ -40,10 +42,11 @@ class FrictionSprings:
     sticking: Array
     coefficients: Array
     limits: Array
+    acts: bool = True
 
     @classmethod
-    def of(cls, system: MergedSystem, stiffness: Array) -> FrictionSprings | None:
-        """The points of a system; None without friction.
+    def of(cls, system: MergedSystem, stiffness: Array) -> FrictionSprings:
+        """The points of a system.
 
         Parameters
         ----------
@@ -51,8 +54,6 @@ class FrictionSprings:
             Of the springs while the points stick.
         """
         points = system.problem.friction
-        if points is None:
-            return None
         place = np.full(system.problem.size, -1)
         place[system.rows] = np.arange(len(system.rows))
         spread, normal = points.spread[points.first], points.normal_spread[points.first]
@@ -63,6 +64,7 @@ class FrictionSprings:
             stiffness[place[points.rows]],
             points.coefficients * normal / spread,
             points.limits / spread,
+            points.acts,
         )
 
     def everywhere(self, comm: MPI.Intracomm, rows: int) -> FrictionSprings:
@@ -78,7 +80,8 @@ class FrictionSprings:
             self.rows + first_row, self.normals + first_row, self.point + first_point,
             self.sticking, self.coefficients, self.limits,
         )  # fmt: skip
-        return FrictionSprings(*(np.concatenate(comm.allgather(part)) for part in parts))
+        together = (np.concatenate(comm.allgather(part)) for part in parts)
+        return replace(FrictionSprings(*together), acts=self.acts)
 
     def stiffness(self, jump: Array, normal_forces: Array) -> Array:
         """Stiffness of the springs of the tangential rows, (k,).

@@ -117,7 +117,7 @@ class Rows:
     normal, equality : (rows,)
         Masks of the contact rows, and of the rows that hold with equality.
     friction
-        Points with friction; None without.
+        Points with friction.
     """
 
     comm: MPI.Intracomm
@@ -125,7 +125,7 @@ class Rows:
     normal: NDArray[np.bool_]
     equality: NDArray[np.bool_]
     stiffness: Array
-    friction: FrictionSprings | None = None
+    friction: FrictionSprings
 
     def everywhere(self) -> Rows:
         """All rows, on a rank of its own (collective)."""
@@ -133,17 +133,16 @@ class Rows:
             np.concatenate(self.comm.allgather(part))
             for part in (self.c, self.normal, self.equality, self.stiffness)
         )
-        friction = self.friction and self.friction.everywhere(self.comm, len(self.c))
+        friction = self.friction.everywhere(self.comm, len(self.c))
         return Rows(MPI.COMM_SELF, c, normal, equality, stiffness, friction)
 
     def weights(self, jump: Array, faint: float) -> Array:
         """Stiffness of each spring at C u - c, (rows,); `faint` is that of open rows over s."""
         stiff = (self.normal & (jump >= 0.0)) | self.equality
         weights = self.stiffness * np.where(stiff, 1.0, faint)
-        if self.friction is not None:
-            rows = self.friction.rows
-            yielding = self.friction.stiffness(jump, self.stiffness * jump)
-            weights[rows] = np.maximum(weights[rows], yielding)
+        rows = self.friction.rows
+        yielding = self.friction.stiffness(jump, self.stiffness * jump)
+        weights[rows] = np.maximum(weights[rows], yielding)
         return np.asarray(weights)
 
 
@@ -246,7 +245,7 @@ class Level(ABC):
         changed, stiff = self.comm.allreduce(np.array(count))
         if changed:
             return bool(changed <= share * stiff)
-        return self.rows.friction is not None or abs(length - 1.0) < 1e-3
+        return self.rows.friction.acts or abs(length - 1.0) < 1e-3
 
     def _length(
         self, jump: Array, image: Array, along: tuple[float, float], weights: Array, faint: float

@@ -19,7 +19,7 @@ def admissible_set(problem: DualProblem, limits: NDArray[np.float64] | None) -> 
     """The admissible set for slip limits (points,), which are forces; None without friction."""
     lower = problem.lower
     points = problem.friction
-    if points is None or limits is None:
+    if limits is None:
         return Box(lower)
     radius = limits / points.spread[points.first]
     lower = np.full(problem.size, -np.inf) if lower is None else lower.copy()

@@ -93,7 +93,7 @@ class ConstraintRows:
     held_without_contact
         Whether all other rows alone stop every rigid motion.
     friction
-        Tangential rows, in row order; None where no contact of any rank has friction.
+        Tangential rows, in row order.
     """
 
     exchange: NodeExchange
@@ -101,7 +101,7 @@ class ConstraintRows:
     shared: SharedRows
     supports: SupportRows
     held_without_contact: bool
-    friction: FrictionRows | None = None
+    friction: FrictionRows
 
 
 def build_system(
@@ -156,8 +156,7 @@ def build_system(
     wide = np.zeros(len(ordered.kinds), bool)
     wide[in_contact] = contact.wide
     wide[ordered.kinds == RowKind.TIED] = tied.wide
-    if constraints.friction is not None:
-        wide[tangential] = constraints.friction.rows.wide
+    wide[tangential] = constraints.friction.rows.wide
     widths = [len(cls.interface) for cls in classes]
     bodies = bodies_of(comm, ordered.B, groups, [s.bodies for s in subdomains], widths,
                        [cls.rigid for cls in classes])  # fmt: skip
@@ -176,9 +175,9 @@ def build_system(
         bodies,
         tied,
         shared.means,
+        constraints.friction,
         places,
         exchange.total,
-        constraints.friction,
         _free_motions(comm, d, subdomains, classes, groups, loose),
     )
 

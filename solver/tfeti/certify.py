@@ -196,8 +196,6 @@ def friction_residual(
         References of lengths.
     """
     bodies = problem.bodies
-    if problem.friction is None:
-        return 0.0
     force = np.where(problem.conditional, multiplier * problem.spread, 0.0)
     forces = _summed_forces(problem, multiplier, force)
     load = at_least(bodies, forces.max(axis=0))

@@ -33,7 +33,7 @@ SURE = 0.3
 
 def options_of(problem: DualProblem, options: ActiveSetOptions) -> ActiveSetOptions:
     """The options of the loop, changed for problems with friction."""
-    if problem.friction is None:
+    if not problem.friction.acts:
         return options
     return replace(options, patience=PATIENCE, largest_error=LARGEST_ERROR)
 
@@ -41,7 +41,7 @@ def options_of(problem: DualProblem, options: ActiveSetOptions) -> ActiveSetOpti
 def contact_law(problem: DualProblem) -> ContactLaw:
     """The law of the contacts of a problem."""
     points = problem.friction
-    if points is None:
+    if not points.acts:
         return Frictionless()
     shared_compliance = None
     if problem.comm.allreduce(len(points.shared)):

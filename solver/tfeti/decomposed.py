@@ -174,11 +174,9 @@ class DecomposedProblem:
         return self.inequality | self.tangential
 
     @cached_property
-    def friction(self) -> FrictionPoints | None:
-        """Contact points with friction; None where no rank has any."""
+    def friction(self) -> FrictionPoints:
+        """Contact points with friction."""
         rows = self.system.friction
-        if rows is None:
-            return None
         return friction_points(rows, self.contact, self.tangential, self.inequality)
 
     @cached_property
@@ -206,8 +204,7 @@ class DecomposedProblem:
         result[self.inequality] = self.contact.spread
         result[self.tied] = self.system.tied.spread
         result[self.means] = self.system.means.spread
-        if self.system.friction is not None:
-            result[self.tangential] = self.system.friction.rows.spread
+        result[self.tangential] = self.system.friction.rows.spread
         return result
 
     @cached_property

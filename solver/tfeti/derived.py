@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from solver.backend import Turn
 from solver.contact.row_kinds import RowKind
+from solver.tfeti.constraints.friction import FrictionRows
 from solver.tfeti.constraints.matrix import TurnedConstraintMatrix
 from solver.tfeti.dual import DualProblem, Reused
 
@@ -52,7 +53,7 @@ def with_active(
         problem.system,
         constraints=constraints,
         contact=problem.contact.none(),
-        friction=None,
+        friction=FrictionRows.none(problem.contact),
         loads=replace(loads, c=problem.c * keep),
     )
     offset = moved = None

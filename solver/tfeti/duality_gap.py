@@ -96,12 +96,11 @@ def _candidate(
     These terms are λᵀ (c - B û), and with friction s |w| - λ_t · w for the slips w of û.
     """
     friction = problem.friction
-    sliding = None if friction is None else friction.sliding(multiplier)
+    sliding = friction.sliding(multiplier)
     feasible, residual = feasible_displacements(problem, tied, closed, rest, sliding)
     work = np.where(problem.inequality, -multiplier * np.minimum(residual, 0.0), 0.0)
-    if friction is not None:
-        rows, lost = friction.work_lost(multiplier, residual)
-        work[rows] += lost
+    rows, lost = friction.work_lost(multiplier, residual)
+    work[rows] += lost
     bodies = problem.bodies
     groups = bodies.groups[bodies.rows[:, 0]]
     return feasible, np.bincount(groups, work, bodies.group_count).astype(np.float64)

@@ -45,7 +45,7 @@ class Overcome:
 def overcome(problem: DecomposedProblem, solution: Solution) -> list[Overcome]:
     """Groups whose friction, at the forces of an answer, the loads overcome (collective)."""
     free, points, comm = problem.system.free, problem.friction, problem.comm
-    if free is None or points is None:
+    if free is None or not points.acts:
         return []
     limits = points.slip_limits(solution.multiplier)[points.point]
     row_of = np.cumsum(problem.inequality) - 1

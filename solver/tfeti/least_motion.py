@@ -47,7 +47,7 @@ def with_least_motion(problem: DecomposedProblem, solution: Solution) -> Solutio
     The answer stays as it is if the certificate of the moved one does not pass.
     """
     free = problem.system.free
-    if free is None or problem.friction is not None or not solution.converged:
+    if free is None or problem.friction.acts or not solution.converged:
         return solution
     moved = _moved(problem, free, solution)
     if moved is None:

@@ -127,12 +127,12 @@ class ContactSystem:
         Geometry of the tied rows, in row order.
     means
         Geometry of the rows that hold rigid motions in the mean, in row order.
+    friction
+        Tangential rows, in row order.
     places
         Nodes of each class if the subdomains are not factored; otherwise empty.
     nodes
         Number of nodes on all ranks.
-    friction
-        Tangential rows, in row order; None where no contact of any rank has friction.
     free
         Rigid motions that nothing resists; None without such motions.
     """
@@ -146,9 +146,9 @@ class ContactSystem:
     bodies: Bodies
     tied: ContactRows
     means: ContactRows
+    friction: FrictionRows
     places: tuple[NodePlaces, ...] = ()
     nodes: int = 0
-    friction: FrictionRows | None = None
     free: FreeMotions | None = None
 
     def with_loads(

@@ -72,13 +72,12 @@ def _friction(problem: DualProblem, solution: Solution, number: int) -> Friction
     """Friction of one contact (collective)."""
     points, rows = problem.friction, problem.system.friction
     sliding, held = np.zeros((2, problem.size))
-    if points is not None and rows is not None:
-        slides = points.sliding(solution.multiplier)[points.rows[points.first]]
-        of_contact = rows.rows.sources[points.first] == number
-        at_limit = points.rows[(of_contact & slides)[points.point]]
-        sliding[at_limit] = solution.multiplier[at_limit]
-        # the normal row marks a point that sticks, also where its friction force is zero
-        held[points.normals[points.first[of_contact & ~slides]]] = 1.0
+    slides = points.sliding(solution.multiplier)[points.rows[points.first]]
+    of_contact = rows.rows.sources[points.first] == number
+    at_limit = points.rows[(of_contact & slides)[points.point]]
+    sliding[at_limit] = solution.multiplier[at_limit]
+    # the normal row marks a point that sticks, also where its friction force is zero
+    held[points.normals[points.first[of_contact & ~slides]]] = 1.0
     sticks = [(reach != 0.0).any(axis=2) for reach in _at_nodes(problem, held)]
     return FrictionAtNodes(number, sticks, [-force for force in _at_nodes(problem, sliding)])
 

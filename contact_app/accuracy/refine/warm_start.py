@@ -82,9 +82,8 @@ class LastLevel:
         pressure, pressed = at[:, -2:].T
         force = np.where(pressed > INSIDE, np.maximum(pressure, 0.0), 0.0) * areas
         multiplier[problem.inequality] = force / contact.spread
-        friction = problem.system.friction
-        if friction is not None:  # contact laws cut it to its limits
-            d = model.scene.dimension
+        if problem.friction.acts:  # contact laws cut it to its limits
+            friction, d = problem.system.friction, model.scene.dimension
             rows, place = friction.rows, friction.places(contact)
             along = np.einsum("ki,ki->k", at[place, -2 - 2 * d : -2 - d], rows.normals[:, :d])
             multiplier[problem.tangential] = along * areas[place] / rows.spread

@@ -36,15 +36,24 @@ class FrictionRows:
         μ of Coulomb's law; 0 where the slip limit is given.
     limits : (rows,)
         Slip limit of the point, a force; 0 where it is μ λ_n.
+    acts
+        Whether a contact of any rank has friction.
     """
 
     rows: ContactRows
     coefficients: Array
     limits: Array
+    acts: bool = True
+
+    @classmethod
+    def none(cls, contact: ContactRows) -> FrictionRows:
+        """No rows, of contacts without friction."""
+        return cls(contact.none(), np.zeros(0), np.zeros(0), acts=False)
 
     def of(self, keep: NDArray[np.bool_]) -> FrictionRows:
         """Some of the rows, (rows,)."""
-        return FrictionRows(self.rows.of(keep), self.coefficients[keep], self.limits[keep])
+        chosen = self.coefficients[keep], self.limits[keep]
+        return FrictionRows(self.rows.of(keep), *chosen, self.acts)
 
     def at(self, contact: ContactRows) -> FrictionRows:
         """The rows of points whose normal row is one of some contact rows."""
@@ -91,5 +100,5 @@ def friction_points(
         normal_spread=contact.spread[normal],
         shared=shared[other], other_rows=normals[other_rows[other]],
         places=friction.rows.points[first], sources=friction.rows.sources[first],
-        tangents=-friction.rows.normals,
+        tangents=-friction.rows.normals, acts=friction.acts,
     )  # fmt: skip

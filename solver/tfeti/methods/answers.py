@@ -53,8 +53,7 @@ def certified_answer(
     active = np.zeros(problem.size, bool)
     if problem.lower is not None:
         active = x > problem.lower
-    if problem.friction is not None:
-        active &= ~problem.friction.sliding(problem.offset + x)
+    active &= ~problem.friction.sliding(problem.offset + x)
     multiplier = feasible_multiplier(problem, problem.offset + balanced, active)
     alpha = kernel_coefficients(problem, multiplier, equality_force)
     return _certified(problem, multiplier, alpha, tolerance)

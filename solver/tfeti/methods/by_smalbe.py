@@ -110,7 +110,7 @@ def solve_by_smalbe(
     )
     start = before.state if before is not None else None
     # with friction and -d, touching bodies that no load moves stay in place and end at once
-    rest = -problem.d if problem.friction is not None else None
+    rest = -problem.d if problem.friction.acts else None
     x0, multiplier0 = start.homogenised(problem) if start else (None, rest)
     saver = Saver(task.checkpoint, counts)
     sets = _ActiveSetsBetween(replace(task, inner=inner), saver) if active_sets else None
@@ -146,7 +146,7 @@ class _Frozen:
     ) -> OuterIterations:
         """Outer iterations from an initial iterate, whose contact forces give the slip limits."""
         problem = self._problem
-        if problem.friction is not None:
+        if problem.friction.acts:
             first = x0 if restart is None else restart.x
             force = problem.offset if first is None else problem.offset + first
             self._limits = SlipLimits(problem.friction, problem.comm, force)
@@ -258,8 +258,7 @@ class _Judge:
         """Whether jumps and penetration, -gradient by the recovery's identity, are small enough."""
         problem = self._problem
         gap = np.where(problem.inequality, np.maximum(-state.gradient, 0.0), np.abs(state.gradient))
-        if problem.friction is not None:
-            gap[problem.friction.sliding(problem.offset + state.x)] = 0.0
+        gap[problem.friction.sliding(problem.offset + state.x)] = 0.0
         if self._lengths is None:
             self._lengths = _lengths(problem, state)
         share = gap / (problem.spread * problem.bodies.of_rows(self._lengths))
