@@ -38,6 +38,7 @@ from contact_app.results.free_motions import sliding_bodies
 from contact_app.results.friction import closing_points
 from contact_app.results.overcome_friction import overcome_friction
 from contact_app.results.repeated_sentences import without_repetitions
+from contact_app.results.shared_forces import shared_force_warnings
 from contact_app.results.sliding import largest_sliding, sliding_on_each_other
 from contact_app.results.undetermined import Movable, play_warnings, undetermined_of
 from contact_app.run.warning_texts import (
@@ -102,6 +103,8 @@ def form_warnings(answer: FormAnswer) -> list[str]:
         warnings += [f"contacts[{number}]: {text}" for text in texts if text]
     changed = closing_points(answer.model.problem, answer.solution, None)
     warnings.append(closing_at_once(*changed, "a scene with `steps` shows how much this matters"))
+    numbers = [f"contacts[{number}]" for number in range(len(answer.model.contacts))]
+    warnings += shared_force_warnings(answer.model.problem, answer.solution, numbers)
     bodies = answer.model.bodies
     warnings += overcome_friction(answer.model.problem, answer.solution, bodies.name)
     names = [bodies.name(b) for b in range(bodies.count)]

@@ -41,6 +41,7 @@ from contact_app.results.overcome_friction import overcome_friction
 from contact_app.results.percent import percent
 from contact_app.results.reactions import hold_records
 from contact_app.results.repeated_sentences import without_repetitions
+from contact_app.results.shared_forces import shared_force_warnings
 from contact_app.results.sliding import largest_sliding, sliding_on_each_other
 from contact_app.results.undetermined import play_warnings, undetermined
 from contact_app.run.warning_texts import (
@@ -306,12 +307,15 @@ def _rubs_where_open(answer: SolvedScene) -> Iterator[str]:
 
 
 def _several_answers(answer: SolvedScene) -> Iterator[str]:
-    """Coulomb friction so large that the answer need not be unique."""
+    """Friction so large, or in so many contacts of a node, that the answer need not be unique."""
     for contact, nodes in zip(answer.model.scene.touching, answer.nodes.contacts, strict=True):
         law = contact.friction
         pressed = answer.model.comm.allreduce(int(nodes.closed.any()), op=MPI.MAX)
         if text := several_answers((law and law.coulomb) or 0.0, bool(pressed)):
             yield f"{contact.source}: {text}"
+
+    names = [contact.source for contact in answer.model.scene.touching]
+    yield from shared_force_warnings(answer.model.problem, answer.solution, names)
 
 
 def _closes_at_once(answer: SolvedScene) -> Iterator[str]:

@@ -1,0 +1,83 @@
+"""Nodes that rest in several contacts, whose force may be divided in several ways."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from mpi4py import MPI
+
+from contact_app.results.shared_forces import SharedNode
+from contact_app.run.increments import SolvedIncrement, solved_increments
+from tests import scenes
+from tests.stability.friction_scenes import history_scene
+
+X, Y, Z = np.eye(3)
+
+EDGE = SharedNode(
+    sources=np.array([0, 1]),
+    normals=np.stack([Z, -X]),
+    normal_forces=np.array([10.0, 2.0]),
+    tangents=np.stack([[X, Y], [Y, Z]]),
+    friction=np.zeros((2, 2)),
+    coefficients=np.array([0.3, 0.0]),
+    limits=np.zeros(2),
+    presses=np.array([True, True]),
+    rests=np.array([True, False]),
+)
+"""A node that rests on a rough floor and presses a smooth wall."""
+
+
+def test_friction_of_the_floor_replaces_the_normal_force_of_the_wall() -> None:
+    """The wall carries 2 - t_x with |t_x| ≤ 3: between 0 and 5. Nothing else carries along z."""
+    assert EDGE.ranges() == pytest.approx([0.0, 5.0])
+
+
+def test_friction_along_the_edge_leaves_less_for_the_division() -> None:
+    along = replace(EDGE, friction=np.array([[0.0, np.sqrt(5.0)], [0.0, 0.0]]))
+    assert along.ranges() == pytest.approx([0.0, 4.0])
+
+
+def test_two_rough_surfaces_hold_each_other() -> None:
+    """Each may press more by what the friction of the other carries, and less by the same."""
+    rough = replace(EDGE, rests=np.array([True, True]), coefficients=np.array([0.3, 0.3]))
+    assert rough.ranges() == pytest.approx([2.0 * 0.3 * 2.0, 2.0 + 0.3 * 10.0])
+
+
+def test_a_point_that_slides_on_the_floor_leaves_nothing_to_divide() -> None:
+    assert (replace(EDGE, rests=np.zeros(2, bool)).ranges() == 0.0).all()
+
+
+@pytest.mark.parametrize(("along", "wedged"), [(3.5, False), (3.7, True)])
+def test_friction_across_an_edge_may_hold_a_node_that_could_slide(
+    along: float, wedged: bool
+) -> None:
+    """Without friction across the edge the limit along it is 0.3 · (10 + 2) = 3.6."""
+    node = replace(
+        EDGE, rests=np.array([True, True]), coefficients=np.array([0.3, 0.3]),
+        friction=np.array([[0.0, along], [0.0, 0.0]]),
+    )  # fmt: skip
+    assert node.is_wedged() == wedged
+
+
+def _solved(subdomains: int) -> list[SolvedIncrement]:
+    """A block that pushes over a floor with given limits into a wall with Coulomb friction."""
+    scene = scenes.build(history_scene(300)[0], subdomains)
+    return list(solved_increments(scene, MPI.COMM_WORLD, lambda place: None))
+
+
+def test_two_certified_answers_warn_that_there_are_several() -> None:
+    """A corner sticks to the floor, where it is open, and slides down the wall.
+
+    Its force across the wall may be that of the wall or of the floor.
+    """
+    one, other = _solved(1), _solved(4)
+    works = [found[-1].dissipated for found in (one, other)]
+    assert abs(works[1] / works[0] - 1.0) > 1e-5
+    for increment in (one[-1], other[-1]):
+        certificate = increment.solved.summary["certificate"]
+        assert certificate["passed"]
+        told = [w for w in certificate["warnings"] if "rest in several contacts" in w]
+        assert "contacts[1]" in [w.split(":")[0] for w in told]
+        assert all("so may displacements" in w for w in told)
