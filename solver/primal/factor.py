@@ -21,9 +21,10 @@ from scipy import sparse
 from scipy.sparse.csgraph import reverse_cuthill_mckee
 
 from solver.primal.block_rows import BlockRows
+from solver.primal.blocks import made_once
 from solver.primal.cholesky import factored
 from solver.primal.merged import MergedSystem
-from solver.primal.products import multiply, multiply_transposed
+from solver.primal.products import chosen_rows, multiply, multiply_transposed
 from solver.primal.projector import Projector
 from solver.primal.thin import THIN
 from solver.tfeti.constraints.matrix import lent, local_rows
@@ -177,8 +178,8 @@ def spread_means(system: MergedSystem) -> Array:
 
 
 def squared_rows(system: MergedSystem) -> PETSc.Mat:
-    """C with squared entries."""
-    return squared(system.C)
+    """C with squared entries; made once (collective)."""
+    return made_once(system.C, "squares", lambda: squared(system.C))
 
 
 def squared(matrix: PETSc.Mat) -> PETSc.Mat:
@@ -188,6 +189,12 @@ def squared(matrix: PETSc.Mat) -> PETSc.Mat:
     squares.setValuesCSR(begins, places, values**2)
     squares.assemble()
     return squares
+
+
+def diagonal_below(P: PETSc.Mat, springs: Array) -> Array:
+    """Diagonal of Pᵀ diag(springs) P of springs on few unknowns (collective)."""
+    some = np.flatnonzero(springs)
+    return multiply_transposed(squared(chosen_rows(P, some)), springs[some])
 
 
 def with_springs(A: PETSc.Mat, Q: PETSc.Mat, weights: Array, near: Array) -> PETSc.Mat:

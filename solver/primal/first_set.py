@@ -20,12 +20,7 @@ from numpy.typing import NDArray
 from petsc4py import PETSc
 
 from solver.primal.cycle import CycleWithSprings
-from solver.primal.factor import (
-    row_stiffness,
-    spread_means,
-    squared,
-    squared_rows,
-)
+from solver.primal.factor import diagonal_below, row_stiffness, spread_means, squared_rows
 from solver.primal.friction_springs import FrictionSprings
 from solver.primal.hierarchy import Hierarchy
 from solver.primal.merged import MergedSystem
@@ -125,7 +120,7 @@ def _with_means(system: MergedSystem, hierarchy: Hierarchy) -> Sequence[PETSc.Ma
     for k, operator in enumerate(hierarchy.operators):
         if k == 0 and hierarchy.prolongations:  # only coarser levels are needed
             result.append(operator)
-            springs = multiply_transposed(squared(hierarchy.prolongations[0]), springs)
+            springs = diagonal_below(hierarchy.prolongations[0], springs)
             continue
         held = operator.copy()
         held.setOption(PETSc.Mat.Option.NEW_NONZERO_ALLOCATION_ERR, False)
@@ -133,5 +128,5 @@ def _with_means(system: MergedSystem, hierarchy: Hierarchy) -> Sequence[PETSc.Ma
             held.setDiagonal(held.getDiagonal() + extra)
         result.append(held)
         if k < len(hierarchy.prolongations):
-            springs = multiply_transposed(squared(hierarchy.prolongations[k]), springs)
+            springs = diagonal_below(hierarchy.prolongations[k], springs)
     return result

@@ -24,7 +24,7 @@ from solver.driver import solve as solve_problem
 from solver.primal.blocks import in_blocks
 from solver.primal.by_active_sets import solve_by_multigrid
 from solver.primal.cycle import CycleOnSets
-from solver.primal.factor import FactorOptions, squared
+from solver.primal.factor import FactorOptions, diagonal_below, squared
 from solver.primal.first_set import find_first_set
 from solver.primal.hierarchy import build_hierarchy
 from solver.primal.lanczos import largest_eigenvalue
@@ -262,6 +262,17 @@ def test_the_cycle_goes_on_from_that_of_the_first_set() -> None:
         cycle.apply(residual, found[-1])
     begun, fresh = found
     assert np.linalg.norm(begun - fresh) < 1e-3 * np.linalg.norm(fresh)
+
+
+def test_springs_on_few_unknowns_go_down_a_level() -> None:
+    """The springs of motions held in the mean, of which coarse levels have the diagonal."""
+    scene = build_scene(load(CONFIGS / "pin_in_lug.yaml", ["solver.method=primal"]))
+    system = merge(build_model(scene, MPI.COMM_SELF, needed="distinct").problem)
+    P = build_hierarchy(system).prolongations[0]
+    springs = np.where(np.arange(system.size) % 7 == 0, 1.0 + np.arange(system.size), 0.0)
+    local = local_rows(P)
+    expected = (local.T @ sparse.diags(springs) @ local).diagonal()
+    assert diagonal_below(P, springs) == pytest.approx(expected, rel=1e-12)
 
 
 def test_the_largest_eigenvalue_is_estimated_to_a_tenth() -> None:
