@@ -12,6 +12,7 @@ import shutil
 import signal
 import subprocess
 import sys
+from pathlib import Path
 from typing import Any
 
 
@@ -25,7 +26,11 @@ def cores() -> int:
 
 
 def python(
-    *arguments: str, limit: float | None = None, ranks: int = 1, threads: int | None = None
+    *arguments: str,
+    limit: float | None = None,
+    ranks: int = 1,
+    threads: int | None = None,
+    directory: Path | None = None,
 ) -> dict[str, Any]:
     """Run Python with arguments on some ranks, and return the JSON of its last line.
 
@@ -35,6 +40,8 @@ def python(
         Seconds after which the run is ended.
     threads
         Threads of BLAS on each rank; unless given, the ranks share all cores.
+    directory
+        Where it runs; the modules of a checkout there are imported.
 
     Raises
     ------
@@ -60,6 +67,7 @@ def python(
         stderr=subprocess.PIPE,
         text=True,
         env=environment,
+        cwd=directory,
         start_new_session=True,
     )
     try:
