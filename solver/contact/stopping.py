@@ -15,41 +15,47 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import Generic
 
 from solver.backend import S
 from solver.contact.options import SolverOptions
 from solver.contact.solution import Accuracy, Solution
 
-SHARE = 0.1
-"""Algebraic error over discretisation error where an automatic solve ends."""
-
-LOOSEST = 3e-2
-"""Largest tolerance that is chosen."""
-
-NEARLY = 1.2
-"""The mesh error is estimated anew once the duality gap is below this factor times its limit: the
-gap of a solver error of a tenth of the last estimate."""
-
-GAIN = 8.0
-"""Largest factor by which the error falls from one answer to the next.
-
-If the error exceeds its limit by n such factors, the next n answers are not certified.
-"""
-
-AGAIN = 0.7
-"""Factor on the required error of the next answer on an active set after a rejected answer."""
-
-STEADY = 0.15
-"""Error of the solver over the error of the mesh, below which the mesh error is not estimated anew.
-
-The estimate is then right to a few per cent.
-"""
-
 Assess = Callable[[Solution], Accuracy]
 
 Gap = Callable[[], float]
+
+
+@dataclass(frozen=True)
+class AutomaticOptions:
+    """The tuned numbers of the automatic tolerance.
+
+    Attributes
+    ----------
+    share
+        Algebraic error over discretisation error where a solve ends.
+    loosest
+        Largest tolerance that is chosen.
+    nearly
+        The mesh error is estimated anew once the duality gap is below this factor times its limit:
+        the gap of a solver error of a tenth of the last estimate.
+    gain
+        Largest factor by which the error falls from one answer to the next. If the error exceeds
+        its limit by n such factors, the next n answers are not certified.
+    again
+        Factor on the required error of the next answer on an active set after a rejected answer.
+    steady
+        Error of the solver over the error of the mesh, below which the mesh error is not estimated
+        anew: the estimate is then right to a few per cent.
+    """
+
+    share: float = 0.1
+    loosest: float = 3e-2
+    nearly: float = 1.2
+    gain: float = 8.0
+    again: float = 0.7
+    steady: float = 0.15
 
 
 class StoppingRule:
@@ -109,11 +115,14 @@ class AutomaticRule(StoppingRule):
     patience = 6
     may_end_early = True
 
-    def __init__(self, assess: Assess, tightest: float) -> None:
-        super().__init__(LOOSEST)
+    def __init__(
+        self, assess: Assess, tightest: float, options: AutomaticOptions | None = None
+    ) -> None:
+        self.options = options = options or AutomaticOptions()
+        super().__init__(options.loosest)
         self._assess, self._tightest = assess, tightest
         self._enough: tuple[float, float] | None = None
-        self._chosen = self._limit = LOOSEST
+        self._chosen = self._limit = options.loosest
         self._demand = self._required = 1.0
         self._skipped_tests = 0
         self._assessed: tuple[Accuracy, float] | None = None
@@ -123,13 +132,14 @@ class AutomaticRule(StoppingRule):
         required = worst / self._chosen
         if self._skipped_tests:
             self._skipped_tests -= 1
-            self._required = max(self._required / GAIN, required)
+            self._required = max(self._required / self.options.gain, required)
             return self._required
         if required <= 1.0 and strained > 0.0:
             error = math.sqrt(2.0 * max(gap(), 0.0) / strained)
             required = max(required, error / self._limit)
         self._required = required / self._demand
-        self._skipped_tests = int(math.log(max(self._required, 1.0)) / math.log(GAIN))
+        factors = math.log(max(self._required, 1.0)) / math.log(self.options.gain)
+        self._skipped_tests = int(factors)
         return self._required
 
     def required_of_certified(self, solution: Solution) -> float:
@@ -145,7 +155,8 @@ class AutomaticRule(StoppingRule):
         limit = self._limit
         judged = self._judge(solution)
         in_force = limit == self._limit  # the limits in force are those that the mesh asks for
-        self._demand = AGAIN * self._demand if in_force and not judged.converged else 1.0
+        rejected = in_force and not judged.converged
+        self._demand = self.options.again * self._demand if rejected else 1.0
         return judged
 
     def _judge(self, solution: Solution) -> Solution:
@@ -161,13 +172,14 @@ class AutomaticRule(StoppingRule):
             )
             if not loosely.converged:
                 return loosely
-            if gap > NEARLY * enough:
+            if gap > self.options.nearly * enough:
                 self._tighten(math.sqrt(gap / enough))
                 return replace(loosely, certificate=replace(loosely.certificate, passed=False))
         accuracy = self._accuracy(solution)
-        limit = max(self._tightest, SHARE * accuracy.discretisation)  # the first of them for NaN
-        excess = accuracy.excess(SHARE, self._tightest)
-        chosen = min(limit, LOOSEST)
+        share = self.options.share
+        limit = max(self._tightest, share * accuracy.discretisation)  # the first of them for NaN
+        excess = accuracy.excess(share, self._tightest)
+        chosen = min(limit, self.options.loosest)
         self._chosen, self._limit = chosen, limit
         judged = solution.certificate.judged(chosen)
         if excess > 1.0:
@@ -184,7 +196,7 @@ class AutomaticRule(StoppingRule):
         The mesh error is reused where the last estimate is accurate enough.
         """
         gap = solution.measures.gap
-        if self._assessed is None or self._assessed[0].excess(STEADY, 0.0) > 1.0:
+        if self._assessed is None or self._assessed[0].excess(self.options.steady, 0.0) > 1.0:
             accuracy = self._assess(solution)
         else:
             last, its_gap = self._assessed

@@ -19,6 +19,8 @@ contact row active instead, since rigid subdomains do not bulge.
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 from mpi4py import MPI
 from numpy.typing import NDArray
@@ -26,24 +28,34 @@ from numpy.typing import NDArray
 from solver.tfeti.dual import DualProblem
 from solver.vectors import largest_magnitude
 
-SOFTNESS = 0.1
-"""Stiffness of a contact spring over that of its node in K: under a pressure its neighbours move,
-too."""
-
-RIGID_STEPS = 40
-"""Largest number of Newton steps, each with a coarse factor."""
-
-BALANCED = 1e-2
-"""Relative residual of equilibrium at which the steps end: the model is not more accurate."""
-
-FAINT = 1e-3
-"""Weight of open contact rows, without which the coarse factor could be singular."""
-
-SHORTEST = 1e-4
-"""Step length below which a step is taken without testing whether φ falls."""
-
 FLAT = 1e-12
 """Gaps, over the largest coordinate, that count as zero."""
+
+
+@dataclass(frozen=True)
+class WinklerOptions:
+    """The tuned numbers of the foundation and of Newton's method.
+
+    Attributes
+    ----------
+    softness
+        Stiffness of a contact spring over that of its node in K: under a pressure its neighbours
+        move, too.
+    steps
+        Largest number of Newton steps, each with a coarse factor.
+    balanced
+        Relative residual of equilibrium at which the steps end: the model is not more accurate.
+    faint
+        Weight of open contact rows, without which the coarse factor could be singular.
+    shortest
+        Step length below which a step is taken without testing whether φ falls.
+    """
+
+    softness: float = 0.1
+    steps: int = 40
+    balanced: float = 1e-2
+    faint: float = 1e-3
+    shortest: float = 1e-4
 
 
 def gaps_are_zero(problem: DualProblem) -> bool:
@@ -69,16 +81,19 @@ def contact_stiffness(problem: DualProblem) -> tuple[NDArray[np.float64], float]
     return problem.row_stiffness(problem.inequality), top or 1.0
 
 
-def winkler_contact(problem: DualProblem) -> NDArray[np.bool_]:
+def winkler_contact(
+    problem: DualProblem, options: WinklerOptions | None = None
+) -> NDArray[np.bool_]:
     """Contact rows (dual,) with contact forces of rigid subdomains on a Winkler foundation."""
-    coarse, comm = problem.coarse, problem.comm
+    coarse, comm, options = problem.coarse, problem.comm, options or WinklerOptions()
     assert coarse is not None
     contact = problem.inequality
     springs, top = contact_stiffness(problem)
     stiffness = top * coarse.metric
-    springs = np.where(springs > 0.0, SOFTNESS * springs, top)  # no spring between two rigid bodies
+    # no spring between two rigid bodies
+    springs = np.where(springs > 0.0, options.softness * springs, top)
     stiffness[contact] = np.minimum(springs, top)
-    stiffness[problem.tangential] *= FAINT  # friction adds no foundation
+    stiffness[problem.tangential] *= options.faint  # friction adds no foundation
     motion = np.empty(problem.size)
 
     def force(alpha: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -95,14 +110,14 @@ def winkler_contact(problem: DualProblem) -> NDArray[np.bool_]:
     rest, step = np.empty(coarse.kernels), np.empty(coarse.kernels)
     forces = force(alpha)
     value = cost(alpha, forces)
-    for _ in range(RIGID_STEPS):
+    for _ in range(options.steps):
         coarse.restrict(forces, rest)
         rest -= problem.e
-        if _norm(comm, rest) <= BALANCED * load:
+        if _norm(comm, rest) <= options.balanced * load:
             break
-        faint = np.where(forces <= 0.0, FAINT, 1.0)
+        faint = np.where(forces <= 0.0, options.faint, 1.0)
         weights = np.where(contact, faint * stiffness / top, 1.0)
-        weights[problem.tangential] = FAINT
+        weights[problem.tangential] = options.faint
         coarse.weighted(np.sqrt(weights)).solve(rest, step)
         step /= top
         share = 1.0
@@ -110,7 +125,7 @@ def winkler_contact(problem: DualProblem) -> NDArray[np.bool_]:
             trial = alpha + share * step
             forces = force(trial)
             after = cost(trial, forces)
-            if after <= value or share < SHORTEST:
+            if after <= value or share < options.shortest:
                 break
             share *= 0.5
         alpha, value = trial, after

@@ -31,47 +31,56 @@ from solver.tfeti.subdomain.generalised_inverse import CholeskyFactor
 
 Array = NDArray[np.float64]
 
-SOLVED = 1e-4
-"""Residual of a projection relative to the projected vector."""
-
-MOST_ITERATIONS = 1000
-"""Largest number of iterations in one projection."""
-
-BALANCINGS = 8
-"""Number of projections after which only rounding errors are left of a residual."""
-
-UNBALANCED = 0.01
-"""Residual of equilibrium after two projections above which equilibrium is impossible."""
-
-MOST_STEPS = 300
-"""Largest number of conjugate gradient steps in one search."""
-
-LOOK_BACK = 3
-"""Number of last steps whose gain decides whether the search continues."""
-
-WORTH = 0.02
-"""Share of J(û) + J*(σ) that these steps have to gain."""
-
-WORTH_PRESSING = 1e-3
-"""Share of J(û) + J*(σ) that pressures on further facets have to gain by a first estimate."""
-
-MOST_SETS, GROWING_SETS = 40, 15
-"""Number of sets of pressed facets that are tried, and number of sets that may be enlarged."""
-
-DIRECT = {2: 200_000, 3: 12_000}
-"""Largest number of equations that are factored, by dimension: factors of more fill up."""
-
-SHIFT = 1e-10
-"""Shift of a factored matrix relative to its diagonal: it is singular where a body is not held."""
-
-ROUNDED = 1e-24
-"""Square of the gradient, relative to the first one, that counts as rounding error."""
-
 BALANCED = 1e-10
 """Largest residual of equilibrium by rounding errors; a larger one means no equilibrium."""
 
 AGREE = 1e-12
 """Difference of tractions, relative to the largest, that counts as rounding error."""
+
+
+@dataclass(frozen=True)
+class SearchOptions:
+    """The tuned numbers of the search for an admissible stress.
+
+    Attributes
+    ----------
+    solved, most_iterations
+        Residual of a projection relative to the projected vector, and its most iterations.
+    balancings
+        Number of projections after which only rounding errors are left of a residual.
+    unbalanced
+        Residual of equilibrium after two projections above which equilibrium is impossible.
+    most_steps
+        Largest number of conjugate gradient steps on one set of pressed facets.
+    look_back, worth
+        The search continues while this number of last steps gains this share of J(û) + J*(σ).
+    worth_pressing
+        Share of J(û) + J*(σ) that pressures on further facets have to gain by a first estimate.
+    most_sets, growing_sets
+        Number of sets of pressed facets that are tried, and number of sets that may be enlarged.
+    direct
+        Largest number of equations that are factored, in the plane and in space: factors of more
+        fill up.
+    shift
+        Shift of a factored matrix relative to its diagonal: it is singular where a body is not
+        held.
+    rounded
+        Square of the gradient, relative to the first one, that counts as rounding error.
+    """
+
+    solved: float = 1e-4
+    most_iterations: int = 1000
+    balancings: int = 8
+    unbalanced: float = 0.01
+    most_steps: int = 300
+    look_back: int = 3
+    worth: float = 0.02
+    worth_pressing: float = 1e-3
+    most_sets: int = 40
+    growing_sets: int = 15
+    direct: tuple[int, int] = (200_000, 12_000)
+    shift: float = 1e-10
+    rounded: float = 1e-24
 
 
 class NoAdmissibleStressError(ContactError):
@@ -152,8 +161,6 @@ class AdmissibleStresses:
         x-, x+, y-, …
     force : (d,)
         Force per volume.
-    direct
-        Largest number of equations that are factored; `DIRECT` unless given.
 
     Raises
     ------
@@ -167,9 +174,9 @@ class AdmissibleStresses:
         compliance: Array,
         faces: Sequence[FaceData],
         force: Array,
-        direct: int | None = None,
+        options: SearchOptions | None = None,
     ) -> None:
-        self.direct = DIRECT[len(axes)] if direct is None else direct
+        self.options = options or SearchOptions()
         self.space = GridStresses(axes)
         self._compliance, size = compliance, self.space.size
         self.divergence = np.repeat(-force, int(np.prod(self.space.cells)))
@@ -270,13 +277,13 @@ class AdmissibleStresses:
         pressed &= self.contact
         if (pushing := pressed & (start < self._load)).any():
             pressed = pushing
-        s, steps = start, 0
-        for attempt in range(MOST_SETS):
+        s, steps, options = start, 0, self.options
+        for attempt in range(options.most_sets):
             fixed = self.prescribed | (self.contact & ~pressed)
             s = np.where(fixed, np.where(self.prescribed, self._low, self._load), s)
             subspace = _Subspace(self, ~fixed)
             s = subspace.balanced(s, 2)
-            if subspace.residual(s) > UNBALANCED:
+            if subspace.residual(s) > options.unbalanced:
                 if (pressed == self.contact).all():
                     break
                 pressed = self.contact.copy()
@@ -284,7 +291,7 @@ class AdmissibleStresses:
             s, count = self._descended(subspace, s, other_energy)
             steps += count
             pulling, missing = pressed & (s > self._load), np.zeros_like(pressed)
-            if attempt < GROWING_SETS:
+            if attempt < options.growing_sets:
                 missing = self._missing(subspace, s, self.contact & ~pressed, other_energy)
             if not (pulling | missing).any():
                 s = subspace.balanced(s)
@@ -306,7 +313,7 @@ class AdmissibleStresses:
         slope = np.where(empty, subspace.slope(self.matrix @ s - self.work), 0.0)
         missing = slope > 0.0
         gain = 0.5 * float((slope**2 / self.matrix.diagonal())[missing].sum())
-        if gain <= WORTH_PRESSING * (other_energy + self.energy(s)):
+        if gain <= self.options.worth_pressing * (other_energy + self.energy(s)):
             missing[:] = False
         return missing
 
@@ -314,16 +321,17 @@ class AdmissibleStresses:
         """Minimise the energy by conjugate gradients over stresses in equilibrium."""
         gradient, z = subspace.projected(self.matrix @ s - self.work)
         direction, square = -z, float(gradient @ z)
-        energy, first, step = self.energy(s), square, 0
+        energy, first, step, options = self.energy(s), square, 0, self.options
         gains: list[float] = []
-        while step < MOST_STEPS and square > ROUNDED * first:
+        while step < options.most_steps and square > options.rounded * first:
             moved = self.matrix @ direction
             length = square / float(direction @ moved)
             s = s + length * direction
             step += 1
             gains.append(0.5 * length * square)
             energy -= gains[-1]
-            if step >= LOOK_BACK and sum(gains[-LOOK_BACK:]) <= WORTH * (other_energy + energy):
+            last = sum(gains[-options.look_back :])
+            if step >= options.look_back and last <= options.worth * (other_energy + energy):
                 break
             gradient, z = subspace.projected(gradient + length * moved)
             before, square = square, float(gradient @ z)
@@ -350,21 +358,22 @@ class _Subspace:
 
     def __init__(self, stresses: AdmissibleStresses, free: NDArray[np.bool_]) -> None:
         self._B, self._divergence, self._free = stresses.space.divergence, stresses.divergence, free
+        self._options = options = stresses.options
         self._inverse = np.where(free, 1.0 / stresses.matrix.diagonal(), 0.0)
         self._S = sparse.csr_matrix(self._B @ sparse.diags(self._inverse) @ self._B.T)
         self._preconditioner: Callable[[Array], Array]
-        if len(self._divergence) <= stresses.direct:
+        if len(self._divergence) <= options.direct[stresses.space.dimension - 2]:
             diagonal = self._S.diagonal()
-            shift = SHIFT * np.where(diagonal > 0.0, diagonal, diagonal.max(initial=1e-300))
+            shift = options.shift * np.where(diagonal > 0.0, diagonal, diagonal.max(initial=1e-300))
             factor = CholeskyFactor(self._S + sparse.diags(shift))
             self._preconditioner = lambda right: factor.solve(right[:, None])[:, 0]
         else:
             self._preconditioner = EquilibriumPreconditioner(stresses.space, self._inverse)
 
-    def balanced(self, s: Array, most: int = BALANCINGS) -> Array:
+    def balanced(self, s: Array, most: int | None = None) -> Array:
         """The nearest stress in equilibrium, by at most the given number of projections."""
         missing = self._divergence - self._B @ s
-        for _ in range(most):
+        for _ in range(most or self._options.balancings):
             better = s + self._inverse * (self._B.T @ self._solved(missing))
             left = self._divergence - self._B @ better
             if np.linalg.norm(left) >= 0.5 * np.linalg.norm(missing):
@@ -393,6 +402,5 @@ class _Subspace:
 
     def _solved(self, right: Array) -> Array:
         """Solve B diag⁻¹ Bᵀ y = right to a small relative residual."""
-        return conjugate_gradients(
-            self._S.__matmul__, self._preconditioner, right, SOLVED, MOST_ITERATIONS
-        )
+        limits = self._options.solved, self._options.most_iterations
+        return conjugate_gradients(self._S.__matmul__, self._preconditioner, right, *limits)

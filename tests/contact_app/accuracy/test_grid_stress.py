@@ -9,6 +9,7 @@ from contact_app.accuracy.guarantee.equilibrated import (
     AdmissibleStresses,
     FaceData,
     NoAdmissibleStressError,
+    SearchOptions,
 )
 from contact_app.accuracy.guarantee.grid_stress import GridStresses
 from contact_app.accuracy.guarantee.separable import EquilibriumPreconditioner, conjugate_gradients
@@ -221,7 +222,8 @@ def test_the_same_by_iterations(cells: tuple[int, ...]) -> None:
         faces[2 * d - 2].held[...] = True
         faces[2 * d - 1].traction[..., d - 1] = -4.0
         faces[1].contact[...] = True
-        stresses = AdmissibleStresses(uneven(cells), compliance(d), faces, np.zeros(d), direct)
+        options = SearchOptions(direct=(direct, direct))
+        stresses = AdmissibleStresses(uneven(cells), compliance(d), faces, np.zeros(d), options)
         touching = [face.contact for face in faces]
         found = stresses.search(np.zeros(stresses.space.size), touching, -np.inf)
         assert found.residual < 1e-14

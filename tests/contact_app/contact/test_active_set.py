@@ -15,7 +15,7 @@ from solver.contact.active_set_update import ActiveSetUpdate, SetRules
 from solver.contact.law import Frictionless
 from solver.contact.solution import Accuracy
 from solver.contact.solve_on_set import StoppingTest, solve_on_set
-from solver.contact.stopping import GAIN, LOOSEST, AutomaticRule
+from solver.contact.stopping import AutomaticOptions, AutomaticRule
 from solver.tfeti.active_set_problem import ActiveSetProblem, State
 from solver.tfeti.backend import TotalFeti
 from solver.tfeti.dual import DualProblem
@@ -174,11 +174,13 @@ def test_an_automatic_tolerance_tests_the_gap_where_it_may_decide() -> None:
     def gap(error: float):
         def evaluated() -> float:
             calls.append(error)
-            return 0.5 * (error * LOOSEST) ** 2
+            return 0.5 * (error * AutomaticOptions().loosest) ** 2
 
         return evaluated
 
-    assert target().required_reduction(2.0 * LOOSEST, 1.0, gap(0.1)) == pytest.approx(2.0)
+    assert target().required_reduction(
+        2.0 * AutomaticOptions().loosest, 1.0, gap(0.1)
+    ) == pytest.approx(2.0)
     assert calls == []  # jumps say no
     assert target().required_reduction(0.0, 1.0, gap(0.5)) == pytest.approx(0.5)
     assert calls == [0.5]
@@ -187,6 +189,8 @@ def test_an_automatic_tolerance_tests_the_gap_where_it_may_decide() -> None:
     far = target()
     assert far.required_reduction(0.0, 1.0, gap(60.0)) == pytest.approx(60.0)
     assert calls == [60.0]  # the next evaluation is passed over
-    assert far.required_reduction(0.0, 1.0, gap(0.1)) == pytest.approx(60.0 / GAIN)
+    assert far.required_reduction(0.0, 1.0, gap(0.1)) == pytest.approx(
+        60.0 / AutomaticOptions().gain
+    )
     assert calls == [60.0]
     assert far.required_reduction(0.0, 1.0, gap(0.1)) == pytest.approx(0.1)

@@ -14,7 +14,12 @@ from contact_app.run.solve import solve_scene
 from contact_app.scene.build import build_scene
 from contact_app.scene.configuration import load
 from solver.tfeti.dual import DualProblem
-from solver.tfeti.winkler import SOFTNESS, contact_stiffness, gaps_are_zero, winkler_contact
+from solver.tfeti.winkler import (
+    WinklerOptions,
+    contact_stiffness,
+    gaps_are_zero,
+    winkler_contact,
+)
 from tests import scenes
 
 CASES = {
@@ -45,7 +50,7 @@ def test_rigid_bodies_on_springs(case: str) -> None:
     springs, top = contact_stiffness(problem)
     np.testing.assert_allclose(springs, own[problem.inequality], rtol=1e-12)
     assert top == diagonal.max()
-    k = np.where(problem.inequality, np.minimum(SOFTNESS * own, top), top)
+    k = np.where(problem.inequality, np.minimum(WinklerOptions().softness * own, top), top)
     G = np.array([column(problem, i) for i in range(problem.coarse.kernels)])
 
     def phi(alpha: np.ndarray) -> tuple[float, np.ndarray]:
