@@ -35,7 +35,7 @@ from contact_app.model.method import feti_options, is_undecomposed
 from contact_app.model.outline import Outline, Report, outline_of_scene
 from contact_app.model.probes import Probe
 from contact_app.model.rigid import RigidUnknowns, rigid_subdomains, subdomains_of_copies
-from contact_app.model.rigid_ties import rough_at_tied_nodes
+from contact_app.model.rigid_ties import ContactsAndTies, rough_at_tied_nodes
 from contact_app.model.sections import SectionPiece
 from contact_app.model.supports import support_rows
 from contact_app.model.surface_copies import SurfaceCopies
@@ -301,7 +301,9 @@ def _cautions(scene: Scene, outline: Outline) -> tuple[str, ...]:
     ]
     cautions += without_area(scene.touching, outline.tangential, outline.partition.comm)
     cautions += rough_at_tied_nodes(
-        outline.geometry, scene.all_ties, scene.touching, outline.contact, outline.tied.rows
+        ContactsAndTies(
+            outline.geometry, scene.all_ties, scene.touching, outline.contact, outline.tied.rows
+        )
     )
     return (*cautions, *outline.tied.notes)
 

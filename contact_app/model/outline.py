@@ -42,6 +42,7 @@ from contact_app.model.rigid import (
     moving_contacts,
     moving_rows,
 )
+from contact_app.model.rigid_ties import ContactsAndTies
 from contact_app.model.sections import SectionPiece, locate_sections
 from contact_app.model.surface_copies import SurfaceCopies
 from contact_app.model.tangential_rows import tangential_rows
@@ -306,8 +307,9 @@ def _written_rows(
     except ContradictionError as error:
         raise contradiction(scene, error) from error
     tied = tied_rows(geometry, ties, exchange, held)
-    contact, merged = without_determined(geometry, ties, touching, contact, merged, tied.rows)
-    return _Rows(held, contact, merged, tied)
+    constraints = ContactsAndTies(geometry, ties, touching, contact, tied.rows)
+    contact, determined = without_determined(constraints)
+    return _Rows(held, contact, ContactRows.join([merged, determined]), tied)
 
 
 def _friction_and_balances(

@@ -14,6 +14,7 @@ rigid body alone: they hold motions of the body, of which each needs one row onl
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -36,6 +37,38 @@ Array = NDArray[np.float64]
 
 SAME = 1e-9
 """Rounding errors of rows on rigid motions, and of displacements over the length of the scene."""
+
+
+@dataclass(frozen=True, eq=False)
+class ContactsAndTies:
+    """The contacts and ties of a scene, and their rows on this rank, which owns their nodes.
+
+    Attributes
+    ----------
+    ties, touching
+        The ties that `tied.sources` counts, and the contacts that `contact.sources` counts.
+    contact, tied
+        Rows of the contacts and of the ties.
+    """
+
+    geometry: Geometry
+    ties: Sequence[Tie | RigidTie]
+    touching: Sequence[Contact | BodyContact]
+    contact: ContactRows
+    tied: ContactRows
+
+    def of(self, some: NDArray[np.bool_]) -> ContactsAndTies:
+        """The same with some of the contact rows, (rows,)."""
+        return replace(self, contact=self.contact.of(some))
+
+    def nodes_tied_to_moving(self) -> list[tuple[RigidTie, NDArray[np.int64]]]:
+        """Ties to rigid bodies that may move, each with its nodes on all ranks (collective)."""
+        moving, comm = self.geometry.rigid.moving, self.geometry.comm
+        return [
+            (tie, np.concatenate(comm.allgather(self.tied.nodes[self.tied.sources == number])))
+            for number, tie in of_rigid_bodies(self.ties)
+            if tie.rigid in moving
+        ]
 
 
 def rigidly_tied_rows(
@@ -144,47 +177,30 @@ def without_repeated(
     return rows.of(keep)
 
 
-def on_motions(
-    geometry: Geometry,
-    ties: Sequence[Tie | RigidTie],
-    touching: Sequence[Contact | BodyContact],
-    contact: ContactRows,
-    tied: ContactRows,
-) -> ContactRows:
+def on_motions(constraints: ContactsAndTies) -> ContactRows:
     """Contact rows without friction, written on the motions of the bodies that nodes are tied to.
 
     As rows on displacements of these nodes they would be combinations of the tied rows and of rows
     on rigid motions: S = C D⁻¹ Cᵀ would be singular. Collective.
     """
-    unknowns, comm = RigidUnknowns.of(geometry), geometry.comm
-    rough = np.array([item.friction is not None for item in touching] or [False])
+    unknowns, contact = RigidUnknowns.of(constraints.geometry), constraints.contact
+    rough = np.array([item.friction is not None for item in constraints.touching] or [False])
     slips = rough[contact.sources]
     rows = contact.of(~slips)
-    for number, tie in of_rigid_bodies(ties):
-        if tie.rigid in unknowns.moving:
-            nodes = np.concatenate(comm.allgather(tied.nodes[tied.sources == number]))
-            rows = on_tied_bodies(rows, unknowns, tie.rigid, nodes)
+    for tie, nodes in constraints.nodes_tied_to_moving():
+        rows = on_tied_bodies(rows, unknowns, tie.rigid, nodes)
     return ContactRows.join([rows, contact.of(slips)])
 
 
-def rough_at_tied_nodes(
-    geometry: Geometry,
-    ties: Sequence[Tie | RigidTie],
-    touching: Sequence[Contact | BodyContact],
-    contact: ContactRows,
-    tied: ContactRows,
-) -> list[str]:
+def rough_at_tied_nodes(constraints: ContactsAndTies) -> list[str]:
     """Sentences on contacts with friction at nodes that are tied to moving rigid bodies.
 
     Each of these nodes has a tied row and rows of friction along the same components (collective).
     """
-    comm, sentences = geometry.comm, []
-    for number, tie in of_rigid_bodies(ties):
-        if tie.rigid not in geometry.rigid.moving:
-            continue
-        nodes = np.concatenate(comm.allgather(tied.nodes[tied.sources == number]))
+    contact, touching, sentences = constraints.contact, constraints.touching, []
+    for tie, nodes in constraints.nodes_tied_to_moving():
         sources = contact.sources[np.isin(contact.nodes, nodes)]
-        shared = comm.allreduce(np.bincount(sources, minlength=len(touching)))
+        shared = constraints.geometry.comm.allreduce(np.bincount(sources, minlength=len(touching)))
         sentences += [
             f"{item.source}: {count} of its nodes with friction are tied to a moving rigid body "
             f"({tie.source}); how friction and the tie share the forces there is not unique, so "
@@ -196,25 +212,14 @@ def rough_at_tied_nodes(
     return sentences
 
 
-def refuse_pushed(
-    geometry: Geometry,
-    ties: Sequence[Tie | RigidTie],
-    touching: Sequence[Contact | BodyContact],
-    contact: ContactRows,
-    tied: ContactRows,
-) -> None:
+def refuse_pushed(constraints: ContactsAndTies) -> None:
     """Refuse contacts of nodes that a rigid body, held in all components, pushes too far.
 
-    Collective.
-
-    Parameters
-    ----------
-    contact, tied
-        Rows of contacts that the tied rows determine, and tied rows of this rank, which owns the
-        nodes of both.
+    Collective. The contact rows are those that the tied rows determine.
     """
+    geometry, tied, contact = constraints.geometry, constraints.tied, constraints.contact
     moving = geometry.rigid.moving
-    held = [number for number, tie in of_rigid_bodies(ties) if tie.rigid not in moving]
+    held = [number for number, tie in of_rigid_bodies(constraints.ties) if tie.rigid not in moving]
     fixed = tied.of(np.isin(tied.sources, held))
     component = np.abs(fixed.normals).argmax(axis=1)
     prescribed = dict(zip(zip(fixed.nodes, component, strict=True), fixed.gaps, strict=True))
@@ -228,6 +233,6 @@ def refuse_pushed(
     if worst > SAME * geometry.length:
         raise NoEquilibriumError(
             f"{geometry.source}: a rigid body that is held in all components pushes nodes that are "
-            f"tied to it by {worst:.6g} into what {touching[source].source} names: no "
+            f"tied to it by {worst:.6g} into what {constraints.touching[source].source} names: no "
             "displacement satisfies both"
         )

@@ -13,13 +13,14 @@ from contact_app.model.geometry import Geometry
 from contact_app.model.pairs import owned_rows, sides_of
 from contact_app.model.rigid import tightest_on_motions
 from contact_app.model.rigid_ties import (
+    ContactsAndTies,
     of_rigid_bodies,
     on_motions,
     refuse_pushed,
     rigidly_tied_rows,
     without_repeated,
 )
-from contact_app.scene.conditions import BodyContact, Contact, RigidTie, Tie
+from contact_app.scene.conditions import RigidTie, Tie
 from meshes.facing import SurfacesApartError
 from meshes.ties import Decided, mean_jumps
 from solver.tfeti.constraints.conditions import ContactRows, ContradictionError, HeldRows
@@ -96,51 +97,39 @@ def tied_rows(
     return TiedRows(cut, tuple(notes))
 
 
-def without_determined(
-    geometry: Geometry,
-    ties: Sequence[Tie | RigidTie],
-    touching: Sequence[Contact | BodyContact],
-    contact: ContactRows,
-    merged: ContactRows,
-    tied: ContactRows,
-) -> tuple[ContactRows, ContactRows]:
-    """Contact rows that tied rows leave open, and merged rows with the others (collective).
+def without_determined(constraints: ContactsAndTies) -> tuple[ContactRows, ContactRows]:
+    """Contact rows that tied rows leave open, and those that they determine (collective).
 
     Contact rows of nodes that are tied to moving rigid bodies are rows on the motions of these.
     """
-    moved = bool(of_rigid_bodies(ties) and geometry.rigid.moving)
+    geometry, tied = constraints.geometry, constraints.tied
+    moved = bool(of_rigid_bodies(constraints.ties) and geometry.rigid.moving)
     if moved:
-        contact = on_motions(geometry, ties, touching, contact, tied)
-    some = _undetermined(geometry, ties, touching, contact, tied)
-    contact, merged = contact.of(some), ContactRows.join([merged, contact.of(~some)])
+        constraints = replace(constraints, contact=on_motions(constraints))
+    some = _undetermined(constraints)
+    contact, determined = constraints.contact.of(some), constraints.contact.of(~some)
     if moved:
-        some = tightest_on_motions(geometry, touching, contact, tied)
-        contact, merged = contact.of(some), ContactRows.join([merged, contact.of(~some)])
-    return contact, merged
+        some = tightest_on_motions(geometry, constraints.touching, contact, tied)
+        contact, determined = contact.of(some), ContactRows.join([determined, contact.of(~some)])
+    return contact, determined
 
 
-def _undetermined(
-    geometry: Geometry,
-    ties: Sequence[Tie | RigidTie],
-    touching: Sequence[Contact | BodyContact],
-    contact: ContactRows,
-    tied: ContactRows,
-) -> NDArray[np.bool_]:
+def _undetermined(constraints: ContactsAndTies) -> NDArray[np.bool_]:
     """Mask (contact rows,) of rows that tied rows do not determine (collective).
 
     Contact with a rigid body is determined at nodes that are tied to it.
     """
-    some = undecided(geometry.comm, contact, tied) | contact.on_rigid
-    if not of_rigid_bodies(ties):
+    contact, tied = constraints.contact, constraints.tied
+    some = undecided(constraints.geometry.comm, contact, tied) | contact.on_rigid
+    if not of_rigid_bodies(constraints.ties):
         return some
     inside = np.zeros(len(some), bool)
-    of_contacts = np.array([getattr(item, "rigid", None) for item in touching])
-    for number, tie in of_rigid_bodies(ties):
+    of_contacts = np.array([getattr(item, "rigid", None) for item in constraints.touching])
+    for number, tie in of_rigid_bodies(constraints.ties):
         both = np.flatnonzero(of_contacts == tie.rigid)
         of_tie = tied.nodes[tied.sources == number]
         inside |= np.isin(contact.sources, both) & np.isin(contact.nodes, of_tie)
-    others = contact.of(~some & ~inside)
-    refuse_pushed(geometry, ties, touching, others, tied)
+    refuse_pushed(constraints.of(~some & ~inside))
     return some & ~inside
 
 
