@@ -28,7 +28,8 @@ the vertices and displacements at all nodes. These ψ_j add up to one, so a cons
 transmitted exactly. About a vertex of an edge that points at the other body, all facets of second
 order rise from it, and the mean gap with the shape function is positive although the vertex
 touches: there ψ_j is dual, too, with which the mean of a linear gap is its value at the vertex. The
-row of a node whose area is hardly covered is distributed to its neighbours. The value p_j of a node
+row of a node whose area is hardly covered is distributed to its neighbours, or to theirs if they
+are as hardly covered. The value p_j of a node
 beyond the edge of the other surface is an extrapolation, and results have a mean in its place
 (`contact_app.results.contact_side`).
 """
@@ -212,7 +213,7 @@ def mean_gaps(on: Surface, against: Surface, comm: MPI.Intracomm = MPI.COMM_SELF
         sides, pairs, touched, along(psi.mass[touched], touched), along(functions @ pairs.shared, i)
     )
     total, weak = psi.total(sides)
-    shares = distribute(sides.corners, psi.weight, total, weak | psi.narrow(sides))
+    shares = _distributed(sides.corners, psi.weight, total, weak | psi.narrow(sides))
     strong = np.flatnonzero(shares.diagonal() > 0.0)
     total, gaps, shares = (shares @ total)[strong], (shares @ gaps)[strong], shares[strong]
     rows = (sparse.diags(1.0 / total) @ (shares @ matrix)).tocsr()
@@ -377,6 +378,22 @@ def scattered(
     row = np.broadcast_to(rows[:, :, None], blocks.shape)
     column = np.broadcast_to(columns[:, None, :], blocks.shape)
     return sparse.csr_matrix((blocks.ravel(), (row.ravel(), column.ravel())), shape=shape)
+
+
+def _distributed(
+    local: NDArray[np.int64],
+    weight: NDArray[np.float64],
+    total: NDArray,
+    weak: NDArray[np.bool_],
+) -> sparse.csr_matrix:
+    """Matrix of `distribute`, also for weak nodes all of whose neighbours are weak themselves.
+
+    The corner of a block may cover a small part of one facet, all of whose vertices lie beyond its
+    edges: a row of this part alone holds the corner nearly pointwise.
+    """
+    shares = distribute(local, weight, total, weak)
+    isolated = weak & (shares.diagonal() > 0.0)
+    return (shares @ distribute(local, weight, total, isolated)).tocsr()
 
 
 def distribute(
