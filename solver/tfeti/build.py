@@ -178,12 +178,12 @@ def build_system(
         constraints.friction,
         places,
         exchange.total,
-        _free_motions(comm, d, subdomains, classes, groups, loose),
+        _free_motions(exchange, d, subdomains, classes, groups, loose),
     )
 
 
 def _free_motions(
-    comm: MPI.Intracomm,
+    exchange: NodeExchange,
     d: int,
     subdomains: Sequence[CongruentSubdomains],
     classes: Sequence[SubdomainClass],
@@ -192,15 +192,20 @@ def _free_motions(
 ) -> FreeMotions | None:
     """Motions that nothing resists or contact alone, with the nodes of their subdomains.
 
-    None where there are none.
+    None where there are none (collective).
     """
     if loose is None or not loose.any:
         return None
     moved = [np.zeros((len(s.bodies), 3)) if s.places is None else s.places.translations
              for s in subdomains]  # fmt: skip
     points, bodies = [s.points for s in subdomains], [s.bodies for s in subdomains]
+    place = exchange.nodes - exchange.first
+    count = exchange.from_owners(np.bincount(place)[place])
+    shares = [np.ones((len(s.bodies), len(s.points))) for s in subdomains]
+    for share, s in zip(shares, subdomains, strict=True):
+        share[:, s.nodes] /= count[s.copies]
     rigid = [cls.rigid for cls in classes]
-    return FreeMotions(comm, d, groups, loose, points, moved, bodies, rigid)
+    return FreeMotions(exchange.comm, d, groups, loose, points, moved, bodies, shares, rigid)
 
 
 def _classes(

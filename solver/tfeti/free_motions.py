@@ -6,8 +6,8 @@ motions: of a group of bodies with free motions L z and rigid motions M_b at the
 
     min_z Σ_b |u_b - M_b L_b z|²  over all nodes,   i.e.  (Σ L_bᵀ M_bᵀ M_b L_b) z = Σ L_bᵀ M_bᵀ u_b,
 
-and u_b - M_b L_b z is the remaining displacement. A node counts once for each subdomain that has
-it.
+and u_b - M_b L_b z is the remaining displacement. A node counts once: its copies in several
+subdomains have equal shares.
 
 A block that rests on a plane with play before a wall may slide, too, until it meets the wall. Of an
 answer, such motions are those that held and tied rows leave and on which all rows with a force
@@ -70,6 +70,8 @@ class FreeMotions:
         Translation of each member from the points of its class.
     members : one (members,) array per class
         Body of each subdomain.
+    shares : one (members, nodes) array per class
+        One over the number of copies of each node.
     rigid : (classes,)
         Whether the unknowns of a class are the motions of a rigid body.
     """
@@ -81,6 +83,7 @@ class FreeMotions:
     points: Sequence[Array]
     translations: Sequence[Array]
     members: Sequence[NDArray[np.int64]]
+    shares: Sequence[Array]
     rigid: Sequence[bool]
 
     def of(
@@ -151,9 +154,11 @@ class FreeMotions:
             for member, body in enumerate(self.members[number]):
                 if count[body]:
                     fields = self._motions(number, member) @ along[body]
-                    grams[body] += fields.T @ fields
-                    components[body] += fields.T @ u[:, member]
-                    nodes[body] += 1 if self.rigid[number] else len(u) // self.dimension
+                    share = self.shares[number][member]
+                    weighted = fields * np.repeat(share, self.dimension)[:, None]
+                    grams[body] += weighted.T @ fields
+                    components[body] += weighted.T @ u[:, member]
+                    nodes[body] += 1 if self.rigid[number] else share.sum()
         return grams, components, nodes
 
     def allowed_motions(self, group: int, interfaces: Sequence[NDArray[np.int64]]) -> Array:

@@ -8,6 +8,10 @@ V_b z at the n_b nodes of body b,
 
     min_z Σ_b |u_b - V_b z|² / n_b    with    B u - c - B V z ≤ max(B u - c, 0)  on contact rows.
 
+Rows that only stop motions which nothing else stops (`RowKind.SUPPORT`) have no force. Their nodes
+depend on the decomposition, so that they do not count: such a motion is one of V, and the answer
+has none of it in the mean.
+
 This is a strictly convex problem of a few unknowns. With y = Lᵀ z, L Lᵀ the matrix of its quadratic
 form, it asks for the point of a polyhedron around the origin that is nearest to a given one.
 """
@@ -21,6 +25,7 @@ from numpy.typing import NDArray
 
 from solver.contact.equilibrium import held_motions
 from solver.contact.nearest_point import nearest_point
+from solver.contact.row_kinds import RowKind
 from solver.contact.solution import Solution
 from solver.tfeti.certify import certify, rows_on_allowed_motions, rows_that_resist
 from solver.tfeti.decomposed import DecomposedProblem
@@ -42,17 +47,18 @@ forces of 4e-15 stood on bodies that nothing else pressed."""
 
 
 def with_least_motion(problem: DecomposedProblem, solution: Solution) -> Solution:
-    """A certified answer without friction, with the least undetermined motions (collective).
+    """A certified answer with the least undetermined motions (collective).
 
     The answer stays as it is if the certificate of the moved one does not pass.
     """
     free = problem.system.free
-    if free is None or problem.friction.acts or not solution.converged:
+    if free is None or not solution.converged:
         return solution
     moved = _moved(problem, free, solution)
     if moved is None:
         return solution
-    certificate, measures = certify(problem, solution.multiplier, moved, solution.tolerance)
+    placed = with_supports_at(problem, moved)
+    certificate, measures = certify(placed, solution.multiplier, moved, solution.tolerance)
     # the gap of a method for displacements has the error that its equations had
     worse = max(certificate.duality_gap, solution.certificate.duality_gap)
     gaps = np.maximum(measures.gaps, solution.measures.gaps)
@@ -65,6 +71,16 @@ def with_least_motion(problem: DecomposedProblem, solution: Solution) -> Solutio
         certificate=certificate,
         measures=replace(measures, gaps=gaps),
     )
+
+
+def with_supports_at(problem: DecomposedProblem, displacements: list[Array]) -> DecomposedProblem:
+    """The problem whose supports, which have no force, are where displacements are (collective)."""
+    supports = problem.kinds == RowKind.SUPPORT
+    if not problem.comm.allreduce(int(supports.any())):
+        return problem
+    moved = problem.residual(problem.on_interface(displacements)) + problem.c
+    loads = replace(problem.system.loads, c=np.where(supports, moved, problem.c))
+    return replace(problem, system=replace(problem.system, loads=loads))
 
 
 def _moved(problem: DecomposedProblem, free: FreeMotions, solution: Solution) -> list[Array] | None:
@@ -128,7 +144,8 @@ def _undetermined(
     images[np.abs(images) <= ROUNDED * largest_magnitude(problem.comm, images)] = 0.0
     motions = np.zeros((0, 0))
     if images.shape[1]:
-        motions = held_motions(problem.comm, images[resist | ~problem.inequality])
+        holds = ~problem.inequality & (problem.kinds != RowKind.SUPPORT)
+        motions = held_motions(problem.comm, images[resist | holds])
     along = [
         some @ motions if of_body == group else some[:, :0]
         for some, of_body in zip(free.loose.allowed, problem.bodies.groups, strict=True)

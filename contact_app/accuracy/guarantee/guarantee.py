@@ -48,6 +48,7 @@ from meshes import Subdomain
 from solver.contact.solution import Solution
 from solver.tfeti.dual_operator import interface_slices
 from solver.tfeti.duality_gap import nearest_admissible
+from solver.tfeti.least_motion import with_supports_at
 from solver.vectors import largest_magnitude
 
 Array = NDArray[np.float64]
@@ -140,7 +141,8 @@ class _Answer:
     """An answer's admissible neighbour û on the grids of its bodies (all methods collective)."""
 
     def __init__(self, model: Model, solution: Solution) -> None:
-        self.comm, self.problem, self.dimension = model.comm, model.problem, model.scene.dimension
+        self.comm, self.dimension = model.comm, model.scene.dimension
+        self.problem = with_supports_at(model.problem, solution.displacements)
         self.size = solution.measures.displacement
         self.bodies = [
             BoxSurface(model.scene, model.partition, b) for b in range(len(model.scene.bodies))
@@ -158,7 +160,7 @@ class _Answer:
             centres = s.points()[self.cells[cls].nodes].mean(axis=1)
             places = self.bodies[s.body].cells_at(centres)
             self.pieces.append(_Piece(s, int(cls), int(column), places))
-        interface = nearest_admissible(model.problem, solution.multiplier, solution.displacements)
+        interface = nearest_admissible(self.problem, solution.multiplier, solution.displacements)
         self._refuse_jumps(interface)
         self.displacements = []
         for cls, part, u in zip(

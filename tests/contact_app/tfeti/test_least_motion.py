@@ -73,6 +73,21 @@ def test_a_block_pushes_the_next_one_no_farther_than_it_must(method: str) -> Non
     assert moved(made, method) == pytest.approx(expected, abs=1e-7)
 
 
+@pytest.mark.parametrize("subdomains", [1, 4])
+@pytest.mark.parametrize("method", METHODS)
+def test_a_block_that_slides_freely_stays_in_the_mean(method: str, subdomains: int) -> None:
+    """It bulges more on one side; the nodes that hold it differ between decompositions.
+
+    Friction holds the block beside it.
+    """
+    made = blocks(0.0, 3.0, left=-1.0, right=5.0)
+    made["contacts"] = made["contacts"][:2]
+    made["contacts"][1]["friction"] = {"coulomb": 0.3}
+    made["conditions"][0] = {"on": "a.y+", "total_force": [0.0, -20.0], "total_moment": 0.5}
+    made["decomposition"] = {"subdomains": subdomains}
+    assert moved(made, method)[0] == pytest.approx(0.0, abs=1e-12)
+
+
 @pytest.mark.parametrize("method", ["auto", "primal"])
 def test_rigid_bodies_without_a_drive_neither_turn_nor_rise(method: str) -> None:
     """A cylinder that may turn by 0.68 about x before it meets the block below it."""
