@@ -331,10 +331,7 @@ def _closes_at_once(answer: SolvedScene) -> Iterator[str]:
 def _slides(answer: SolvedScene) -> Iterator[str]:
     """Bodies that slide along round surfaces, resisted by their facets alone (collective)."""
     scene = answer.model.scene
-    touching = {b for item in scene.touching for b in (item.body, getattr(item, "other", -1))}
     for motion in free_motions(answer.model, answer.solution):
-        if motion.body not in touching:
-            continue
         names = ", ".join(MOTION_NAMES[scene.dimension][k] for k in motion.names)
         remedy = f"`hold: [{names}]` on the body prevents the motion"
         yield motion.sentence(scene.bodies[motion.body].name, remedy)

@@ -244,6 +244,18 @@ def test_a_large_spin_does_not_loosen_the_tolerance(tmp_path: Path) -> None:
     assert wrong.max() <= tolerance * deformed
 
 
+def test_a_body_that_is_tied_to_one_that_slides_has_a_warning(tmp_path: Path) -> None:
+    """An arm without contacts moves farther than the shoe."""
+    made = shoe_between_races(tmp_path, 1e-6)
+    (shoe,) = made["bodies"]
+    turned = {**shoe["mesh"], "rotate": {"angle": 60.0}}
+    made["bodies"].append({**shoe, "name": "arm", "mesh": turned})
+    made["contacts"].append({"on": "arm.x-", "against": "shoe.x+", "tied": True})
+    warnings = " ".join(solve_scene(scenes.build(made)).summary["certificate"]["warnings"])
+    assert "shoe slides by" in warnings
+    assert "arm slides by" in warnings
+
+
 def test_the_reference_length_excludes_free_motions() -> None:
     """A slide of a hundred times the displacement changes neither the reference length nor the
     penetration."""
