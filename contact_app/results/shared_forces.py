@@ -188,7 +188,7 @@ def _nodes(problem: DualProblem, solution: Solution) -> Iterator[SharedNode]:
         problem.friction, problem.system.friction, problem.contact, problem.dimension,
     )  # fmt: skip
     largest = _largest(problem, solution)
-    if points is None or rough is None or largest == 0.0:
+    if largest == 0.0:
         return
     normal = contact.spread * solution.multiplier[problem.inequality]
     of_row = rough.places(contact)

@@ -22,7 +22,7 @@ from contact_app.machine.memory import available_bytes, needed_bytes
 from contact_app.model.model import Model
 from contact_app.scene.bodies import Body
 from contact_app.scene.scene import Decomposition, Scene
-from solver import Reason
+from solver import Counts, Reason
 from solver.contact.solution import Solution
 from solver.driver import ROUNDED_AWAY
 from solver.errors import QPError, UnboundedError
@@ -47,15 +47,29 @@ class NoAnswerError(Exception):
     ----------
     subdomains
         Number of subdomains of the method; None if unknown.
+    counts
+        Its work up to the failure.
     """
 
-    def __init__(self, text: str, subdomains: int | None = None) -> None:
+    def __init__(
+        self, text: str, subdomains: int | None = None, counts: Counts | None = None
+    ) -> None:
         super().__init__(text)
-        self.subdomains = subdomains
+        self.subdomains, self.counts = subdomains, counts or Counts()
 
 
 class NoWayLeftError(CouldNotRunError):
-    """No method found an answer; the text has the remedy."""
+    """No method found an answer; the text has the remedy.
+
+    Attributes
+    ----------
+    counts
+        The work of all methods.
+    """
+
+    def __init__(self, text: str, counts: Counts) -> None:
+        super().__init__(text)
+        self.counts = counts
 
 
 def failure_text(error: Exception) -> str:

@@ -145,8 +145,8 @@ def solved_increments(
                 ahead += [(middle, part[1]), (part[0], middle)]
                 if comm.rank == 0:
                     log.warning(
-                        "step %d: the increment to factor %.6g has no certified answer: halved",
-                        step, float(part[1]),
+                        "step %d: the increment to factor %.6g has no certified answer%s: halved",
+                        step, float(part[1]), _spent(solved),
                     )  # fmt: skip
                 continue
             if isinstance(solved, NoWayLeftError):
@@ -209,6 +209,12 @@ def _solved(
 def _loaded(scene: Scene, place: Place) -> Scene:
     """The scene with the loads at a place of its history."""
     return scene.under(scene.loading_at(place.step - 1, float(place.share)))
+
+
+def _spent(solved: SolvedScene | NoWayLeftError) -> str:
+    """The work on an increment without a certified answer, as a phrase."""
+    counts = solved.counts if isinstance(solved, NoWayLeftError) else solved.solution.counts
+    return f" after {counts.hessian:,} Hessian multiplications"
 
 
 def _is_final(solved: SolvedScene | NoWayLeftError) -> bool:

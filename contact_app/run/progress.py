@@ -18,7 +18,7 @@ from rich.console import Console
 from rich.live import Live
 from rich.text import Text
 
-from solver.qp.result import Monitor, Step
+from solver.qp.result import Counts, Monitor, Step
 
 LIVE_SECONDS, PLAIN_SECONDS, OUTER_SECONDS = 0.1, 2.0, 0.2
 """Seconds between updates.
@@ -38,6 +38,29 @@ def together(*monitors: Monitor | None) -> Monitor:
         return any(answers)
 
     return monitor
+
+
+class Counting:
+    """A monitor that counts the work of a solve, known also if it ends without an answer.
+
+    Attributes
+    ----------
+    counts
+        Of the steps so far.
+    """
+
+    OF_STEP = {
+        "cg": Counts(hessian=1, cg=1),
+        "expansion": Counts(hessian=2, expansion=1),
+        "proportioning": Counts(hessian=1, proportioning=1),
+    }
+
+    def __init__(self) -> None:
+        self.counts = Counts()
+
+    def __call__(self, step: Step) -> None:
+        """Count a step."""
+        self.counts += self.OF_STEP.get(step.type, Counts(hessian=1))
 
 
 class Progress:

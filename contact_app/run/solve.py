@@ -36,6 +36,7 @@ from contact_app.run.placing import (
     placed_anew,
     rotation_warnings,
 )
+from contact_app.run.progress import Counting, together
 from contact_app.run.summary import warned
 from contact_app.run.ways import first_certified
 from contact_app.scene.scene import Scene
@@ -281,10 +282,12 @@ def _solution_of(model: Model, estimator: ErrorEstimator, request: _Request) -> 
         The solver failed.
     """
     begin = request.start.on(model) if request.start is not None else None
-    rest = request.monitor, request.checkpoint, estimator.accuracy, begin
+    spent = Counting()
+    monitor = together(request.monitor, spent)
+    rest = monitor, request.checkpoint, estimator.accuracy, begin
     try:
         return solve(model.problem, model.scene.solver, *rest)
     except CheckpointError as error:
         raise ConfigurationError(str(error)) from error
     except FAILURES as error:
-        raise NoAnswerError(failure_text(error), model.partition.count) from error
+        raise NoAnswerError(failure_text(error), model.partition.count, spent.counts) from error

@@ -175,13 +175,15 @@ def first_certified(
             failed = _Failure(reason_text(answer.solution), answer.model.partition.count)
         except NoAnswerError as error:
             failed = _Failure(str(error), error.subdomains)
+            counts_before = counts_before + error.counts
         if before is not None:
             warnings.append(f"multigrid left no certified answer, either: {failed.why}")
             answer = before
     if answer is None:
         raise NoWayLeftError(
             f"{scene.source}: the solver found no answer: {failed.why} Try less slender cells, "
-            "cells of degree 2 or a larger solver.tolerance, and report the scene"
+            "cells of degree 2 or a larger solver.tolerance, and report the scene",
+            counts_before,
         )
     return warned(answer, warnings) if warnings else answer
 

@@ -275,6 +275,20 @@ def test_increments_without_an_answer_are_halved() -> None:
     assert not solved(made).converged
 
 
+@pytest.mark.mpi
+def test_two_ranks_halve_increments_by_multigrid_as_one(tmp_path: Path) -> None:
+    """Where the slip of a half is measured from depends on which increments had an answer."""
+    made = block(PRESS_AND_PUSH, mu=0.4)
+    made["solver"] = {"method": "primal", "max_iterations": 6, "tolerance": 1e-8}
+    one, two = one_and_two(made, tmp_path, 2)
+    assert [r["halved"] for r in one["steps"]] == [0, 0, 1, 1, 0, 1, 2, 3, 3]
+    for own, other in zip(one["steps"], two["steps"], strict=True):
+        assert (own["time"], own["halved"]) == (other["time"], other["halved"])
+        for key in ("energy", "dissipated_work"):
+            assert own["solution"][key] == pytest.approx(other["solution"][key], rel=1e-6)
+    assert "Hessian multiplications: halved" in (tmp_path / "out2" / "run.log").read_text()
+
+
 @pytest.mark.parametrize("method", ["active-set", "primal", "smalbe"])
 def test_a_block_that_comes_back_to_its_unloaded_state_is_certified(method: str) -> None:
     """Its displacements are then rounding errors of those from which slip is measured."""
