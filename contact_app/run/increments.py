@@ -146,7 +146,7 @@ def solved_increments(
                 if comm.rank == 0:
                     log.warning(
                         "step %d: the increment to factor %.6g has no certified answer%s: halved",
-                        step, float(part[1]), _spent(solved),
+                        step, float(part[1]), _work_in_words(solved),
                     )  # fmt: skip
                 continue
             if isinstance(solved, NoWayLeftError):
@@ -211,7 +211,7 @@ def _loaded(scene: Scene, place: Place) -> Scene:
     return scene.under(scene.loading_at(place.step - 1, float(place.share)))
 
 
-def _spent(solved: SolvedScene | NoWayLeftError) -> str:
+def _work_in_words(solved: SolvedScene | NoWayLeftError) -> str:
     """The work on an increment without a certified answer, as a phrase."""
     counts = solved.counts if isinstance(solved, NoWayLeftError) else solved.solution.counts
     return f" after {counts.hessian:,} Hessian multiplications"

@@ -282,12 +282,12 @@ def _solution_of(model: Model, estimator: ErrorEstimator, request: _Request) -> 
         The solver failed.
     """
     begin = request.start.on(model) if request.start is not None else None
-    spent = Counting()
-    monitor = together(request.monitor, spent)
+    counting = Counting()
+    monitor = together(request.monitor, counting)
     rest = monitor, request.checkpoint, estimator.accuracy, begin
     try:
         return solve(model.problem, model.scene.solver, *rest)
     except CheckpointError as error:
         raise ConfigurationError(str(error)) from error
     except FAILURES as error:
-        raise NoAnswerError(failure_text(error), model.partition.count, spent.counts) from error
+        raise NoAnswerError(failure_text(error), model.partition.count, counting.counts) from error

@@ -131,6 +131,7 @@ def _row(record: Record) -> Iterable[tuple[str, Any]]:
     for key in ("energy", "max_displacement", "max_contact_pressure", "dissipated_work"):
         if key in solution:
             yield key, solution[key]
+    yield "estimated_error", record["accuracy"]["total"]
     for number, contact in enumerate(record["contacts"]):
         for axis, value in zip("xyz", contact["force"], strict=False):
             yield f"contacts[{number}]_force_{axis}", value

@@ -277,7 +277,7 @@ def test_increments_without_an_answer_are_halved() -> None:
 
 @pytest.mark.mpi
 def test_two_ranks_halve_increments_by_multigrid_as_one(tmp_path: Path) -> None:
-    """Where the slip of a half is measured from depends on which increments had an answer."""
+    """The halves measure their slip from the same increments."""
     made = block(PRESS_AND_PUSH, mu=0.4)
     made["solver"] = {"method": "primal", "max_iterations": 6, "tolerance": 1e-8}
     one, two = one_and_two(made, tmp_path, 2)

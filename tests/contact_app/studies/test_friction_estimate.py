@@ -8,10 +8,12 @@ from typing import Any
 
 import numpy as np
 import pytest
+from mpi4py import MPI
 
 from contact_app.accuracy.refine.refinement import solve_to_accuracy
 from contact_app.accuracy.solved_scene import SolvedScene
 from contact_app.errors import ConfigurationError
+from contact_app.run.increments import solved_increments
 from contact_app.run.solve import solve_scene
 from contact_app.studies.effectivity import AnswerOnMesh, Case, errors_from_differences
 from tests import scenes
@@ -137,6 +139,39 @@ def test_effectivity_against_a_fine_answer(
         a.solved.accuracy.discretisation * a.norm / e for a, e in zip(answers, errors, strict=False)
     ]
     assert all(0.95 < w < most for w in worth), worth
+
+
+def after_history(n: int, law: Law) -> list[AnswerOnMesh]:
+    """The block pressed, pushed to and fro, then relieved of most of its load."""
+    made = pushed("quadrilateral", n, law)
+    foot = made["conditions"][0]
+    x, y = foot["displacement"]
+    made["conditions"] = [
+        {**foot, "name": "press", "displacement": [None, y]},
+        {**foot, "name": "push", "displacement": [x, None]},
+    ]
+    steps = [{"press": 1}, {"push": 1, "increments": 2}, {"push": -0.5}, {"press": 0.3, "push": 0}]
+    scene = scenes.build({**made, "steps": steps, "solver": {"tolerance": 1e-9}}, 1)
+    history = solved_increments(scene, MPI.COMM_WORLD, lambda place: None)
+    return [answer("quadrilateral", n, increment.solved) for increment in history]
+
+
+@pytest.mark.parametrize("law", [COULOMB, TRESCA])
+def test_effectivity_in_a_history(law: tuple[str, float]) -> None:
+    """Each increment has an estimate, about as good as without a history.
+
+    The last one, in which stresses of the history remain, has errors of slips that it inherits and
+    the estimate does not see.
+    """
+    histories = [after_history(n, dict([law])) for n in (4, 8, 16)]
+    for number, answers in enumerate(zip(*histories, strict=True), start=1):
+        errors, _ = errors_from_differences([a.error_to(answers[-1]) for a in answers[:-1]])
+        worth = [
+            a.solved.accuracy.discretisation * a.norm / e
+            for a, e in zip(answers, errors, strict=False)
+        ]
+        least = 0.7 if number == len(histories[0]) else 0.95
+        assert all(least < w < 1.4 for w in worth), (number, worth)
 
 
 @pytest.mark.parametrize("law", [COULOMB, TRESCA])
