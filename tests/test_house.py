@@ -79,6 +79,7 @@ PLAIN = {
         f"contact_app/{room}": VAGUE_NAMES | POINTING_NAMES
         for room in ("scene", "model", "run", "machine", "accuracy")
     },
+    "contact_app/studies": {"ours", "theirs"},
 }
 """Names that a directory does not have, in addition to the private ones."""
 

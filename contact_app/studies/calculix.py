@@ -126,21 +126,24 @@ def loose(made: dict[str, Any]) -> list[int]:
 
 
 def differences(
-    points: Fields, ours: Fields, theirs: Fields, loose: Sequence[int] = ()
+    points: Fields, computed: Fields, other: Fields, loose: Sequence[int] = ()
 ) -> tuple[float, float, float]:
     """Relative differences of the largest displacement, of all, and of all without rigid motions.
 
     All without the rigid motions of the loose bodies.
     """
     for b in loose:
-        ours, theirs = (
-            [*of[:b], of[b] - _rigid_part(points[b], of[b]), *of[b + 1 :]] for of in (ours, theirs)
+        computed, other = (
+            [*of[:b], of[b] - _rigid_part(points[b], of[b]), *of[b + 1 :]]
+            for of in (computed, other)
         )
-    largest, other = (max(np.linalg.norm(u, axis=1).max() for u in of) for of in (ours, theirs))
-    difference = [u - v for u, v in zip(ours, theirs, strict=True)]
+    largest = [max(np.linalg.norm(u, axis=1).max() for u in of) for of in (computed, other)]
+    difference = [u - v for u, v in zip(computed, other, strict=True)]
     strained = [u - _rigid_part(x, u) for x, u in zip(points, difference, strict=True)]
-    size, every, rest = (np.linalg.norm(np.concatenate(of)) for of in (ours, difference, strained))
-    return abs(float(other / largest) - 1.0), float(every / size), float(rest / size)
+    size, every, rest = (
+        np.linalg.norm(np.concatenate(of)) for of in (computed, difference, strained)
+    )
+    return abs(float(largest[1] / largest[0]) - 1.0), float(every / size), float(rest / size)
 
 
 def _rigid_part(points: Array, u: Array) -> Array:
@@ -172,9 +175,9 @@ def compared(name: str, directory: Path) -> dict[str, float]:
     scene.write_text(json.dumps(made), encoding="utf-8")
     (directory / "deck.inp").write_text("\n".join(deck.lines()) + "\n", encoding="utf-8")
     command = [sys.executable, "-m", "contact_app.studies.single_run", str(scene)]
-    ours = measured([*command, "--fields", "fields.npz"], directory)
+    application = measured([*command, "--fields", "fields.npz"], directory)
     summary = json.loads((directory / "output.txt").read_text(encoding="utf-8").splitlines()[-1])
-    theirs = measured([COMMAND, "deck"], directory)
+    calculix = measured([COMMAND, "deck"], directory)
     outcome = deck.outcome(directory / "deck.dat")
     points, other = outcome.points, outcome.displacement
     u = _at_nodes(points, directory / "fields.npz")
@@ -186,8 +189,8 @@ def compared(name: str, directory: Path) -> dict[str, float]:
         "dofs": 3.0 * sum(map(len, points)), "largest": largest, "every": every,
         "strained": strained,
         "force": np.nan if balanced else force, "force ccx": float(np.linalg.norm(outcome.force)),
-        **{f"{key} ours": value for key, value in ours.items()},
-        **{f"{key} ccx": value for key, value in theirs.items()},
+        **application,
+        **{f"{key} ccx": value for key, value in calculix.items()},
     }  # fmt: skip
 
 
@@ -207,8 +210,8 @@ def table(names: Sequence[str], directory: Path) -> Iterator[str]:
         yield (
             f"| {name} | {f['dofs']:,.0f} | {100 * f['largest']:.2f} % | "
             f"{100 * f['every']:.2f} % | {100 * f['strained']:.2f} % | "
-            f"{' | '.join(forces)} | {f['cpu ours']:.1f} | {f['cpu ccx']:.1f} | "
-            f"{f['gb ours']:.2f} | {f['gb ccx']:.2f} |"
+            f"{' | '.join(forces)} | {f['cpu']:.1f} | {f['cpu ccx']:.1f} | "
+            f"{f['gb']:.2f} | {f['gb ccx']:.2f} |"
         )
 
 

@@ -26,7 +26,7 @@ from contact_app.scene.build import build_scene
 from contact_app.scene.configuration import load
 from contact_app.scene.scene import Scene
 from contact_app.scene.schema.bodies import Body
-from contact_app.studies.chart_figure import OURS, draw
+from contact_app.studies.chart_figure import APPLICATION, draw
 from contact_app.studies.chart_store import StoredPoints
 from contact_app.studies.peers import METHODS
 from contact_app.studies.processes import RunError
@@ -73,7 +73,7 @@ class Variant:
     cell: str
     degree: int | None = 1
     tolerance: float | str = USUAL
-    method: str = OURS
+    method: str = APPLICATION
     decomposition: str | None = None
     expansion: str | None = None
     accuracy: float | None = None
@@ -405,7 +405,7 @@ def solve_reference(
             new = file.with_suffix(".new.npz")
             try:
                 run_one(
-                    OURS, config, settings, variant.tolerance, fields=new,
+                    APPLICATION, config, settings, variant.tolerance, fields=new,
                     parallel=sweep.parallel,
                 )  # fmt: skip
             except RunError as error:

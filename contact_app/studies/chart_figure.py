@@ -11,13 +11,13 @@ from numpy.typing import ArrayLike
 
 from contact_app.studies.reference import QUANTITIES
 
-OURS = "contact-app"
+APPLICATION = "contact-app"
 """Beginning of the names of this application's points."""
 
 
-def is_ours(row: dict[str, Any]) -> bool:
+def is_application(row: dict[str, Any]) -> bool:
     """Whether a point is this application's."""
-    return str(row["method"]).startswith(OURS)
+    return str(row["method"]).startswith(APPLICATION)
 
 
 TITLES = {
@@ -37,9 +37,9 @@ def draw(rows: Sequence[dict[str, Any]], path: Path, title: str, sentence: str) 
     import matplotlib.pyplot as plt
 
     colours = plt.get_cmap("tab10")
-    groups = {"ours": [r for r in rows if is_ours(r)]}
+    groups = {APPLICATION: [r for r in rows if is_application(r)]}
     for row in rows:
-        if not is_ours(row):
+        if not is_application(row):
             groups.setdefault(str(row["method"]), []).append(row)
     figure, panels = plt.subplots(1, 3, figsize=(15, 5.2), layout="constrained", sharex=True)
     for axes, quantity in zip(panels, QUANTITIES, strict=True):
@@ -49,8 +49,8 @@ def draw(rows: Sequence[dict[str, Any]], path: Path, title: str, sentence: str) 
             best = frontier(seconds, errors)
             axes.plot(
                 seconds[best], errors[best], color=colours(number), label=name,
-                linewidth=2.5 if name == "ours" else 1.2,
-                linestyle="-" if name == "ours" else "--",
+                linewidth=2.5 if name == APPLICATION else 1.2,
+                linestyle="-" if name == APPLICATION else "--",
             )  # fmt: skip
             for i, point in enumerate(points):
                 degree = int(point["degree"])

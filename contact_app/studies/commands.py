@@ -122,8 +122,8 @@ def reproduce_cube(
     """Run the paper's contact benchmark.
 
     Small: its 73 rows, CSV, Figure 3, a summary.json for each. Paper: its own problem of 81,812,703
-    unknowns, with its rules and with ours. An interrupted run continues when the command is run
-    again.
+    unknowns, with its rules and with the default ones. An interrupted run continues when the
+    command is run again.
     """
     from contact_app.studies.cube import cube_scene, reproduce_cube
     from contact_app.studies.paper_run import PAPER_CELLS, Settings, paper_run
@@ -147,7 +147,7 @@ def reproduce_rules(
         int, typer.Option(help="Subdomains along an edge of the cube.", min=2)
     ] = 10,
 ) -> None:
-    """Print the multiplications of SMALBE's rules, the published ones and ours, on the cube."""
+    """Print the multiplications of SMALBE's published rules and of the default ones on the cube."""
     from contact_app.studies.rules import compare_rules, table
 
     for line in table(compare_rules(subdomains)):
@@ -213,10 +213,10 @@ def bench_parts(
 ) -> None:
     """Compare contact with one linear solve and PETSc's solvers on parts: table, CSV, figure."""
     from contact_app.studies import parts as study
-    from contact_app.studies.part_run import OURS
+    from contact_app.studies.part_run import OWN_METHODS
     from contact_app.studies.peers import METHODS
 
-    chosen = _methods(methods, (*OURS, *METHODS)) or study.CHOSEN
+    chosen = _methods(methods, (*OWN_METHODS, *METHODS)) or study.CHOSEN
     scenes = [_part(name, study.CONFIGS, study.PARTS) for name in parts or study.PARTS]
     directory = output or Path("results/bench-parts")
     drawable = all(scene.parent == study.CONFIGS and scene.stem in study.PARTS for scene in scenes)

@@ -93,13 +93,13 @@ def run_rows(
     for paper in rows:
         inner = MPRGP(paper.expansion, paper.alpha_u or 1.9, rtol=RTOL, norm=norm)
         counts = study.run(SMALBE.paper(inner), _name(paper))
-        ours = Row(
+        measured = Row(
             paper.benchmark, paper.expansion, paper.alpha_u, counts.outer, counts.hessian,
             counts.cg, counts.expansion, counts.proportioning,
         )  # fmt: skip
-        pairs.append(Comparison(ours, paper))
+        pairs.append(Comparison(measured, paper))
         yield (
-            f"{_name(paper)}: {ours.hessian} Hessian multiplications in {ours.outer} outer "
+            f"{_name(paper)}: {measured.hessian} Hessian multiplications in {measured.outer} outer "
             f"iterations; the paper, on its mesh: {paper.hessian} in {paper.outer}"
         )
     inner = MPRGP("projcg-safe", rtol=RTOL, norm=norm)

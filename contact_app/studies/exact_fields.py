@@ -47,10 +47,10 @@ def relative_errors(
         material = CellMaterials(model.materials[cls], reference.tags, model.scene.plane)
         exact_u = displacement(at.reshape(-1, d)).reshape(at.shape)
         exact = stresses(at.reshape(-1, d)).reshape(*at.shape[:2], 6)
-        ours = material.stress(np.swapaxes(gradient, 0, 1))
+        computed = material.stress(np.swapaxes(gradient, 0, 1))
         away = np.einsum("qk,cki->cqi", values, u) - exact_u
         shears_twice = np.array([1.0, 1.0, 1.0, 2.0, 2.0, 2.0])
-        off = np.swapaxes(ours, 0, 1) - exact
+        off = np.swapaxes(computed, 0, 1) - exact
         squares = [(f**2).sum(axis=2) for f in (away, exact_u)]
         squares += [f**2 @ shears_twice for f in (off, exact)]
         sums += [(share * square).sum() for square in squares]

@@ -26,10 +26,10 @@ from contact_app.studies.failing_scenes import (
     scene_of,
     square,
 )
-from contact_app.studies.outcomes import OURS, WHOLE, Outcome, built, shortened
+from contact_app.studies.outcomes import APPLICATION, WHOLE, Outcome, built, shortened
 
 FRICTION_METHODS = {
-    OURS: "auto", WHOLE: "auto", "multigrid": "primal", "SMALBE-M": "smalbe",
+    APPLICATION: "auto", WHOLE: "auto", "multigrid": "primal", "SMALBE-M": "smalbe",
 }  # fmt: skip
 """`solver.method` of each column."""
 

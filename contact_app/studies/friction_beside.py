@@ -41,7 +41,7 @@ from contact_app.studies.tables import write
 
 Array = NDArray[np.float64]
 
-OURS, CALCULIX, GETFEM = "contact-app", "CalculiX", "GetFEM"
+APPLICATION, CALCULIX, GETFEM = "contact-app", "CalculiX", "GetFEM"
 
 LIMIT = 420
 """Time limit of a run in wall-clock seconds."""
@@ -81,7 +81,7 @@ def run(program: str, name: str, mesh: Mesh, directory: Path) -> tuple[Outcome, 
     directory.mkdir(parents=True, exist_ok=True)
     file, scene_file = directory / "outcome.pickle", directory / "scene.pickle"
     python, note = [sys.executable, "-m"], ""
-    if program == OURS:
+    if program == APPLICATION:
         here = [*python, "contact_app.studies.rough_scenes", name, *map(str, mesh)]
         row: dict[str, Any] = dict(measured([*here, str(file)], directory))
         last = (directory / "output.txt").read_text(encoding="utf-8").splitlines()[-1]
@@ -173,7 +173,7 @@ def relative(exact: Array, values: Array) -> float:
 def series(name: str) -> Iterator[tuple[str, Mesh]]:
     """Programs and meshes of a scene, coarse to fine."""
     levels = ROUGH[name].levels
-    for program in (OURS, CALCULIX, GETFEM):
+    for program in (APPLICATION, CALCULIX, GETFEM):
         for degree in (1, 2):
             for level in levels if degree == 1 else levels[:-1]:
                 yield program, (level, degree)
@@ -183,7 +183,7 @@ def rows(names: Sequence[str], directory: Path) -> Iterator[dict[str, Any]]:
     """All runs, one row each; the reference first. After a failure finer meshes are left out."""
     for name in names:
         finest, failed = ROUGH[name].finest, set()
-        reference, row = run(OURS, name, finest, directory / f"{name}_reference")
+        reference, row = run(APPLICATION, name, finest, directory / f"{name}_reference")
         judge = Judge(name, reference)
         yield {**_named(name, "reference", finest), "unknowns": _unknowns(reference), **row}
         for number, (program, mesh) in enumerate(series(name)):
@@ -242,7 +242,7 @@ def draw(results: Sequence[dict[str, Any]], name: str, path: Path) -> None:
     import matplotlib.pyplot as plt
 
     figure, axes = plt.subplots(figsize=(6.4, 4.4), layout="constrained")
-    for k, program in enumerate((OURS, CALCULIX, GETFEM)):
+    for k, program in enumerate((APPLICATION, CALCULIX, GETFEM)):
         for degree in (1, 2):
             chosen = [r for r in results if (r["scene"], r["program"], r["degree"])
                     == (name, program, degree) and "displacement" in r]  # fmt: skip
@@ -250,7 +250,7 @@ def draw(results: Sequence[dict[str, Any]], name: str, path: Path) -> None:
                 axes.loglog(
                     [r["cpu"] for r in chosen], [100.0 * r["displacement"] for r in chosen],
                     color=plt.get_cmap("tab10")(k), linestyle="--" if degree == 2 else "-",
-                    marker="o" if program == OURS else ".", linewidth=2.4 if k == 0 else 1.4,
+                    marker="o" if program == APPLICATION else ".", linewidth=2.4 if k == 0 else 1.4,
                     label=f"{program}, degree {degree}",
                 )  # fmt: skip
     axes.set_xlabel("processor seconds of the whole run")

@@ -25,13 +25,13 @@ class Quantity:
     """A computed number and the number of the theory."""
 
     name: str
-    ours: float
+    computed: float
     theory: float
 
     @property
     def error(self) -> float:
         """Error relative to the theory."""
-        return self.ours / self.theory - 1.0
+        return self.computed / self.theory - 1.0
 
 
 def fitted(r2: NDArray[np.float64], pressure: NDArray[np.float64]) -> tuple[float, float]:
@@ -63,10 +63,10 @@ def hertz_quantities(solved: SolvedScene) -> list[Quantity]:
         peak = 2.0 * force / (np.pi * half_width)
 
     pressure = nodes.contact_pressure
-    ours, top = fitted((nodes.points[:, : d - 1] ** 2).sum(axis=1), pressure)
+    computed, top = fitted((nodes.points[:, : d - 1] ** 2).sum(axis=1), pressure)
     equator = nodes.points[:, d - 1] > radius * (1.0 - 1e-9)
     quantities = [
-        Quantity("half-width a", ours, float(half_width)),
+        Quantity("half-width a", computed, float(half_width)),
         Quantity("peak pressure p0", top, float(peak)),
         Quantity("largest nodal pressure", float(pressure.max()), float(peak)),
     ]

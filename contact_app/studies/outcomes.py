@@ -10,7 +10,7 @@ from contact_app.scene.build import build_scene
 from contact_app.scene.configuration import Configuration
 from contact_app.scene.scene import Scene
 
-OURS, WHOLE = "contact-app", "contact-app, whole"
+APPLICATION, WHOLE = "contact-app", "contact-app, whole"
 
 
 @dataclass(frozen=True)

@@ -1,4 +1,4 @@
-"""The paper's counts (Appendix A), and their comparison with ours."""
+"""The paper's counts (Appendix A), and their comparison with counts of this solver."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ OUTLIER = 2000
 
 @dataclass(frozen=True)
 class Row:
-    """One row of the paper's tables, or ours for the same settings."""
+    """One row of the paper's tables, or of this solver for the same settings."""
 
     benchmark: str
     expansion: str
@@ -48,17 +48,17 @@ class Row:
 class Comparison:
     """Our row and the paper's."""
 
-    ours: Row
+    measured: Row
     paper: Row
 
     @property
     def exact(self) -> bool:
         """All four counts agree."""
-        return self.ours.counts == self.paper.counts
+        return self.measured.counts == self.paper.counts
 
     def within(self, share: float) -> bool:
         """Hessian multiplications agree within a share."""
-        return abs(self.ours.hessian - self.paper.hessian) <= share * self.paper.hessian
+        return abs(self.measured.hessian - self.paper.hessian) <= share * self.paper.hessian
 
 
 def paper_rows(benchmark: str) -> list[Row]:
@@ -85,8 +85,8 @@ def write_csv(path: Path, comparisons: Iterable[Comparison]) -> None:
         writer = csv.writer(file)
         writer.writerow([*COLUMNS, *(f"paper_{name}" for name in COLUMNS[3:])])
         for pair in comparisons:
-            ours = [getattr(pair.ours, name) for name in COLUMNS]
-            writer.writerow([*ours, *(getattr(pair.paper, name) for name in COLUMNS[3:])])
+            measured = [getattr(pair.measured, name) for name in COLUMNS]
+            writer.writerow([*measured, *(getattr(pair.paper, name) for name in COLUMNS[3:])])
 
 
 def plotting() -> Any:
@@ -103,7 +103,7 @@ def plotting() -> Any:
 
 
 def draw(path: Path, title: str, comparisons: Sequence[Comparison]) -> None:
-    """Hessian multiplications over α_u: ours solid, the paper's dashed (Figures 3 to 6)."""
+    """Hessian multiplications over α_u: measured solid, the paper's dashed (Figures 3 to 6)."""
     pyplot = plotting()
     figure, axes = pyplot.subplots(figsize=(8.0, 5.5), layout="constrained")
     names = list(dict.fromkeys(pair.paper.expansion for pair in comparisons))
@@ -111,16 +111,16 @@ def draw(path: Path, title: str, comparisons: Sequence[Comparison]) -> None:
     for color, name in enumerate(names):
         rows = [pair for pair in comparisons if pair.paper.expansion == name]
         style = {"color": f"C{color}"}
-        counts = [pair.paper.hessian for pair in rows] + [pair.ours.hessian for pair in rows]
+        counts = [pair.paper.hessian for pair in rows] + [pair.measured.hessian for pair in rows]
         highest = max(highest, *(count for count in counts if count < OUTLIER))
         if rows[0].paper.alpha_u is None:
-            axes.axhline(rows[0].ours.hessian, label=name, **style)
+            axes.axhline(rows[0].measured.hessian, label=name, **style)
             axes.axhline(rows[0].paper.hessian, linestyle="--", alpha=0.7, **style)
             continue
         alpha = [pair.paper.alpha_u for pair in rows]
-        axes.plot(alpha, [pair.ours.hessian for pair in rows], ".-", label=name, **style)
-        theirs = [pair.paper.hessian for pair in rows]
-        axes.plot(alpha, theirs, "x--", alpha=0.7, **style)
+        axes.plot(alpha, [pair.measured.hessian for pair in rows], ".-", label=name, **style)
+        published = [pair.paper.hessian for pair in rows]
+        axes.plot(alpha, published, "x--", alpha=0.7, **style)
     axes.set_ylim(0.0, 1.1 * highest)
     axes.set_xlabel("α_u")
     axes.set_ylabel("Hessian multiplications")

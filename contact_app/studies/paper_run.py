@@ -45,7 +45,7 @@ class Settings(StrEnum):
     """The rules of a run: of this solver or of the paper."""
 
     paper = "paper"
-    ours = "ours"
+    default = "ours"
 
 
 def paper_run(
@@ -98,7 +98,7 @@ def _run(model: Model, setting: Settings, directory: Path, timings: Timings) -> 
         monitor = together(progress, history, attention)
         progress.stage(f"solving, {setting.value}")
         with timings.measure("solve"):
-            if setting is Settings.ours:
+            if setting is Settings.default:
                 solution = solve(model.problem, model.scene.solver, monitor, checkpoint)
             else:
                 solution = _by_the_paper(model, monitor, checkpoint)

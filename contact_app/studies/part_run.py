@@ -48,7 +48,7 @@ from contact_app.studies.undecomposed import UnsuitableError, WholeSystem, assem
 from solver.contact.solution import Guess
 from solver.driver import solve as solve_problem
 
-OURS = ("primal", "active-set", "auto")
+OWN_METHODS = ("primal", "active-set", "auto")
 
 
 class _Clock:
@@ -63,7 +63,7 @@ class _Clock:
         return wall, float(MPI.COMM_WORLD.allreduce(cpu))
 
 
-def ours(
+def application(
     path: Path, overrides: Sequence[str], method: str, tolerance: float, once: bool = False
 ) -> dict[str, Any]:
     """Solve a scene with this application, and unless `once` again with the contact known."""
@@ -176,14 +176,18 @@ def _bodies(path: Path, overrides: Sequence[str]) -> list[dict[str, Any]]:
 def main() -> None:
     """Run one method and print its row."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("method", choices=(*OURS, *METHODS))
+    parser.add_argument("method", choices=(*OWN_METHODS, *METHODS))
     parser.add_argument("scene", type=Path)
     parser.add_argument("--set", action="append", default=[], dest="overrides")
     parser.add_argument("--tolerance", type=float, default=1e-8)
     parser.add_argument("--once", action="store_true", help="no solve with the contact known")
     arguments = parser.parse_args()
     request = arguments.scene, arguments.overrides, arguments.method, arguments.tolerance
-    row = ours(*request, once=arguments.once) if arguments.method in OURS else peer(*request)
+    row = (
+        application(*request, once=arguments.once)
+        if arguments.method in OWN_METHODS
+        else peer(*request)
+    )
     row |= {"memory": float(MPI.COMM_WORLD.allreduce(peak_rss_gb())), "ranks": MPI.COMM_WORLD.size}
     if MPI.COMM_WORLD.rank == 0:
         print(json.dumps(row), flush=True)

@@ -27,7 +27,7 @@ from pathlib import Path
 
 import numpy as np
 
-from contact_app.studies.part_run import OURS
+from contact_app.studies.part_run import OWN_METHODS
 from contact_app.studies.parts_meshes import Meshes
 from contact_app.studies.peers import METHODS
 from contact_app.studies.processes import RunError, parallel_ranks, python
@@ -50,7 +50,7 @@ TEXTS = ("part", "meshes", "method", "used", "note")
 """Columns of words."""
 
 FIGURE = Figure(
-    (*OURS, *METHODS), OURS, [name for name, m in METHODS.items() if not m.contact],
+    (*OWN_METHODS, *METHODS), OWN_METHODS, [name for name, m in METHODS.items() if not m.contact],
     lambda row: f"{row['part']}, degree {row['degree']}", "unknowns", "memory",
 )  # fmt: skip
 
@@ -91,7 +91,7 @@ Run = Callable[[Path, str, Sequence[str], Settings], Row]
 def run_part(path: Path, method: str, overrides: Sequence[str], settings: Settings) -> Row:
     """Run one method on one part in a process of its own."""
     more = [part for override in overrides for part in ("--set", override)]
-    parallel = settings.parallel if method in OURS else METHODS[method].parallel
+    parallel = settings.parallel if method in OWN_METHODS else METHODS[method].parallel
     ranks = parallel_ranks() if parallel else 1
     return python(
         "-m", "contact_app.studies.part_run", method, str(path), *more,
@@ -161,7 +161,7 @@ def _attempt(
         return {"note": reason.rpartition(f"{UnsuitableError.__name__}: ")[2] or reason}
     note = "" if row["used"] == method else row["used"]
     if not row["converged"]:
-        note = "not certified" if method in OURS else "did not converge"
+        note = "not certified" if method in OWN_METHODS else "did not converge"
     return {**row, "note": note}
 
 

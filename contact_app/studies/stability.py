@@ -32,7 +32,7 @@ from contact_app.machine.time_limit import OutOfTime, time_limit
 from contact_app.studies.failing_friction import FRICTION_CASES, FRICTION_METHODS, solve_rough
 from contact_app.studies.failing_qps import QP_CASES, QPCase
 from contact_app.studies.failing_scenes import CASES, HOLDS, REFUSED, Case, Config
-from contact_app.studies.outcomes import OURS, WHOLE, Outcome, built, shortened
+from contact_app.studies.outcomes import APPLICATION, WHOLE, Outcome, built, shortened
 from contact_app.studies.qp_solvers import RTOL, Problem, run_tao
 from contact_app.studies.tables import fill, write
 from solver import MPRGP, BoxQP
@@ -51,7 +51,7 @@ PEERS = {
     "TAO bnls": "tao-bnls",
     "TAO bntr": "tao-bntr",
 }
-METHODS = (OURS, WHOLE, *PEERS)
+METHODS = (APPLICATION, WHOLE, *PEERS)
 COLUMNS = ("case", "method", "verdict", "detail", "applications", "growth", "energy",
            "penetration")  # fmt: skip
 
@@ -69,7 +69,7 @@ def run_case(
     if reference is None and case.expected == HOLDS:
         made = case.make()
         made["solver"]["tolerance"] = 1e-10
-        reference = solve(OURS, made, 1)
+        reference = solve(APPLICATION, made, 1)
     outcomes = {}
     for method in methods:
         outcome = _judged(case, _attempt(solve, method, case, case.make()), reference)
@@ -139,7 +139,7 @@ def _attempt(solve: Solve, method: str, case: Case, made: Config) -> Outcome:
 def solve_by(method: str, made: Config, subdomains: Any) -> Outcome:
     """Verdict of a method on a configuration; empty if it reports convergence."""
     scene = built(made, subdomains)
-    if method in (OURS, WHOLE):
+    if method in (APPLICATION, WHOLE):
         from contact_app.run.solve import solve_scene
 
         solved = solve_scene(scene)

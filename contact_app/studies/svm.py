@@ -53,11 +53,11 @@ class Report:
             for expansion in ("grgr-opt", "gfgr-opt", "gfgf-opt"):
                 matching = [r for r in rows if (r.paper.benchmark, r.paper.expansion)
                          == (benchmark, expansion)]  # fmt: skip
-                ours = median(row.ours.hessian for row in matching)
+                measured = median(row.measured.hessian for row in matching)
                 paper = median(row.paper.hessian for row in matching)
                 lines.append(
-                    f"{benchmark} {expansion}: median {ours:g} beside the paper's {paper:g} "
-                    f"({100 * (ours / paper - 1):+.0f} %)"
+                    f"{benchmark} {expansion}: median {measured:g} beside the paper's {paper:g} "
+                    f"({100 * (measured / paper - 1):+.0f} %)"
                 )
         return lines
 

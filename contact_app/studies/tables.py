@@ -70,7 +70,7 @@ class Figure:
     """
 
     methods: Sequence[str]
-    ours: Sequence[str]
+    application: Sequence[str]
     linear: Sequence[str]
     panels: Callable[[Row], str]
     unknowns: str
@@ -78,7 +78,7 @@ class Figure:
 
 
 def draw(rows: Sequence[Row], figure: Figure, path: Path) -> None:
-    """Seconds and memory of rows with an answer: ours thick, linear methods dotted."""
+    """Seconds and memory of rows with an answer: this application thick, linear methods dotted."""
     import matplotlib
 
     matplotlib.use("Agg")
@@ -100,9 +100,9 @@ def draw(rows: Sequence[Row], figure: Figure, path: Path) -> None:
                     (lines[method],) = axes.loglog(
                         [r[figure.unknowns] for r in of_method], [r[key] for r in of_method],
                         color=plt.get_cmap("tab10")(number % 10),
-                        linewidth=2.8 if method in figure.ours else 1.3,
+                        linewidth=2.8 if method in figure.application else 1.3,
                         linestyle=":" if method in figure.linear else "-",
-                        marker="o" if method in figure.ours else ".",
+                        marker="o" if method in figure.application else ".",
                     )  # fmt: skip
         for axes, what in zip(pair, ("seconds", "peak memory, GB"), strict=True):
             axes.set_title(title, fontsize=10)

@@ -22,9 +22,9 @@ def roller(solved: SolvedScene) -> list[Quantity]:
     half_width = np.sqrt(4.0 * force * radius / (np.pi * modulus))
     peak = 2.0 * force / (np.pi * half_width)
     nodes = solved.nodes
-    ours, top = fitted(nodes.points[:, 0] ** 2, nodes.contact_pressure)
+    half_width_fitted, top = fitted(nodes.points[:, 0] ** 2, nodes.contact_pressure)
     return [
-        Quantity("half-width a", ours, float(half_width)),
+        Quantity("half-width a", half_width_fitted, float(half_width)),
         Quantity("peak pressure p0", top, float(peak)),
         Quantity("largest nodal pressure", float(nodes.contact_pressure.max()), float(peak)),
     ]
@@ -112,11 +112,11 @@ def rigid_ball(solved: SolvedScene) -> list[Quantity]:
     force = 4.0 * abs(solved.summary["contacts"][0]["force"][2])
     half_width = (0.75 * force * radius / modulus) ** (1.0 / 3.0)
     peak = 1.5 * force / (np.pi * half_width**2)
-    ours, top = fitted((nodes.points[:, :2] ** 2).sum(axis=1), nodes.contact_pressure)
+    half_width_fitted, top = fitted((nodes.points[:, :2] ** 2).sum(axis=1), nodes.contact_pressure)
     approach = -solved.summary["rigid_bodies"]["ball"]["displacement"][2]
     return [
         Quantity("force", force, 1500.0),
-        Quantity("half-width a", ours, half_width),
+        Quantity("half-width a", half_width_fitted, half_width),
         Quantity("peak pressure p0", top, peak),
         Quantity("approach", approach, approach_to_layer(force, radius, modulus, material.poisson)),
     ]

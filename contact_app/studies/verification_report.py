@@ -29,7 +29,7 @@ def _table(rows: Sequence[Row]) -> str:
         "|---|---:" + "|---:" * len(names) + "|---:|---|",
     ]
     for row in rows:
-        numbers = " | ".join(f"{q.ours:.5g} ({_percent(q.error)})" for q in row.quantities)
+        numbers = " | ".join(f"{q.computed:.5g} ({_percent(q.error)})" for q in row.quantities)
         lines.append(
             f"| {row.level} | {row.dofs:,} | {numbers} | {row.equilibrium:.0e} "
             f"| {'yes' if row.certified else 'no'} |"

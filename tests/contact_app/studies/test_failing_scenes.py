@@ -15,7 +15,7 @@ from contact_app.studies.failing_qps import QP_CASES, QPCase
 from contact_app.studies.failing_scenes import CASES, HOLDS, REFUSED, Case
 from contact_app.studies.outcomes import Outcome
 from contact_app.studies.stability import (
-    OURS,
+    APPLICATION,
     QP_METHODS,
     STRATEGIES,
     WHOLE,
@@ -38,7 +38,7 @@ def case_named(beginning: str) -> Case:
     [pytest.param(c, marks=pytest.mark.slow if c.name in SLOW else (), id=c.name) for c in CASES],
 )
 def test_this_application_certifies_or_refuses(case: Case) -> None:
-    found = run_case(case, (OURS, WHOLE))
+    found = run_case(case, (APPLICATION, WHOLE))
     for method, outcome in found.items():
         allowed = {case.expected}
         if case.expected == HOLDS:
@@ -63,22 +63,22 @@ def test_each_of_several_bodies_is_right(case: Case) -> None:
     """A weak body's stresses are nothing in the energy of all."""
     scene = scenes.build(case.make(), 1)
     known = groups.solve(reference.assemble(scene), groups.groups_of(scene))
-    for method, outcome in run_case(case, (OURS, WHOLE)).items():
-        for ours, body in zip(outcome.strains, known.bodies, strict=True):
-            assert math.isclose(ours, body.strain, rel_tol=1e-3), method
+    for method, outcome in run_case(case, (APPLICATION, WHOLE)).items():
+        for strain, body in zip(outcome.strains, known.bodies, strict=True):
+            assert math.isclose(strain, body.strain, rel_tol=1e-3), method
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("case", FRICTION_CASES, ids=lambda case: case.name)
 def test_this_application_certifies_or_refuses_with_friction(case: Case) -> None:
     """And where the body is held, with the energy of sweeps over contact points."""
-    for method, outcome in run_case(case, (OURS, WHOLE, "multigrid"), solve_rough).items():
+    for method, outcome in run_case(case, (APPLICATION, WHOLE, "multigrid"), solve_rough).items():
         allowed = {HOLDS, "degrades"} if case.expected == HOLDS else {REFUSED}
         assert outcome.verdict in allowed, f"{method}: {outcome}"
     made = case.make()
     held = any("displacement" in condition for condition in made["conditions"])
     if held and "steps" not in made:
-        energy = solve_rough(OURS, made, list(case.subdomains)).energy
+        energy = solve_rough(APPLICATION, made, list(case.subdomains)).energy
         known = friction_reference.solve(scenes.build(made, 1)).energy
         assert math.isclose(energy, known, rel_tol=1e-6)
 
@@ -97,7 +97,7 @@ def test_refusals_name_a_component_or_a_direction(case: QPCase) -> None:
 
 
 def test_units_take_the_same_counts() -> None:
-    assert run_case(case_named("micrometres"), [OURS])[OURS].growth == 1.0
+    assert run_case(case_named("micrometres"), [APPLICATION])[APPLICATION].growth == 1.0
 
 
 @pytest.mark.parametrize("subdomains", [1, 4])
@@ -144,7 +144,7 @@ def test_a_wrong_answer_is_detected(
     def wrong(method: str, made: scenes.Config, subdomains: int) -> Outcome:
         return change(solve_by(method, made, subdomains), subdomains)
 
-    outcome = run_case(case, [OURS], wrong)[OURS]
+    outcome = run_case(case, [APPLICATION], wrong)[APPLICATION]
     assert outcome.verdict == "WRONG"
     assert named in outcome.detail
 
@@ -154,7 +154,7 @@ def test_an_invented_equilibrium_is_detected() -> None:
 
     case = next(c for c in CASES if c.expected == REFUSED)
     answer = stability.Outcome("", "", 3, -1.0, 0.0)
-    assert run_case(case, [OURS], lambda *_: answer)[OURS].verdict == "WRONG"
+    assert run_case(case, [APPLICATION], lambda *_: answer)[APPLICATION].verdict == "WRONG"
 
 
 def test_the_document_has_every_case_and_method() -> None:

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from contact_app.studies.calculix_deck import PENALTY, STICK, Deck
-from contact_app.studies.friction_beside import CALCULIX, GETFEM, OURS, Judge, missing, run
+from contact_app.studies.friction_beside import APPLICATION, CALCULIX, GETFEM, Judge, missing, run
 from contact_app.studies.rough_scenes import plain
 
 
@@ -44,9 +44,9 @@ def test_other_programs_find_the_same(
     """On the same coarse mesh: displacements to two percent, forces to five."""
     if missing(program):
         pytest.skip(missing(program))
-    ours, _ = run(OURS, name, (level, 1), tmp_path / "ours")
-    theirs, _ = run(program, name, (level, 1), tmp_path / "theirs")
-    errors = Judge(name, ours).errors(theirs)
+    application, _ = run(APPLICATION, name, (level, 1), tmp_path / "application")
+    other, _ = run(program, name, (level, 1), tmp_path / "other")
+    errors = Judge(name, application).errors(other)
     assert errors["displacement"] < 0.02, errors
     assert errors["along"] < 0.05, errors
-    assert np.isfinite(theirs.force).all()
+    assert np.isfinite(other.force).all()

@@ -16,7 +16,7 @@ from contact_app.studies.paper_run import Settings, paper_run
 def test_the_papers_run_in_small(tmp_path: Path) -> None:
     """Both rules end at one energy, certified; the second run of a directory starts anew."""
     scene = cube_scene(9, 3)
-    lines = list(paper_run(tmp_path, scene, (Settings.paper, Settings.ours), MPI.COMM_SELF))
+    lines = list(paper_run(tmp_path, scene, (Settings.paper, Settings.default), MPI.COMM_SELF))
     assert [line.split(":")[0] for line in lines[::2]] == ["paper", "ours"]
     summaries = [
         json.loads((tmp_path / name / "summary.json").read_text()) for name in ("paper", "ours")
@@ -26,8 +26,8 @@ def test_the_papers_run_in_small(tmp_path: Path) -> None:
         left = {p.name for p in (tmp_path / name).iterdir()}
         assert {"history.csv", "summary.json"} <= left
         assert not any(file.startswith("checkpoint") for file in left)
-    paper, ours = (s["solution"] for s in summaries)
-    assert ours["energy"] == pytest.approx(paper["energy"], rel=1e-6)
-    assert ours["active_contacts"] == paper["active_contacts"] > 0
+    paper, default = (s["solution"] for s in summaries)
+    assert default["energy"] == pytest.approx(paper["energy"], rel=1e-6)
+    assert default["active_contacts"] == paper["active_contacts"] > 0
     fewer, more = (s["solver"]["hessian_multiplications"] for s in reversed(summaries))
     assert fewer < 0.6 * more

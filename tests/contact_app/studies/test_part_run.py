@@ -1,4 +1,4 @@
-"""One linear solve, ours and PETSc's contact solvers on a part: same scene, same answer."""
+"""A linear solve, this application and PETSc's contact solvers on a part have one answer."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ COARSE = ["bodies.0.degree=1"]
 @pytest.fixture(scope="module")
 def rows() -> dict[str, dict]:
     path = CONFIGS / "pillow_block.yaml"
-    found = {"primal": part_run.ours(path, COARSE, "primal", 1e-8)}
+    found = {"primal": part_run.application(path, COARSE, "primal", 1e-8)}
     for method in ("tao-bnls", "linear-gamg", "linear-boomeramg"):
         found[method] = part_run.peer(path, COARSE, method, 1e-8)
     return found

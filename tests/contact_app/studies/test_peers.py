@@ -63,7 +63,7 @@ def test_peers_agree_on_the_tetrahedra(tmp_path: Path) -> None:
     boundaries = json.dumps({name: {"where": where} for name, where in faces.items()})
     mesh, overrides = {"file": str(tmp_path / "cube.vtu")}, [f"bodies.0.boundaries={boundaries}"]
     scene = cube(mesh, *overrides)
-    ours = solve_scene(scene).summary
+    summary = solve_scene(scene).summary
     rows = [solve(scene, "snes-vi-cholmod", 1e-10)[0]]
     if shutil.which("mpirun"):
         overrides += [f"bodies.0.mesh={json.dumps(mesh)}", "decomposition=auto"]
@@ -72,8 +72,8 @@ def test_peers_agree_on_the_tetrahedra(tmp_path: Path) -> None:
         rows.append(processes.python(*program, ranks=2))
         assert rows[1]["ranks"] == 2
     for row, error in zip(rows, (1e-9, 1e-8), strict=False):  # bnls of PETSc 3.22 stalls at 2e-9
-        assert row["dofs"] == ours["mesh"]["dofs"] == 3 * 6**3
-        assert row["energy"] == pytest.approx(ours["solution"]["energy"], rel=error)
+        assert row["dofs"] == summary["mesh"]["dofs"] == 3 * 6**3
+        assert row["energy"] == pytest.approx(summary["solution"]["energy"], rel=error)
 
 
 @pytest.mark.parametrize(("cell", "degree"), [("tetrahedron", 1), ("hexahedron", 2)])
@@ -82,9 +82,9 @@ def test_peers_take_the_groups_of_a_file(tmp_path: Path, cell: str, degree: int)
     scene = cube({"file": str(path)}, f"bodies.0.degree={degree}")
     assert set(scene.bodies[0].mesh.boundaries) >= {"z-", "z+", "x+"}
     row, _, _ = solve(scene, "snes-vi-cholmod", 1e-10)
-    ours = solve_scene(scene).summary
-    assert row["dofs"] == ours["mesh"]["dofs"]
-    assert row["energy"] == pytest.approx(ours["solution"]["energy"], rel=1e-8)
+    summary = solve_scene(scene).summary
+    assert row["dofs"] == summary["mesh"]["dofs"]
+    assert row["energy"] == pytest.approx(summary["solution"]["energy"], rel=1e-8)
 
 
 def _leaning_planes(tmp_path: Path, last: float) -> Scene:

@@ -134,8 +134,8 @@ def test_objective_of_liblinear(tmp_path, loss):
     )  # fmt: skip
     w = model.fit(X, samples.labels).coef_.ravel()
     slack = np.maximum(0.0, 1.0 - samples.labels * (X @ w))
-    theirs = 0.5 * w @ w + (slack.sum() if loss == "l1" else 0.5 * slack @ slack)
-    assert report["primal_objective"] == pytest.approx(theirs, rel=1e-6)
+    objective = 0.5 * w @ w + (slack.sum() if loss == "l1" else 0.5 * slack @ slack)
+    assert report["primal_objective"] == pytest.approx(objective, rel=1e-6)
 
 
 @needs_data
@@ -192,10 +192,10 @@ def test_reproduction(tmp_path):
     for name in FIGURES:
         for expansion in ("grgr-opt", "gfgr-opt", "gfgf-opt"):
             found = [r for r in rows if (r.paper.benchmark, r.paper.expansion) == (name, expansion)]
-            ours, paper = (
-                np.median([getattr(r, who).hessian for r in found]) for who in ("ours", "paper")
+            measured, paper = (
+                np.median([getattr(r, who).hessian for r in found]) for who in ("measured", "paper")
             )
-            assert abs(ours / paper - 1.0) < 0.25
+            assert abs(measured / paper - 1.0) < 0.25
     lines = (tmp_path / "svm_counts.csv").read_text().splitlines()
     assert lines[0].startswith(",".join(COLUMNS))
     assert len(lines) == 220
