@@ -47,6 +47,12 @@ class Facet(NamedTuple):
     degree: int
 
 
+CORNERS_ONLY = (
+    "cells have nodes on their edges: degree 1 uses their corners only, edges are straight "
+    "(degree: 2 keeps them curved)"
+)
+"""Note on a second-order file that is used at degree 1."""
+
 FACETS = {
     (2, 2): Facet("interval", 2, 1),
     (2, 3): Facet("interval", 2, 2),

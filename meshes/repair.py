@@ -30,6 +30,7 @@ from meshes.inner_surface import sides_of_facets
 from meshes.orientation import refuse_crowded, refuse_same_side
 from meshes.overlap import refuse_overlaps
 from meshes.quadratic import (
+    CORNERS_ONLY,
     STRAIGHT,
     VERTICES,
     bulges,
@@ -214,10 +215,7 @@ def _middles(
     if not content.second_order:
         return None
     if degree == 1:
-        notes.append(
-            "cells have nodes on their edges: degree 1 uses their corners only, edges are "
-            "straight (degree: 2 keeps them curved)"
-        )
+        notes.append(CORNERS_ONLY)
         return None
     cell = content.kind.name
     full = len(node_vertices(cell))

@@ -47,6 +47,7 @@ from contact_app.results.undetermined import play_warnings, undetermined
 from contact_app.run.warning_texts import (
     beside_boundary,
     closing_at_once,
+    corners_only,
     curving_away,
     facing_away,
     flat_facets,
@@ -62,6 +63,7 @@ from contact_app.run.warning_texts import (
 )
 from contact_app.scene.bodies import MOTION_NAMES
 from contact_app.scene.conditions import Pressure, Traction
+from meshes.quadratic import CORNERS_ONLY
 from solver.contact.certificate import EQUILIBRIUM_FLOOR
 from solver.contact.sizes import STRAINLESS
 from solver.driver import reason_text
@@ -193,6 +195,13 @@ def _sliding_bodies(answer: SolvedScene) -> Iterator[str]:
         sliding_and_size = sliding_on_each_other(*_moved(answer), answer.solution, i)
         if text := sliding_far(*sliding_and_size):
             yield f"{pair.source}: {text}"
+
+
+def _corners_only(answer: SolvedScene) -> Iterator[str]:
+    """Second-order files that are solved at degree 1 though the scene names no degree."""
+    for body in answer.model.scene.bodies:
+        if body.degree == 1 and not body.degree_given and CORNERS_ONLY in body.mesh.notes:
+            yield f"{body.name}: {corners_only()}"
 
 
 def _locking_in_volume(answer: SolvedScene) -> Iterator[str]:
@@ -441,8 +450,9 @@ def _varying_energy(answer: SolvedScene) -> NDArray[np.float64]:
 CHECKS: tuple[Callable[[SolvedScene], Iterable[str]], ...] = (
     _large_deformations, _yielding, _straight_edges, _straight_facets, _beside_obstacles,
     _facing_away, _between_nodes, _coarse_pressures, _sharp_edges, _sliding_bodies,
-    _locking_in_volume, _locking_in_bending, _moved_beyond_sizes, _moved_far, _coarse_meshes,
-    _stresses_beside_expansion, _straddled_facets, _without_facets, _certificates, _overcome,
-    _cautions, _slides, _loaded_holds, _rubs_where_open, _closes_at_once, _several_answers, _plays,
+    _corners_only, _locking_in_volume, _locking_in_bending, _moved_beyond_sizes, _moved_far,
+    _coarse_meshes, _stresses_beside_expansion, _straddled_facets, _without_facets, _certificates,
+    _overcome, _cautions, _slides, _loaded_holds, _rubs_where_open, _closes_at_once,
+    _several_answers, _plays,
 )  # fmt: skip
 """The tests of an answer, in the order of their warnings."""

@@ -84,6 +84,15 @@ def large_deformations(strain: float, rotation: float) -> list[str]:
     return sentences
 
 
+def corners_only() -> str:
+    """A second-order file at the default degree."""
+    return (
+        "its mesh file is of second order, and bodies have degree 1 unless the scene says "
+        "otherwise: only the corners of cells are used, with straight edges; use degree: 2 for "
+        "curved cells, or degree: 1 if straight ones are meant"
+    )
+
+
 def locking_in_volume(poisson: float, remedy: str) -> str:
     """First-order cells of a nearly incompressible body."""
     return (

@@ -163,3 +163,14 @@ def test_flat_facets_cause_a_warning_if_the_pressure_depends_on_them(
         assert abs(contact["max_pressure"] / exact - 1.0) > 0.1
     else:
         assert contact["max_smoothed_pressure"] == pytest.approx(exact, error)
+
+
+def test_a_second_order_file_at_the_default_degree_causes_a_warning(tmp_path: Path) -> None:
+    """It causes none where the scene names the degree."""
+    config = Path(__file__).parents[3] / "configs" / "thick_ring.yaml"
+    text = config.read_text().replace("../", f"{config.parents[1]}/")
+    for degree, told in (("", True), ("degree: 1", False), ("degree: 2", False)):
+        file = tmp_path / "ring.yaml"
+        file.write_text(text.replace("degree: 2\n", f"{degree}\n"))
+        found = solve_scene(build_scene(load(file))).summary["certificate"]["warnings"]
+        assert any("ring: its mesh file is of second order" in line for line in found) == told
