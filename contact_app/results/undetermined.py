@@ -93,13 +93,11 @@ def play_warnings(motions: list[Undetermined], remedy: str) -> list[str]:
     largest: dict[str, Undetermined] = {}
     for one in sorted(motions, key=lambda one: -one.reach):
         largest.setdefault(one.name, one)
-    motion, it, whose = ("this motion", "it", "Its")
-    if len(largest) > 1:
-        motion, it, whose = ("these motions", "them", "Their")
+    motion, it = ("this motion", "it") if len(largest) == 1 else ("these motions", "them")
     return [
         f"{'; '.join(one.play for one in largest.values())}: the contact forces do not resist "
-        f"{motion} and no load drives {it}. {whose} displacements are those of one of many "
-        f"positions with the same stresses and contact forces; {remedy} determines the position"
+        f"{motion} and no load drives {it}. Of all positions with the same stresses and contact "
+        f"forces, the answer has the one that moves {it} least; {remedy} determines the position"
     ]
 
 

@@ -88,9 +88,9 @@ class IncrementModels:
         if self._earlier is not None:
             self._displacements = self._earlier([(len(f), f.shape[1]) for f in problem.forces])
             self._earlier = None
-        if not self._rough and self._displacements is not None:
+        if self._displacements is not None:
             problem = problem.with_least_motion_from(self._displacements)
-        elif self._displacements is not None:
+        if self._rough and self._displacements is not None:
             problem = problem.with_slip_from(self._displacements)
             moved = self._moved(model)
             problem = problem if moved is None else beside_moved(problem, moved)

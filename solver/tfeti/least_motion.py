@@ -1,10 +1,10 @@
 """The least of the rigid motions that contact forces and loads leave undetermined.
 
-Bodies that contact alone holds may have rigid motions V z on which all rows with a force, and all
-rows that always hold with equality, vanish. They strain nothing and the loads do no work on them,
-so all u - V z that satisfy the contact conditions have the same energy, stresses and contact
-forces. A method returns any one of them. Here the one that moves least is chosen: with u_b and
-V_b z at the n_b nodes of body b,
+Bodies that contact alone holds may have rigid motions V z on which all rows with a force, the
+tangential rows of points with a slip limit, and all rows that always hold with equality vanish.
+They strain nothing, nothing slips, and the loads do no work on them, so all u - V z that satisfy
+the contact conditions have the same energy, stresses and contact forces. A method returns any one
+of them. Here the one that moves least is chosen: with u_b and V_b z at the n_b nodes of body b,
 
     min_z Σ_b |u_b - V_b z|² / n_b    with    B u - c - B V z ≤ max(B u - c, 0)  on contact rows.
 
@@ -85,7 +85,7 @@ def with_supports_at(problem: DecomposedProblem, displacements: list[Array]) -> 
 
 def _moved(problem: DecomposedProblem, free: FreeMotions, solution: Solution) -> list[Array] | None:
     """The displacements u - V z of least size; None where they are u (collective)."""
-    resist = rows_that_resist(problem, solution.multiplier) & _real_forces(problem, solution)
+    resist = _resisting(problem, solution)
     left = -problem.residual(problem.on_interface(solution.displacements))
     earlier = problem.system.loads.displacements_before or [
         np.zeros(1) for _ in solution.displacements
@@ -121,11 +121,18 @@ def _moved(problem: DecomposedProblem, free: FreeMotions, solution: Solution) ->
     return moved
 
 
-def _real_forces(problem: DecomposedProblem, solution: Solution) -> NDArray[np.bool_]:
-    """Mask (dual,) of the rows with a force that is no rounding error beside those of the group."""
-    bodies = problem.bodies
+def _resisting(problem: DecomposedProblem, solution: Solution) -> NDArray[np.bool_]:
+    """Mask (dual,) of the contact rows with a force, and of tangential rows with a slip limit.
+
+    Collective. Forces that are rounding errors beside the loads of the group count as none.
+    """
+    bodies, points = problem.bodies, problem.friction
     largest = bodies.by_group(solution.measures.loads)[bodies.groups[bodies.rows[:, 0]]]
-    return np.asarray(np.abs(solution.multiplier) * problem.spread > NO_FORCE * largest)
+    real = np.abs(solution.multiplier) * problem.spread > NO_FORCE * largest
+    resist = rows_that_resist(problem, solution.multiplier) & real
+    limits = points.slip_limits(np.where(resist, solution.multiplier, 0.0))
+    resist[points.rows] |= (limits > 0.0)[points.point]
+    return np.asarray(resist)
 
 
 def _undetermined(
@@ -138,13 +145,13 @@ def _undetermined(
     Parameters
     ----------
     resist : (dual,)
-        Contact rows with a force.
+        Contact rows with a force, and tangential rows with a slip limit.
     """
     images = rows_on_allowed_motions(problem, free, group)
     images[np.abs(images) <= ROUNDED * largest_magnitude(problem.comm, images)] = 0.0
     motions = np.zeros((0, 0))
     if images.shape[1]:
-        holds = ~problem.inequality & (problem.kinds != RowKind.SUPPORT)
+        holds = ~problem.conditional & (problem.kinds != RowKind.SUPPORT)
         motions = held_motions(problem.comm, images[resist | holds])
     along = [
         some @ motions if of_body == group else some[:, :0]
