@@ -138,7 +138,7 @@ def load_mesh(
         The message says what is wrong and how to correct it.
     """
     content, comm = read(path, dimension), comm or MPI.COMM_SELF
-    notes, groups = list(content.notes), tuple(groups)
+    notes, groups, cell = list(content.notes), tuple(groups), content.kind.name
     distinct, row, _ = _distinct(content.cells)  # Gmsh 2.2 repeats a cell for each of its groups
     members = {name: np.unique(row[rows]) for name, rows in content.cell_groups.items()}
     chosen = _chosen(members, groups) if groups else np.arange(len(distinct))
@@ -149,63 +149,68 @@ def load_mesh(
     points = (placement or Placement())(points)[:, :dimension]
     middles = _middles(content, points, degree, notes)
     number = np.unique(row, return_index=True)[1][chosen]  # number of each cell in the file, from 0
-
-    used = np.unique(cells)
-    idle = len(points) - len(used)
-    if idle and not groups and not content.second_order:
-        notes.append(f"{idle} nodes belong to no cell: dropped")
-    rename = np.full(len(points), -1, np.int64)
-    same, merged = _same_place(points[used], cells, used, content.kind.name)
-    rename[used] = same
-    first = np.unique(same, return_index=True)[1]
-    points = points[used][first]
-    if merged:
-        notes.append(f"{merged} nodes lie where another one does: merged")
-    cells = rename[cells]
-
-    cells, rows, doubled = _distinct(cells)
+    idle_is_usual = bool(groups) or content.second_order
+    points, rename = _nodes_of(points, cells, cell, notes, idle_is_usual)
+    cells, rows, doubled = _distinct(rename[cells])
     number = number[np.unique(rows, return_index=True)[1]]
     doubled += 0 if content.cell_groups else len(content.cells) - len(distinct)
     if doubled:
         notes.append(f"{doubled} cells are given twice: counted once")
-    turned = _turn(points, cells, content.kind.name, number)
+    turned = _turn(points, cells, cell, number)
     if turned.any():
         notes.append(f"{int(turned.sum())} cells were inside out (negative volume): turned")
-    topology = Topology.of(cells, content.kind.name)
-    refuse_crowded(cells, content.kind.name, topology, number)
-    refuse_same_side(points, cells, content.kind.name, topology, number, turned)
+    topology = Topology.of(cells, cell)
+    refuse_crowded(cells, cell, topology, number)
+    refuse_same_side(points, cells, cell, topology, number, turned)
     if middles is not None:
-        middles = middles[number]
-        order = reordering(content.kind.name, REVERSED[content.kind.name])
-        v = VERTICES[content.kind.name]
-        middles[turned] = middles[turned][:, order[v:] - v]
-        middles = _curved(points, cells, middles, content.kind.name, number)
-
+        middles = _curved(points, cells, _turned(middles[number], turned, cell), cell, number)
     pieces = _pieces(cells, topology)
-    if (
-        pieces.max() == 0
-    ):  # test pieces first: overlapping pieces are bodies of their own and have hanging nodes
-        refuse_overlaps(points, cells, content.kind.name, topology, middles, number, comm)
+    # overlapping pieces are bodies of their own and have hanging nodes: they are refused as pieces
+    if pieces.max() == 0:
+        refuse_overlaps(points, cells, cell, topology, middles, number, comm)
     refuse_hanging(points, topology, comm)
     _refuse_pieces(points, cells, pieces, content.cell_groups, groups)
     place = np.full(len(distinct), -1, np.int64)
     place[chosen] = rows
+    of_groups = {name: np.unique(place[rows][place[rows] >= 0]) for name, rows in members.items()}
     sides, inner = _sides(content, rename, cells, topology, notes)
     return CellMesh(
-        cell=content.kind.name,
-        points=points,
-        cells=cells,
-        topology=topology,
-        sides=sides,
-        groups={
-            name: np.unique(place[within][place[within] >= 0]) for name, within in members.items()
-        },
-        tags=np.zeros(len(cells), np.int32),
-        name=path.name,
-        notes=tuple(notes),
-        middles=middles,
+        cell=cell, points=points, cells=cells, topology=topology, sides=sides, groups=of_groups,
+        tags=np.zeros(len(cells), np.int32), name=path.name, notes=tuple(notes), middles=middles,
         inner=inner,
-    )
+    )  # fmt: skip
+
+
+def _nodes_of(
+    points: NDArray[np.float64],
+    cells: NDArray[np.int64],
+    cell: str,
+    notes: list[str],
+    idle_is_usual: bool,
+) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
+    """The points of the nodes of cells, merged at one place, and the number of each given node.
+
+    Nodes of no cell have -1.
+    """
+    used = np.unique(cells)
+    idle = len(points) - len(used)
+    if idle and not idle_is_usual:
+        notes.append(f"{idle} nodes belong to no cell: dropped")
+    same, merged = _same_place(points[used], cells, used, cell)
+    if merged:
+        notes.append(f"{merged} nodes lie where another one does: merged")
+    rename = np.full(len(points), -1, np.int64)
+    rename[used] = same
+    return points[used][np.unique(same, return_index=True)[1]], rename
+
+
+def _turned(
+    middles: NDArray[np.float64], turned: NDArray[np.bool_], cell: str
+) -> NDArray[np.float64]:
+    """The further nodes of cells (changed in place), in the order of cells that were reversed."""
+    order, v = reordering(cell, REVERSED[cell]), VERTICES[cell]
+    middles[turned] = middles[turned][:, order[v:] - v]
+    return middles
 
 
 def _middles(

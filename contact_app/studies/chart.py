@@ -214,17 +214,14 @@ def plan(
     else:
         cells += [c for c in CELLS[scene.dimension] if c != cell and allowed(Variant(coarse, c), c)]
     degrees = [1, *(p for p in DEGREES[1:] if allowed(Variant(coarse, cell, p), f"degree {p}"))]
-    variants = [
-        Variant(f, c, p)
-        for f, c, p in itertools.product(levels, cells, degrees)
-        if _dofs(scene, f, p) <= largest
-    ]
+    fitting = {p: [f for f in levels if _dofs(scene, f, p) <= largest] for p in degrees}
+    every = itertools.product(levels, cells, degrees)
+    variants = [Variant(f, c, p) for f, c, p in every if f in fitting[p]]
     for p in degrees:
         swept = [
             t for t in TOLERANCES if allowed(Variant(coarse, cell, p, t), f"degree {p} to {t}")
         ]
-        fitting = [f for f in levels if _dofs(scene, f, p) <= largest]
-        variants += [Variant(f, cell, p, t) for f in fitting[-2:] for t in swept]
+        variants += [Variant(f, cell, p, t) for f in fitting[p][-2:] for t in swept]
     variants += [
         Variant(fine, cell, expansion=e) for e in EXPANSIONS if e != scene.solver.expansion
     ]
@@ -233,16 +230,12 @@ def plan(
         variant = Variant(fine, cell, decomposition=f"{{subdomains: {number}}}")
         if allowed(variant, f"{n}^{scene.dimension} subdomains"):
             variants.append(variant)
-    if peers and len(scene.bodies) > 1:
-        left_out.append("peers: they take scenes of one body")
-    elif peers and files:
-        left_out.append("peers: they take boxes")
+    if peers and (len(scene.bodies) > 1 or files):
+        left_out.append(
+            f"peers: they take {'scenes of one body' if len(scene.bodies) > 1 else 'boxes'}"
+        )
     elif peers:
-        names = [name for name, method in METHODS.items() if method.contact]
-        for m, p in itertools.product(names, degrees):
-            fitting = [f for f in levels if _dofs(scene, f, p) <= largest]
-            variants += [Variant(f, cell, p, USUAL, m) for f in fitting]
-            variants += [Variant(f, cell, p, LOOSE, m) for f in fitting[-1:]]
+        variants += _of_peers(cell, fitting)
     variants += [
         variant
         for variant in (
@@ -256,6 +249,14 @@ def plan(
     finest, degree = _reference_mesh(scene, levels, degrees, UNEVEN if files else EVEN)
     references = tuple(Variant(finest / 2**k, cell, degree, min(1e-8, USUAL)) for k in (2, 1, 0))
     return Sweep(scene, tuple(variants[i] for i in order), references, tuple(left_out), refine)
+
+
+def _of_peers(cell: str, fitting: dict[int, list[Fraction]]) -> Iterator[Variant]:
+    """Runs of PETSc's contact solvers on the meshes that fit, by degree."""
+    names = [name for name, method in METHODS.items() if method.contact]
+    for m, (p, levels) in itertools.product(names, fitting.items()):
+        yield from (Variant(f, cell, p, USUAL, m) for f in levels)
+        yield from (Variant(f, cell, p, LOOSE, m) for f in levels[-1:])
 
 
 def _levels(scene: Scene, largest: int) -> list[Fraction]:
