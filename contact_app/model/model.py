@@ -32,6 +32,7 @@ from contact_app.model.equilibrium import (
 from contact_app.model.friction import without_area
 from contact_app.model.geometry import Geometry
 from contact_app.model.method import feti_options, is_undecomposed
+from contact_app.model.normal_forces import NormalForces
 from contact_app.model.outline import Outline, Report, outline_of_scene
 from contact_app.model.probes import Probe
 from contact_app.model.rigid import RigidUnknowns, rigid_subdomains, subdomains_of_copies
@@ -87,6 +88,8 @@ class Model:
         Sentences on how the scene is modelled, for the log.
     cautions
         The notes that are warnings of an answer, too.
+    pressed_before
+        Normal forces at the begin of an increment; None where it begins without loads.
     """
 
     scene: Scene
@@ -105,6 +108,7 @@ class Model:
     sections: tuple[SectionPiece, ...] = ()
     notes: tuple[str, ...] = ()
     cautions: tuple[str, ...] = ()
+    pressed_before: NormalForces | None = None
 
     @cached_property
     def geometry(self) -> Geometry:

@@ -1,7 +1,17 @@
 """Friction of an answer at its contact rows: forces, slips and sticking points.
 
 The force on the body of `on` is -Σ λ_k t_k over the tangents t_k of a point, its slip Σ w_k t_k is
-its displacement along the other side. The work dissipated by friction is Σ λ_t · w over all points.
+its displacement along the other side.
+
+The slip limit of a point changes from s' = μ λ_n' + s₀ at the begin of an increment to
+s = μ λ_n + s₀ at its end, and friction dissipates
+
+    Σ ½ (s' + s)/s λ_t · w
+
+over all points. If all forces grow from zero in proportion, with one answer for all loads or in
+increments, and if slip limits are given, this is exact; otherwise the error is of second order in
+the size of increments. λ_t · w, with the forces at the end, would be twice the work of Coulomb
+friction under a load that is applied at once.
 """
 
 from __future__ import annotations
@@ -13,6 +23,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from contact_app.model.model import Model
+from contact_app.model.normal_forces import NormalForces
 from contact_app.model.rigid import RigidUnknowns, slips_of_held
 from contact_app.scene.rigid import RigidBodies
 from solver.contact.solution import Solution
@@ -86,11 +97,36 @@ def of_most_pressed(
     return traction, slip, status
 
 
-def dissipated_work(problem: DualProblem, solution: Solution) -> float:
-    """Σ λ_t · w, the work dissipated by friction (collective)."""
+def friction_potential(problem: DualProblem, solution: Solution) -> float:
+    """Σ λ_t · w with the friction forces of an answer (collective)."""
+    return float(problem.comm.allreduce(float(_works(problem, solution).sum())))
+
+
+def dissipated_work(
+    problem: DualProblem, solution: Solution, before: NormalForces | None = None
+) -> float:
+    """The work dissipated by friction in an increment (collective).
+
+    Parameters
+    ----------
+    before
+        Normal forces at its begin; None without loads.
+    """
+    points = problem.friction
+    limits = points.slip_limits(solution.multiplier)
+    begun = points.limits
+    if before is not None:
+        row = (np.cumsum(problem.inequality) - 1)[points.normals[points.first]]
+        begun = begun + points.coefficients * before.at(problem.contact)[row]
+    mean = np.divide(0.5 * (begun + limits), limits, out=np.zeros(len(limits)), where=limits > 0.0)
+    return float(problem.comm.allreduce(float(mean @ _works(problem, solution))))
+
+
+def _works(problem: DualProblem, solution: Solution) -> Array:
+    """λ_t · w of each point, (points,)."""
+    points = problem.friction
     residual = problem.residual(problem.on_interface(solution.displacements))
-    forces = problem.friction.forces(solution.multiplier)
-    return float(problem.comm.allreduce(forces @ problem.friction.slips(residual)))
+    return points.dots(points.forces(solution.multiplier), points.slips(residual))
 
 
 def approach_of_held(model: Model, before: RigidBodies | None) -> Array:

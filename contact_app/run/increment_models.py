@@ -21,6 +21,7 @@ from contact_app.machine.timings import Timings
 from contact_app.model.candidates import Needed
 from contact_app.model.method import is_undecomposed, with_chosen_method
 from contact_app.model.model import Model
+from contact_app.model.normal_forces import NormalForces
 from contact_app.model.outline import Report
 from contact_app.model.rigid import RigidUnknowns, slips_of_held
 from contact_app.results.friction import approach_of_held
@@ -52,6 +53,7 @@ class IncrementModels:
         self._earlier: Callable[[list[tuple[int, int]]], Displacements] | None = None
         self._rows: SameRows | None = None
         self._last: Scene | None = None
+        self._pressed: NormalForces | None = None
 
     @property
     def displacements(self) -> Displacements | None:
@@ -69,8 +71,13 @@ class IncrementModels:
         earlier = self._displacements is not None or self._earlier is not None
         return self._rough and earlier
 
-    def go_on(self, last: Scene, read: Callable[[list[tuple[int, int]]], Displacements]) -> None:
-        """Continue from displacements of an earlier run.
+    def go_on(
+        self,
+        last: Scene,
+        read: Callable[[list[tuple[int, int]]], Displacements],
+        pressed: NormalForces,
+    ) -> None:
+        """Continue from displacements and normal forces of an earlier run.
 
         Parameters
         ----------
@@ -79,7 +86,7 @@ class IncrementModels:
         read
             Returns the displacements, (n, members) for each class, given their shapes (collective).
         """
-        self._last, self._earlier = last, read
+        self._last, self._earlier, self._pressed = last, read, pressed
 
     def model(self, scene: Scene, timings: Timings, needed: Needed, report: Report | None) -> Model:
         """The model of an increment, with slip measured from the last one."""
@@ -94,7 +101,7 @@ class IncrementModels:
             problem = problem.with_slip_from(self._displacements)
             moved = self._moved(model)
             problem = problem if moved is None else beside_moved(problem, moved)
-        return replace(model, problem=problem)
+        return replace(model, problem=problem, pressed_before=self._pressed)
 
     @property
     def _rigid_before(self) -> RigidBodies | None:
@@ -145,6 +152,7 @@ class IncrementModels:
         """Store an answer: the next increment begins with it."""
         self._last, self._displacements = solved.model.scene, solved.solution.displacements
         self._rows = SameRows(solved.solution)
+        self._pressed = NormalForces.of(solved.model.problem, solved.solution)
         self._models.add(solved.model, solved.solution)
 
     def after(self, scene: Scene | None, displacements: Displacements) -> IncrementModels:

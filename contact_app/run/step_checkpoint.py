@@ -24,6 +24,7 @@ from numpy.typing import NDArray
 from contact_app.errors import ConfigurationError
 from contact_app.machine.atomic_file import atomic
 from contact_app.machine.ranks import on_first
+from contact_app.model.normal_forces import NormalForces, Stored
 from contact_app.results.report import log, plain
 from contact_app.run.increments import Position
 from contact_app.run.step_records import Record
@@ -45,6 +46,8 @@ class Reached:
         File of the displacements.
     subdomains, method
         Decomposition and method of the model that the displacements belong to.
+    pressed
+        Normal forces.
     last
         The summary of the last increment.
     """
@@ -55,6 +58,7 @@ class Reached:
     vectors: Path
     subdomains: None | int | list[int]
     method: Method
+    pressed: Stored
 
     def scene(self, scene: Scene) -> Scene:
         """A scene with the decomposition and the method of that state."""
@@ -123,7 +127,7 @@ class StepCheckpoint:
                     "another directory"
                 )
             vectors = self._path.with_name(saved["vectors"])
-            model = saved["subdomains"], saved["method"]
+            model = saved["subdomains"], saved["method"], saved["pressed"]
             return Reached(at, saved["records"], saved["last"], vectors, *model)
         except (OSError, KeyError, TypeError, ValueError) as error:
             raise ConfigurationError(
@@ -137,12 +141,13 @@ class StepCheckpoint:
         last: Record,
         scene: Scene,
         displacements: Displacements,
+        pressed: NormalForces,
     ) -> None:
         """Write the checkpoint; a failure to write is logged and does not end the run.
 
         Parameters
         ----------
-        scene, displacements
+        scene, displacements, pressed
             Of the last increment.
         """
         vectors = self._path.with_name(f"checkpoint-{at.number}.vectors")
@@ -154,6 +159,7 @@ class StepCheckpoint:
             "vectors": vectors.name,
             "subdomains": scene.decomposition.subdomains,
             "method": scene.solver.method,
+            "pressed": pressed.stored(self._comm),
             "last": last,
             "records": records,
         }

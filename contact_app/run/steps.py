@@ -11,6 +11,7 @@ from mpi4py import MPI
 
 from contact_app.machine.exits import Exit
 from contact_app.machine.ranks import on_first
+from contact_app.model.normal_forces import NormalForces
 from contact_app.results.history import History
 from contact_app.results.output import write_fields
 from contact_app.results.report import log, print_steps, write_summary
@@ -105,8 +106,10 @@ class _Files:
         if solved.solution.converged:
             place = increment.place
             at = Position(place.step, place.share, place.number, increment.dissipated)
-            scene, displacements = solved.model.scene, solved.solution.displacements
-            self._checkpoint.write(at, self.records, last, scene, displacements)
+            model, solution = solved.model, solved.solution
+            pressed = NormalForces.of(model.problem, solution)
+            state = model.scene, solution.displacements, pressed
+            self._checkpoint.write(at, self.records, last, *state)
 
     def finish(self) -> None:
         """Remove the checkpoint: the history has reached its end."""
@@ -140,7 +143,8 @@ def _solve_and_write(files: _Files, run: Attended, history: History) -> int:
         reached = files.reached
         scene = models.following(scene, reached.scene(scene))
         at = scene.loading_at(files.position.step - 1, float(files.position.share))
-        models.go_on(scene.under(at), lambda shapes: reached.displacements(shapes, comm))
+        pressed = NormalForces.read(reached.pressed, comm.rank)
+        models.go_on(scene.under(at), lambda shapes: reached.displacements(shapes, comm), pressed)
     report = partial(log_model_that_fits, directory=files.directory)
     over, code, failed = files.position, Exit.CERTIFIED, ""
     for increment in solved_increments(scene, comm, monitor_of, report, models, over):

@@ -111,7 +111,9 @@ def _totals(solved: SolvedScene) -> dict[str, Any]:
         "max_contact_pressure": float(pressure),
     }
     if solved.model.scene.has_friction:
-        totals["dissipated_work"] = dissipated_work(solved.model.problem, solved.solution)
+        totals["dissipated_work"] = dissipated_work(
+            solved.model.problem, solved.solution, solved.model.pressed_before
+        )
     return totals
 
 

@@ -66,7 +66,7 @@ from contact_app.accuracy.refine.warm_start import LastLevel
 from contact_app.accuracy.solved_scene import SolvedScene
 from contact_app.errors import ContactError
 from contact_app.machine.memory import available_bytes, needed_bytes
-from contact_app.results.friction import dissipated_work
+from contact_app.results.friction import friction_potential
 from contact_app.results.percent import percent
 from contact_app.scene.bodies import Box
 from contact_app.scene.scene import Decomposition, Scene
@@ -372,11 +372,11 @@ def unconfirmed(error: float, verdict: Verdict) -> str:
 def _measured(solved: SolvedScene) -> Measured:
     """The estimated error of an answer before any correction (collective).
 
-    With Tresca friction the solution minimises J(u) + Σ s |w|, which includes the work of friction.
+    With Tresca friction the solution minimises J(u) + Σ s |w|, with the slips w.
     """
     energy, scene = solved.solution.measures.energy, solved.model.scene
     if scene.has_friction:
-        energy += dissipated_work(solved.model.problem, solved.solution)
+        energy += friction_potential(solved.model.problem, solved.solution)
     return measured(solved.accuracy, energy, scene.bodies)
 
 

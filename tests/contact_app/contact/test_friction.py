@@ -62,6 +62,8 @@ def check(made: scenes.Config, subdomains: Any) -> Any:
     same_displacement(known, solved, 1e-8)
     assert summary["solution"]["energy"] == pytest.approx(known.energy, rel=1e-8)
     work = float(np.einsum("pi,pi->", known.tangential, known.slip))
+    if "coulomb" in made["contacts"][0]["friction"]:
+        work *= 0.5  # limits grow from zero with the load
     none = 1e-8 * abs(known.energy)
     assert summary["solution"]["dissipated_work"] == pytest.approx(work, rel=1e-6, abs=none)
     return solved

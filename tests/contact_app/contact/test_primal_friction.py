@@ -43,6 +43,8 @@ def check(made: scenes.Config) -> Any:
     assert summary["solver"]["method"] == "primal", summary["certificate"]["warnings"]
     same_displacement(known, solved)
     work = float(np.einsum("pi,pi->", known.tangential, known.slip))
+    if "coulomb" in made["contacts"][0]["friction"]:
+        work *= 0.5  # limits grow from zero with the load
     none = 1e-8 * abs(known.energy)
     assert summary["solution"]["dissipated_work"] == pytest.approx(work, rel=1e-6, abs=none)
     return solved

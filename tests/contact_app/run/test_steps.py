@@ -131,6 +131,25 @@ def test_the_order_of_loads_matters(history: StepAnswers) -> None:
     assert other > 1.5 * once > 0.0
 
 
+@pytest.mark.parametrize("increments", [None, 1, 2, 5])
+def test_friction_dissipates_the_work_of_proportional_loads_beyond_the_strain_energy(
+    increments: int | None,
+) -> None:
+    """The top is moved by forces that grow with it: their work is half the product.
+
+    Friction dissipates what is not strain energy, in any number of increments.
+    """
+    made = block([{"press": 1, "push": 1, "increments": increments or 1}])
+    if increments is None:
+        del made["steps"]
+    summary = contact_app.solve(made).summary
+    forces = [reaction["force"] for reaction in summary["reactions"]]
+    work = 0.5 * (forces[0][1] * -0.01 + forces[1][0] * 0.01)
+    solution = summary["solution"]
+    assert solution["dissipated_work"] > 0.02 * solution["energy"]
+    assert solution["dissipated_work"] == pytest.approx(work - solution["energy"], rel=1e-4)
+
+
 def test_one_increment_is_the_scene_without_steps() -> None:
     made = block([{"press": 1, "push": 1}])
     found = solved(made).summary
