@@ -19,8 +19,9 @@ def boundary_facets(subdomain: Subdomain, body: Body, boundary: str) -> NDArray[
     surface = surface_facets(subdomain, body)
     if len(surface) == 0:
         return surface
-    inside = body.boundaries[boundary](subdomain.points())
-    return surface[inside[subdomain.reference.facets[surface]].all(axis=1)]
+    points = subdomain.points()[subdomain.reference.facets[surface]]
+    inside = body.boundaries[boundary](points.reshape(-1, 3)).reshape(points.shape[:2])
+    return surface[inside.all(axis=1)]
 
 
 def refuse_without_facet(place: str, body: Body, boundary: str) -> NoReturn:

@@ -43,16 +43,17 @@ def straddled_area(
     expression = body.boundaries.get(load.boundary)
     if expression is None:
         return 0.0
-    for s in partition.subdomains:
-        if s.body != load.body:
-            continue
-        rows = np.setdiff1d(surface_facets(s, body), boundary_facets(s, body, load.boundary))
-        if len(rows):
-            x = s.points()[s.reference.facets[rows]]
-            shapes = shapes_on_lattice(partition.dimension, x.shape[1], inside=True)
-            inside = expression(np.einsum("qk,fki->fqi", shapes, x).reshape(-1, 3))
-            shares = inside.reshape(len(rows), -1).mean(axis=1)
-            some = shares > 0.0
-            areas = moments(x[some], partition.dimension).sum(axis=(1, 2))
-            total += float(areas @ shares[some])
+    parts = [
+        s.points()[s.reference.facets[rows]]
+        for s in partition.subdomains
+        if s.body == load.body and len(rows := surface_facets(s, body))
+    ]
+    if parts:  # the expression is evaluated once, on the facets of all subdomains
+        x = np.concatenate(parts)
+        x = x[~expression(x.reshape(-1, 3)).reshape(x.shape[:2]).all(axis=1)]
+        shapes = shapes_on_lattice(partition.dimension, x.shape[1], inside=True)
+        inside = expression(np.einsum("qk,fki->fqi", shapes, x).reshape(-1, 3))
+        shares = inside.reshape(len(x), len(shapes)).mean(axis=1)
+        areas = moments(x[shares > 0.0], partition.dimension).sum(axis=(1, 2))
+        total = float(areas @ shares[shares > 0.0])
     return float(partition.comm.allreduce(total, op=MPI.SUM))
