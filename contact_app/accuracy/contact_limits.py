@@ -12,6 +12,7 @@ n across the contact.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -25,6 +26,7 @@ from contact_app.model.facets import moments, shapes_on_lattice
 from contact_app.model.model import Model
 from contact_app.results.fields import NodeFields
 from contact_app.results.percent import percent
+from contact_app.results.smoothed_pressure import symmetry_planes
 from contact_app.scene.conditions import Contact
 from meshes.quadratic import FACETS
 from solver.contact.solution import Solution
@@ -64,12 +66,15 @@ ENOUGH_FACETS = 6.0
 """Facets across the narrow side of a contact from which on its largest pressure is not warned of:
 it is within 4 % of Hertz's."""
 
-PEAK_ERROR = 0.35
-"""Largest error of the largest smoothed pressure of Hertz's contact with three facets across. It
-falls with the third power of their number: of balls and rollers at 20 random positions on meshes of
-all kinds of cells, none with three facets or more had a larger one
-(`python -m contact_app.studies.peak_draws --seed 11`)."""
+PEAK_ERROR, ORDER = 0.25, 2.5
+"""Largest error of the largest smoothed pressure of Hertz's contact with three facets across, and
+the power of their number with which it falls: of balls and rollers at 20 random positions on meshes
+of all kinds of cells, none with three facets or more had a larger one
+(`python -m contact_app.studies.peak_draws --seed 11`), nor had half and quarter models of degree 1
+(`--half`)."""
 
+REACHES = 1e-6
+"""Distance of a contact from a plane of symmetry, over its size, up to which it reaches it."""
 
 SMOOTHED = "and max_smoothed_pressure may be a third off, too"
 """Sentence on the smoothed pressure in warnings of fewer than three facets across a contact. With
@@ -281,11 +286,14 @@ class PressedFacets:
     corners : (facets, vertices, 3)
     areas : (facets,)
     pressure : (facets, nodes of a facet)
+    planes
+        Axis and place of planes of symmetry that the contact may reach.
     """
 
     corners: NDArray[np.float64]
     areas: NDArray[np.float64]
     pressure: NDArray[np.float64]
+    planes: Sequence[tuple[int, float]] = ()
 
     def across(self, comm: MPI.Intracomm, dimension: int) -> float:
         """Approximate number of facets that carry the contact.
@@ -314,9 +322,21 @@ class PressedFacets:
 
         Axes are the principal ones of the pressure's second moments; half the length of the
         contact along one is √5 times the root of its moment, as of Hertz's ellipsoid. It is
-        in units of the mean extent of the loaded facets along the axis (collective).
+        in units of the mean extent of the loaded facets along the axis. A contact that a plane of
+        symmetry cuts has the moments of the whole (collective).
         """
-        return _along_axes(comm, self.corners, self.areas * self.pressure.mean(axis=1))
+        forces = self.areas * self.pressure.mean(axis=1)
+        planes = [plane for plane in self.planes if self._ends_at(comm, *plane)]
+        return _along_axes(comm, self.corners, forces, planes)
+
+    def _ends_at(self, comm: MPI.Intracomm, axis: int, place: float) -> bool:
+        """Whether loaded facets lie on one side of a plane across an axis and reach it."""
+        loaded = (self.pressure > 0.0).any(axis=1)
+        off = self.corners[loaded, :, axis] - place
+        ends = off.min(initial=np.inf), -off.max(initial=-np.inf)
+        least, most = (comm.allreduce(float(end), op=MPI.MIN) for end in ends)
+        near = REACHES * max(abs(least), abs(most))
+        return min(abs(least), abs(most)) <= near and np.isfinite(least)
 
 
 def coarse_pressure(facets: PressedFacets, comm: MPI.Intracomm, dimension: int) -> str:
@@ -351,7 +371,7 @@ def coarse_pressure(facets: PressedFacets, comm: MPI.Intracomm, dimension: int) 
 
 def expected_error(across: float) -> float:
     """Relative error to expect of the largest smoothed pressure, by facets across the contact."""
-    return PEAK_ERROR * (FEWEST_FACETS / across) ** 3
+    return PEAK_ERROR * (FEWEST_FACETS / across) ** ORDER
 
 
 def pressed_facets(model: Model, nodes: NodeFields) -> list[PressedFacets]:
@@ -360,11 +380,12 @@ def pressed_facets(model: Model, nodes: NodeFields) -> list[PressedFacets]:
     subdomains = model.partition.subdomains
     starts = np.cumsum([0, *(len(s.nodes) for s in subdomains)])
     facets_by_contact = []
-    for contact, at_nodes in zip(scene.touching, nodes.contacts, strict=True):
+    for number, (contact, at_nodes) in enumerate(zip(scene.touching, nodes.contacts, strict=True)):
         owned = np.zeros(len(nodes.points))
         owned[at_nodes.nodes - nodes.first] = at_nodes.pressure
         pressure = exchange.from_owners(owned[exchange.nodes - exchange.first])
         chosen = model.geometry.facets_of(contact.body, contact.boundary)
+        planes = symmetry_planes(model, number)
         places, at = [], []
         for start, s, rows in zip(starts, subdomains, chosen, strict=False):
             facets = s.reference.facets[rows]
@@ -373,19 +394,25 @@ def pressed_facets(model: Model, nodes: NodeFields) -> list[PressedFacets]:
                 at.append(pressure[start + facets])
         if not places:
             empty = np.zeros((0, 4, 3)), np.zeros(0), np.zeros((0, scene.dimension))
-            facets_by_contact.append(PressedFacets(*empty))
+            facets_by_contact.append(PressedFacets(*empty, planes))
             continue
         points = np.concatenate(places)
         areas = moments(points, scene.dimension).sum(axis=(1, 2))
         vertices = FACETS[scene.dimension, points.shape[1]].vertices
-        facets_by_contact.append(PressedFacets(points[:, :vertices], areas, np.concatenate(at)))
+        corners = points[:, :vertices]
+        facets_by_contact.append(PressedFacets(corners, areas, np.concatenate(at), planes))
     return facets_by_contact
 
 
 def _along_axes(
-    comm: MPI.Intracomm, corners: NDArray[np.float64], forces: NDArray[np.float64]
+    comm: MPI.Intracomm,
+    corners: NDArray[np.float64],
+    forces: NDArray[np.float64],
+    planes: Sequence[tuple[int, float]],
 ) -> tuple[float, ...]:
     """Facets (facets, vertices, 3) with forces along the two longer principal axes (collective).
+
+    Planes are those of mirror images of the facets.
 
     The extent of a quadrilateral is that of a parallelogram of the same second moments: one of
     equal sides has the same along all axes.
@@ -394,8 +421,13 @@ def _along_axes(
     if force <= 0.0:
         return (np.inf, np.inf)
     centres = corners.mean(axis=1)
-    away = centres - comm.allreduce(forces @ centres) / force
+    middle = comm.allreduce(forces @ centres) / force
+    for axis, place in planes:
+        middle[axis] = place
+    away = centres - middle
     moment = comm.allreduce(np.einsum("f,fi,fj->ij", forces, away, away)) / force
+    for axis, _ in planes:  # products with the other axes cancel those of the image
+        moment[axis, np.arange(3) != axis] = moment[np.arange(3) != axis, axis] = 0.0
     squares, axes = np.linalg.eigh(moment)
     along = corners @ axes
     each = 2.0 * along.std(axis=1) if corners.shape[1] == 4 else np.ptp(along, axis=1)

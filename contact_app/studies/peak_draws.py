@@ -21,7 +21,12 @@ from typing import Any
 
 import numpy as np
 
-from contact_app.accuracy.contact_limits import FEWEST_FACETS, expected_error, pressed_facets
+from contact_app.accuracy.contact_limits import (
+    ENOUGH_FACETS,
+    FEWEST_FACETS,
+    expected_error,
+    pressed_facets,
+)
 from contact_app.run.solve import solve_scene
 from contact_app.scene.build import build_scene
 from contact_app.scene.configuration import Configuration
@@ -133,7 +138,7 @@ def _row(name: str, facets: float, of_row: Sequence[Draw]) -> str:
     nodal, smoothed = (
         100.0 * np.array([getattr(d, key) for d in of_row]) for key in ("nodal", "smoothed")
     )
-    counted = [d for d in of_row if d.across >= FEWEST_FACETS]
+    counted = [d for d in of_row if FEWEST_FACETS <= d.across < ENOUGH_FACETS]
     beyond = sum(abs(d.smoothed) > expected_error(d.across) for d in counted)
     across = np.mean([d.across for d in of_row])
     worst = [values[np.abs(values).argmax()] for values in (nodal, smoothed)]

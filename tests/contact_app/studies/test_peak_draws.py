@@ -9,7 +9,7 @@ import pytest
 
 from contact_app.accuracy.contact_limits import expected_error
 from contact_app.run.solve import solve_scene
-from contact_app.studies.peak_draws import KINDS, draws, hertz_scene
+from contact_app.studies.peak_draws import KINDS, draw, draws, half_scene, hertz_scene
 from tests import scenes
 
 
@@ -40,3 +40,10 @@ def test_a_fine_mesh_has_the_peak_of_hertz() -> None:
     assert found.across == pytest.approx(9.0, rel=0.05)
     assert found.nodal == pytest.approx(0.0, abs=0.015)
     assert found.smoothed == pytest.approx(0.0, abs=0.015)
+
+
+@pytest.mark.parametrize(("name", "error"), [("triangle 1", 0.09), ("hexahedron 1", 0.03)])
+def test_half_models_count_the_facets_of_the_whole(name: str, error: float) -> None:
+    found = draw(KINDS[name], *half_scene(KINDS[name], 4.0))
+    assert found.across == pytest.approx(4.0, abs=0.7)
+    assert found.smoothed == pytest.approx(0.0, abs=error)
