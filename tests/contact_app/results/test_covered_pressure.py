@@ -119,17 +119,28 @@ def test_aligned_meshes_have_one_pressure_on_both_sides(cell: str, degree: int) 
         assert plate[key] == pytest.approx(block[key], rel=1e-5)
 
 
-@pytest.mark.parametrize(("cell", "covered"), [("triangle", 0.24), ("hexahedron", 0.35)])
-def test_sides_of_a_tie_may_be_exchanged(cell: str, covered: float) -> None:
+@pytest.mark.parametrize(
+    ("cell", "m", "covered"),
+    [
+        ("triangle", 4, 0.24),
+        ("hexahedron", 4, 0.35),
+        # facets of the block are longer: over narrow strips tractions were up to 19 times too large
+        ("triangle", 2, 0.15),
+        ("quadrilateral", 2, 0.2),
+        ("hexahedron", 2, 0.2),
+        ("tetrahedron", 2, 0.2),
+    ],
+)
+def test_sides_of_a_tie_may_be_exchanged(cell: str, m: int, covered: float) -> None:
     plate, block = (
-        solve(block_on_plate(cell, CELLS[cell], 4, covered, on, tied=True), tolerance=1e-8)
+        solve(block_on_plate(cell, CELLS[cell], m, covered, on, tied=True), tolerance=1e-8)
         for on in ("plate", "block")
     )
     records = [s.summary["contacts"][0] for s in (plate, block)]
     energies = [s.summary["solution"]["energy"] for s in (plate, block)]
-    assert energies[0] == pytest.approx(energies[1], rel=1e-2)
+    assert energies[0] == pytest.approx(energies[1], rel=1e-2 if m == 4 else 5e-2)
     for key in ("max_pressure", "max_smoothed_pressure"):
-        assert 0.6 < records[0][key] / records[1][key] < 2.0
+        assert 0.55 < records[0][key] / records[1][key] < 2.0
 
 
 @pytest.mark.parametrize("cell", ["triangle", "hexahedron"])
