@@ -76,9 +76,27 @@ class BlockRows:
             result = result + _some(P.local, rows).T @ (_some(local, rows) @ others)
         return self._at_owners(result, P.columns)
 
+    def transposed_times(self, right: BlockRows) -> BlockRows:
+        """Aᵀ B with a matrix of the same rows and columns (collective)."""
+        return self._at_owners(self.local.T @ right.local, self.columns)
+
     def gram(self) -> BlockRows:
         """Aᵀ A (collective)."""
-        return self._at_owners(self.local.T @ self.local, self.columns)
+        return self.transposed_times(self)
+
+    def plus(self, other: BlockRows) -> BlockRows:
+        """The sum with a matrix of the same rows and columns."""
+        return BlockRows(self.comm, self.local + other.local, self.columns)
+
+    def plus_diagonal(self, values: Array) -> BlockRows:
+        """The sum of the square matrix and a diagonal, whose entries these are, (entries,)."""
+        size, first = self.local.blocksize[0], self.comm.exscan(self.columns) or 0
+        entries = np.zeros((self.rows, size, size))
+        at = np.arange(size)
+        entries[:, at, at] = values.reshape(self.rows, size)
+        places, begins = first + np.arange(self.rows), np.arange(self.rows + 1)
+        added = _blocks(entries, places, begins, self.local.shape, self.local.blocksize)
+        return BlockRows(self.comm, self.local + added, self.columns)
 
     def _at_owners(self, part: sparse.bsr_matrix, columns: int) -> BlockRows:
         """The sum of a square matrix over all ranks, by its rows of each rank (collective).
@@ -122,18 +140,35 @@ class BlockRows:
         extra = sparse.diags(np.where(values == 0.0, top, 0.0), first, self.local.shape)
         return BlockRows(self.comm, self.local + extra.tobsr(self.local.blocksize), self.columns)
 
+    @property
+    def _sizes(self) -> list[tuple[int, int]]:
+        """Local and global rows and columns, for PETSc."""
+        return [
+            (count, PETSc.DETERMINE)
+            for count in (self.local.shape[0], self.columns * self.local.blocksize[1])
+        ]
+
     def to_petsc(self) -> PETSc.Mat:
         """The matrix for PETSc, in single entries (collective)."""
         self.local.sort_indices()  # fewer numbers than those of single entries
         rows = self.local.tocsr()
         rows.sort_indices()
-        sizes = [
-            (count, PETSc.DETERMINE)
-            for count in (self.local.shape[0], self.columns * self.local.blocksize[1])
-        ]
         begins, places = (part.astype(PETSc.IntType) for part in (rows.indptr, rows.indices))
-        matrix = PETSc.Mat().createAIJ(sizes, csr=(begins, places, rows.data), comm=self.comm)
+        matrix = PETSc.Mat().createAIJ(self._sizes, csr=(begins, places, rows.data), comm=self.comm)
         matrix.setBlockSizes(*self.local.blocksize)
+        return matrix
+
+    def to_blocks(self) -> PETSc.Mat:
+        """The square matrix for PETSc, in blocks (collective)."""
+        self.local.sort_indices()
+        begins, places = (
+            part.astype(PETSc.IntType) for part in (self.local.indptr, self.local.indices)
+        )
+        values = np.ascontiguousarray(self.local.data)
+        matrix = PETSc.Mat().createBAIJ(
+            self._sizes, self.local.blocksize[0], csr=(begins, places, values), comm=self.comm
+        )
+        matrix.assemble()
         return matrix
 
 

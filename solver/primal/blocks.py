@@ -10,7 +10,6 @@ import weakref
 from collections.abc import Callable
 from typing import Any
 
-import numpy as np
 from petsc4py import PETSc
 
 from solver.primal.block_rows import BlockRows
@@ -37,25 +36,23 @@ def in_blocks(matrix: PETSc.Mat) -> PETSc.Mat:
     The matrix itself where its blocks are single entries. Values that change later do not reach it.
     """
     d = matrix.getBlockSize()
-    return matrix if d == 1 else made_once(matrix, "blocks", lambda: _in_blocks(matrix))
+    return (
+        matrix if d == 1 else made_once(matrix, "blocks", lambda: BlockRows.of(matrix).to_blocks())
+    )
 
 
 def keep_in_blocks(matrix: PETSc.Mat, rows: BlockRows) -> None:
     """Make the matrix of `in_blocks` from its rows in blocks (collective)."""
-    made_once(matrix, "blocks", lambda: _petsc_blocks(matrix, rows))
+    made_once(matrix, "blocks", rows.to_blocks)
 
 
-def _in_blocks(matrix: PETSc.Mat) -> PETSc.Mat:
-    return _petsc_blocks(matrix, BlockRows.of(matrix))
+def petsc_blocks(rows: BlockRows) -> PETSc.Mat:
+    """A square matrix for PETSc in blocks, whose rows `rows_in_blocks` returns (collective)."""
+    matrix = rows.to_blocks() if rows.local.blocksize[0] > 1 else rows.to_petsc()
+    made_once(matrix, "rows", lambda: rows)
+    return matrix
 
 
-def _petsc_blocks(matrix: PETSc.Mat, rows: BlockRows) -> PETSc.Mat:
-    local = rows.local
-    local.sort_indices()
-    begins, places = (part.astype(PETSc.IntType) for part in (local.indptr, local.indices))
-    values = np.ascontiguousarray(local.data)
-    made = PETSc.Mat().createBAIJ(
-        matrix.getSizes(), local.blocksize[0], csr=(begins, places, values), comm=matrix.comm
-    )
-    made.assemble()
-    return made
+def rows_in_blocks(matrix: PETSc.Mat) -> BlockRows:
+    """The rows of a matrix of `petsc_blocks`; a copy of those of another matrix."""
+    return _MADE.get((id(matrix), "rows")) or BlockRows.of(matrix)

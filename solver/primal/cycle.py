@@ -26,7 +26,8 @@ from numpy.typing import NDArray
 from petsc4py import PETSc
 from scipy import sparse
 
-from solver.primal.blocks import in_blocks
+from solver.primal.block_rows import BlockRows
+from solver.primal.blocks import in_blocks, petsc_blocks, rows_in_blocks
 from solver.primal.factor import row_stiffness
 from solver.primal.hierarchy import Hierarchy, MultigridOptions
 from solver.primal.merged import MergedSystem
@@ -34,7 +35,7 @@ from solver.primal.petsc_options import lent_options
 from solver.primal.products import multiply, multiply_transposed
 from solver.primal.projector import Projector
 from solver.primal.smoother import Smoother
-from solver.tfeti.constraints.matrix import local_rows, petsc_rows, scale_rows
+from solver.tfeti.constraints.matrix import local_rows, petsc_rows
 from solver.vectors import on_arrays
 
 Array = NDArray[np.float64]
@@ -115,7 +116,7 @@ class CycleWithSprings:
     """
 
     cycle: Cycle
-    operators: Sequence[PETSc.Mat]
+    operators: Sequence[BlockRows]
     springs: Array
     open: Array
 
@@ -144,15 +145,15 @@ class CycleOnSets:
         self._stiffness = row_stiffness(system)
         self._coarse: Cycle | None = None
         if made is None:
-            self._operators = [operator.copy() for operator in hierarchy.operators[1:]]
+            self._operators = [rows_in_blocks(operator) for operator in hierarchy.operators[1:]]
             self._open = self._springs = np.zeros(len(self._stiffness))
         else:
             self._coarse, self._operators = made.cycle, list(made.operators)
             self._open, self._springs = made.open, made.springs
-        self._placed = self._springs > 0.0
 
     def _cycle(self) -> Cycle:
-        return Cycle(self._operators, self._prolongations, self._options)
+        operators = [petsc_blocks(rows) for rows in self._operators]
+        return Cycle(operators, self._prolongations, self._options)
 
     def adapt_to(self, projector: Projector) -> None:
         """Adapt to another active set, the frames and compliances of its rows (collective)."""
@@ -160,32 +161,16 @@ class CycleOnSets:
         system, comm = projector.system, self._K.comm.tompi4py()
         springs = self._springs_of(self._projector)
         differs = (springs != self._springs) | (system.angles != self._system.angles)
-        added = np.flatnonzero(differs & (springs > 0.0))
-        fresh = ~self._placed[added] | (system.angles[added] != 0.0)
-        counts = int(self._clearly(springs, system).sum()), len(self._projector.rows), fresh.sum()
-        changed, rows, unplaced = comm.allreduce(np.array(counts))
+        counts = int(self._clearly(springs, system).sum()), len(self._projector.rows)
+        changed, rows = comm.allreduce(np.array(counts))
         if self._coarse is not None and changed <= CHANGED * rows:
             return
-        pattern = PETSc.Mat.Structure
-        structure = (
-            pattern.DIFFERENT_NONZERO_PATTERN if unplaced else pattern.SUBSET_NONZERO_PATTERN
-        )
-        left, right = self._change(system, springs, differs)
+        change = self._change(system, springs, differs)
         for k, operator in enumerate(self._operators):
             if k:
-                finer, P = (left, right), self._prolongations[k - 1]
-                left, right = left.matMult(P), right.matMult(P)
-                for used in finer:
-                    used.destroy()
-            product = left.transposeMatMult(right)
-            # sums over ranks leave out blocks of zeros, which the product has
-            operator.setOption(PETSc.Mat.Option.NEW_NONZERO_ALLOCATION_ERR, False)
-            operator.axpy(1.0, product, structure)
-            product.destroy()
-        left.destroy()
-        right.destroy()
+                change = change.galerkin(BlockRows.of(self._prolongations[k - 1]))
+            self._operators[k] = operator.plus(change)
         self._system, self._springs = system, springs
-        self._placed[added] = True
         if self._coarse is not None:
             self._coarse.destroy()
         self._coarse = self._cycle()  # PETSc's own would keep parts of its set-up
@@ -208,21 +193,24 @@ class CycleOnSets:
 
     def _change(
         self, system: MergedSystem, springs: Array, differs: NDArray[np.bool_]
-    ) -> tuple[PETSc.Mat, PETSc.Mat]:
-        """L, R on the first coarse level, with the change Lᵀ R of the springs (collective)."""
-        rows, roots = [], []
+    ) -> BlockRows:
+        """The change of the springs on the first coarse level (collective)."""
+        rows, signs = [], []
         for one, stiff, sign in ((system, springs, 1.0), (self._system, self._springs, -1.0)):
             some = np.flatnonzero(differs & (stiff > 0.0))
-            rows.append(local_rows(one.C)[some])
-            roots.append(sign * np.sqrt(stiff[some]))
-        root = np.concatenate(roots)
+            rows.append(sparse.diags(np.sqrt(stiff[some])) @ local_rows(one.C)[some])
+            signs.append(np.full(len(some), sign))
         chosen = petsc_rows(system.comm, sparse.csr_matrix(sparse.vstack(rows)), system.size)
-        left = chosen.matMult(self._P)
-        right = left.copy()
-        scale_rows(left, np.abs(root))
-        scale_rows(right, root)
+        on_level = chosen.matMult(self._P)
         chosen.destroy()
-        return left, right
+        block = self._operators[0].local.blocksize[0]
+        local, columns = local_rows(on_level), on_level.getLocalSize()[1] // block
+        on_level.destroy()
+        left, right = (
+            BlockRows(system.comm, sparse.csr_matrix(part).tobsr((1, block)), columns)
+            for part in (local, sparse.diags(np.concatenate(signs)) @ local)
+        )
+        return left.transposed_times(right)
 
     def apply(self, residual: Array, out: Array) -> None:
         """Put the correction of a residual Πᵀ r into out."""
@@ -258,7 +246,8 @@ def coarse_inverse(operator: PETSc.Mat, singular: float) -> PETSc.Mat:
         Eigenvalues below that share of the largest row sum belong to rigid motions.
     """
     comm = operator.comm.tompi4py()
-    full = sparse.vstack(comm.allgather(local_rows(operator)), format="csr").toarray()
+    local = rows_in_blocks(operator).local.tocsr()
+    full = sparse.vstack(comm.allgather(local), format="csr").toarray()
     values, vectors = np.linalg.eigh(0.5 * (full + full.T))
     stiff = values > singular * np.abs(full).sum(axis=1).max(initial=0.0)
     first, last = operator.getOwnershipRange()

@@ -21,13 +21,13 @@ from scipy import sparse
 from scipy.sparse.csgraph import reverse_cuthill_mckee
 
 from solver.primal.block_rows import BlockRows
-from solver.primal.blocks import made_once
+from solver.primal.blocks import made_once, rows_in_blocks
 from solver.primal.cholesky import factored
 from solver.primal.merged import MergedSystem
 from solver.primal.products import chosen_rows, multiply, multiply_transposed
 from solver.primal.projector import Projector
 from solver.primal.thin import THIN
-from solver.tfeti.constraints.matrix import lent, local_rows
+from solver.tfeti.constraints.matrix import local_rows
 from solver.tfeti.subdomain.costs import factor_seconds
 from solver.vectors import on_arrays
 
@@ -198,8 +198,9 @@ def diagonal_below(P: PETSc.Mat, springs: Array) -> Array:
 
 
 def with_springs(A: PETSc.Mat, Q: PETSc.Mat, weights: Array, near: Array) -> PETSc.Mat:
-    """A + Qᵀ diag(weights) Q + diag(near) (collective)."""
-    return with_matrix(A, spring_matrix(Q, weights, A.getBlockSize()), near)
+    """A + Qᵀ diag(weights) Q + diag(near), in single entries (collective)."""
+    springs = spring_matrix(Q, weights, A.getBlockSize()).plus_diagonal(near)
+    return rows_in_blocks(A).plus(springs).to_petsc()
 
 
 def spring_matrix(Q: PETSc.Mat, weights: Array, block: int) -> BlockRows:
@@ -209,12 +210,3 @@ def spring_matrix(Q: PETSc.Mat, weights: Array, block: int) -> BlockRows:
     local.data *= np.repeat(np.sqrt(weights[some]), np.diff(local.indptr))  # zeros keep their place
     columns = Q.getLocalSize()[1] // block
     return BlockRows(Q.comm.tompi4py(), local.tobsr((1, block)), columns).gram()
-
-
-def with_matrix(A: PETSc.Mat, springs: BlockRows, near: Array) -> PETSc.Mat:
-    """A + springs + diag(near) (collective)."""
-    result = springs.to_petsc()
-    result.axpy(1.0, A, PETSc.Mat.Structure.DIFFERENT_NONZERO_PATTERN)
-    with lent(A.comm, near) as (extra,):
-        result.setDiagonal(result.getDiagonal() + extra)
-    return result

@@ -19,6 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 from petsc4py import PETSc
 
+from solver.primal.blocks import petsc_blocks, rows_in_blocks
 from solver.primal.cycle import CycleWithSprings
 from solver.primal.factor import diagonal_below, row_stiffness, spread_means, squared_rows
 from solver.primal.friction_springs import FrictionSprings
@@ -33,7 +34,6 @@ from solver.primal.spring_levels import (
     Rows,
     SharedLevel,
 )
-from solver.tfeti.constraints.matrix import lent
 
 Array = NDArray[np.float64]
 
@@ -122,11 +122,7 @@ def _with_means(system: MergedSystem, hierarchy: Hierarchy) -> Sequence[PETSc.Ma
             result.append(operator)
             springs = diagonal_below(hierarchy.prolongations[0], springs)
             continue
-        held = operator.copy()
-        held.setOption(PETSc.Mat.Option.NEW_NONZERO_ALLOCATION_ERR, False)
-        with lent(system.comm, springs) as (extra,):
-            held.setDiagonal(held.getDiagonal() + extra)
-        result.append(held)
+        result.append(petsc_blocks(rows_in_blocks(operator).plus_diagonal(springs)))
         if k < len(hierarchy.prolongations):
             springs = diagonal_below(hierarchy.prolongations[k], springs)
     return result

@@ -15,7 +15,7 @@ from petsc4py import PETSc
 
 from solver.primal.aggregation import coarsened
 from solver.primal.block_rows import BlockRows
-from solver.primal.blocks import in_blocks, keep_in_blocks
+from solver.primal.blocks import in_blocks, keep_in_blocks, petsc_blocks
 from solver.primal.lanczos import largest_eigenvalue
 from solver.primal.merged import MergedSystem
 from solver.primal.products import with_diagonal
@@ -57,7 +57,7 @@ class Hierarchy:
     prolongations
         Entry k maps level k + 1 to level k; level 0 is the finest.
     operators
-        Stiffness of each level, K first.
+        Stiffness of each level, K first; coarser ones from `solver.primal.blocks.petsc_blocks`.
     largest
         Estimate of the largest eigenvalue of D⁻¹ K; zero where K is the only level.
     """
@@ -84,7 +84,7 @@ def build_hierarchy(system: MergedSystem, options: MultigridOptions | None = Non
         keep_in_blocks(K, A)
     else:
         A, rigid = _on_vertices(system, vertices.P), vertices.rigid
-        top = A.to_petsc()
+        top = petsc_blocks(A)
     prolongations, operators = [], [top]
     motions = rigid.reshape(-1, d, rigid.shape[1])
     aggressive, eigenvalues = options.aggressive, list[float]()
@@ -97,7 +97,7 @@ def build_hierarchy(system: MergedSystem, options: MultigridOptions | None = Non
         A, motions = A.galerkin(level.P), level.rigid
         aggressive -= 1
         prolongations.append(level.P.to_petsc())
-        operators.append(A.to_petsc())
+        operators.append(petsc_blocks(A))
     if vertices is not None:
         prolongations, operators = [vertices.P, *prolongations], [K, *operators]
         eigenvalues.insert(0, largest_eigenvalue(in_blocks(K), _flexibility(K)))

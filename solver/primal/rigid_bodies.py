@@ -22,6 +22,7 @@ from numpy.typing import NDArray
 from petsc4py import PETSc
 from scipy import sparse
 
+from solver.primal.blocks import rows_in_blocks
 from solver.primal.hierarchy import Hierarchy
 from solver.primal.merged import MergedSystem
 from solver.tfeti.constraints.matrix import local_rows, petsc_rows
@@ -118,7 +119,7 @@ def with_motions(
 
 def _with_block(matrix: PETSc.Mat, block: sparse.csr_matrix) -> PETSc.Mat:
     """A matrix with a block of unknowns of rigid bodies after its last rows and columns."""
-    joined = sparse.block_diag([local_rows(matrix), block])
+    joined = sparse.block_diag([rows_in_blocks(matrix).local.tocsr(), block])
     return _matrix(matrix, joined, block.shape[0])
 
 

@@ -25,9 +25,10 @@ from scipy.linalg import LinAlgError, cho_factor, cho_solve
 from scipy.linalg.blas import dsyrk
 
 from solver.primal.block_rows import BlockRows
+from solver.primal.blocks import petsc_blocks, rows_in_blocks
 from solver.primal.cholesky import factored
 from solver.primal.cycle import Cycle, CycleWithSprings
-from solver.primal.factor import spring_matrix, with_matrix, with_springs
+from solver.primal.factor import spring_matrix, with_springs
 from solver.primal.friction_springs import FrictionSprings
 from solver.primal.hierarchy import Hierarchy
 from solver.primal.line_search import minimum_along
@@ -360,12 +361,12 @@ class CycleLevel(SharedLevel):
         if self.cycle is None:
             levels, block = self._hierarchy, self.A.getBlockSize()
             springs = spring_matrix(self.Q, weights, block)
-            operators = [with_matrix(self.A, springs, self.shift)]
+            operators = [rows_in_blocks(self.A).plus(springs.plus_diagonal(self.shift))]
             for A, P in zip(levels.operators[1:], levels.prolongations, strict=True):
                 springs = springs.galerkin(BlockRows.of(P))
                 shift = self._addition(A.getDiagonal().getArray())
-                operators.append(with_matrix(A, springs, shift))
-            cycle = Cycle(operators, levels.prolongations, levels.options)
+                operators.append(rows_in_blocks(A).plus(springs.plus_diagonal(shift)))
+            cycle = Cycle([*map(petsc_blocks, operators)], levels.prolongations, levels.options)
             open_rows = np.minimum(weights, self.options.faint * self.rows.stiffness)
             self.cycle = CycleWithSprings(cycle, operators, weights, open_rows)
         return self.cycle.cycle
@@ -392,8 +393,8 @@ class DenseLevel(Level):
         """A distributed level, gathered on every rank (collective)."""
         comm = level.comm
         A, Q = (
-            sparse.csr_matrix(sparse.vstack(comm.allgather(local_rows(matrix))))
-            for matrix in (level.A, level.Q)
+            sparse.csr_matrix(sparse.vstack(comm.allgather(rows)))
+            for rows in (rows_in_blocks(level.A).local.tocsr(), local_rows(level.Q))
         )
         load = np.concatenate(comm.allgather(level.load))
         return cls(level.rows.everywhere(), A, Q, load, level.options)

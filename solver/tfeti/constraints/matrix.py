@@ -47,12 +47,6 @@ def petsc_rows(comm: MPI.Intracomm, local: sparse.csr_matrix, columns: int) -> P
     return matrix
 
 
-def scale_rows(matrix: PETSc.Mat, weights: NDArray[np.float64]) -> None:
-    """Multiply each row of a matrix by a weight, in place; local parts."""
-    with lent(matrix.comm, weights) as (left,):
-        matrix.diagonalScale(L=left)
-
-
 def local_rows(matrix: PETSc.Mat) -> sparse.csr_matrix:
     """A copy of this rank's rows of a distributed matrix, all columns."""
     begins, places, values = matrix.getValuesCSR()
