@@ -10,9 +10,14 @@ from mpi4py import MPI
 from scipy import sparse
 from scipy.sparse.linalg import spsolve
 
+from solver.primal.friction_springs import FrictionSprings
 from solver.primal.hierarchy import Hierarchy, MultigridOptions
 from solver.primal.spring_levels import CycleLevel, DenseLevel, FirstSetOptions, Rows
 from solver.tfeti.constraints.matrix import petsc_rows
+
+NO_POINTS, NO_VALUES = np.zeros(0, np.int64), np.zeros(0)
+
+NO_FRICTION = FrictionSprings(*(NO_POINTS,) * 3, *(NO_VALUES,) * 3, acts=False)
 
 
 @pytest.mark.parametrize("full", [0.0, 1.0])
@@ -24,7 +29,7 @@ def test_a_dense_level_is_solved_to_its_minimum(full: float) -> None:
     Q = sparse.csr_matrix(rng.standard_normal((m, n)) * (rng.random((m, n)) < 0.3))
     c = np.where(np.arange(m) % 2, 0.0, 0.02)
     stiff, equality = rng.uniform(50.0, 100.0, m), np.arange(m) < 3
-    rows = Rows(MPI.COMM_SELF, c, ~equality, equality, stiff)
+    rows = Rows(MPI.COMM_SELF, c, ~equality, equality, stiff, NO_FRICTION)
     load, options = 10.0 * rng.standard_normal(n), replace(FirstSetOptions(), full=full)
     level = DenseLevel(rows, A, Q, load, options)
     x = level.minimise(np.zeros(n), options.exact_steps)
@@ -47,7 +52,7 @@ def test_a_slender_beam_lifts_off() -> None:
     load = np.ones(n)  # downwards, as the rows point
     load[-1] -= 12.0
     every, stiff = np.ones(n, bool), np.full(n, 1e7)
-    rows = Rows(MPI.COMM_SELF, np.zeros(n), every, ~every, stiff)
+    rows = Rows(MPI.COMM_SELF, np.zeros(n), every, ~every, stiff, NO_FRICTION)
     options = replace(FirstSetOptions(), proximal=1e-10)
     level = DenseLevel(rows, A, sparse.identity(n, format="csr"), load, options)
     pressed = level.pressed(level.solve())
@@ -74,7 +79,7 @@ def test_a_cycle_has_the_springs_of_rows_on_all_levels() -> None:
     P = sparse.kron(sparse.identity(n // each), np.ones((each, 1)), format="csr")
     comm, load = MPI.COMM_SELF, np.random.default_rng(2).standard_normal(n)
     stiff, every = np.full(m, 0.5), np.ones(m, bool)
-    rows = Rows(comm, np.zeros(m), ~every, every, stiff)
+    rows = Rows(comm, np.zeros(m), ~every, every, stiff, NO_FRICTION)
     operators = petsc_rows(comm, A, n), petsc_rows(comm, sparse.csr_matrix(P.T @ A @ P), n // each)
     hierarchy = Hierarchy((petsc_rows(comm, P, n // each),), operators, MultigridOptions())
     options = replace(FirstSetOptions(), reduction=1e-9, iterations=9)
