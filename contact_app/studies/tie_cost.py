@@ -14,15 +14,12 @@ from __future__ import annotations
 import argparse
 import json
 import tempfile
-import time
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from contact_app.run.solve import solve_scene
-from contact_app.scene.build import build_scene
-from contact_app.scene.configuration import from_mapping
 from contact_app.studies.perturbed import write_box
 from contact_app.studies.processes import python
 
@@ -71,52 +68,44 @@ def cantilever(row: str, directory: Path, *edges: int) -> dict[str, Any]:
     }  # fmt: skip
 
 
-def solve_once(row: str, edges: list[int]) -> dict[str, Any]:
-    """Processor time, unknowns, applications and shapes of one solve."""
-    with tempfile.TemporaryDirectory() as directory:
-        made = cantilever(row, Path(directory), *edges)
-        began = time.process_time()
-        summary = solve_scene(build_scene(from_mapping(made))).summary
-    return {
-        "seconds": time.process_time() - began, "passed": summary["certificate"]["passed"],
-        "dofs": summary["mesh"]["dofs"], "shapes": summary["decomposition"]["congruence_classes"],
-        "applications": summary["solver"]["hessian_multiplications"],
-    }  # fmt: skip
+def solved(row: str, edges: Sequence[int], directory: Path) -> dict[str, Any]:
+    """The summary of one solve in a process of its own; the scene is written to the directory."""
+    directory.mkdir(parents=True, exist_ok=True)
+    file = directory / "scene.yaml"
+    file.write_text(json.dumps(cantilever(row, directory, *edges)), encoding="utf-8")
+    return python("-m", "contact_app.studies.single_run", str(file), threads=1)
 
 
 def measured(row: str, runs: int = RUNS) -> str:
     """A line of the table."""
     *_, a, b, even = ROWS[row]
     settings = ((a, b), (a,), (b,), (even,))
-    seconds_of_all = [
-        [python("-m", "contact_app.studies.tie_cost", row, "--solve", *map(str, edges), threads=1)
-         for edges in settings] for _ in range(runs)
-    ]  # fmt: skip
-    assert all(one["passed"] for turn in seconds_of_all for one in turn)
-    tied, first, second, between = np.median(
-        [[r["seconds"] for r in t] for t in seconds_of_all], axis=0
-    )
-    one = seconds_of_all[0]
+    with tempfile.TemporaryDirectory() as directory:
+        turns = [
+            [solved(row, edges, Path(directory) / str(k)) for k, edges in enumerate(settings)]
+            for _ in range(runs)
+        ]
+    assert all(one["certificate"]["passed"] for turn in turns for one in turn)
+    seconds = [[one["processor_seconds"] for one in turn] for turn in turns]
+    tied, first, second, between = np.median(seconds, axis=0)
     same = 0.5 * (first + second)
+    both = turns[0][0], turns[0][3]
+    counts = [one["solver"]["hessian_multiplications"] for one in both]
+    counts += [one["decomposition"]["congruence_classes"] for one in both]
     return (
-        f"| {row} | {a}, {b} | {one[0]['dofs']:,} | {one[0]['applications']} | "
-        f"{one[3]['applications']} | {one[0]['shapes']} | {one[3]['shapes']} | {tied:.2f} | "
-        f"{same:.2f} | {between:.2f} | {tied / same:.2f} | {tied / between:.2f} |"
+        f"| {row} | {a}, {b} | {both[0]['mesh']['dofs']:,} | {' | '.join(map(str, counts))} | "
+        f"{tied:.2f} | {same:.2f} | {between:.2f} | {tied / same:.2f} | {tied / between:.2f} |"
     )
 
 
 def main() -> None:
-    """Print the table, or solve once."""
+    """Print the table."""
     parser = argparse.ArgumentParser(description=__doc__.split("\n", 1)[0])
     parser.add_argument("rows", nargs="*", help=f"of {', '.join(ROWS)}; all unless given")
-    parser.add_argument("--solve", type=int, nargs="+", help=argparse.SUPPRESS)
     arguments = parser.parse_args()
     for row in arguments.rows:
         if row not in ROWS:
             parser.error(f"unknown row {row}; known: {', '.join(ROWS)}")
-    if arguments.solve:
-        print(json.dumps(solve_once(arguments.rows[0], arguments.solve)))
-        return
     for row in arguments.rows or ROWS:
         print(measured(row), flush=True)
 
