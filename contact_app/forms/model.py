@@ -257,13 +257,7 @@ def with_new_loads(
         lifting[cls][:, column] = value[model.subdomains.unknowns(number)]
     for lift, values in zip(lifting, problem.classes, strict=True):
         lift[values.free] = 0.0  # rows hold these unknowns
-    c = np.zeros(problem.size)
-    unknowns = problem.system.constraints.held_unknowns
-    rows = np.flatnonzero(unknowns >= 0)
-    at = np.searchsorted(held.nodes, unknowns[rows] // parts.dimension)
-    c[rows] = held.values[at, unknowns[rows] % parts.dimension]
-    c[problem.inequality] = contact.gaps * problem.contact.spread
-    c[problem.tangential] = friction.rows.gaps * problem.spread[problem.tangential]
+    c = problem.right_hand_side(held, SharedRows.of(contact, friction.rows))
     case = problem.with_loads(forces, lifting, c, [h if h.any() else None for h in heat])
     return replace(model, problem=case, merged=merged)
 

@@ -47,7 +47,7 @@ from contact_app.scene.rigid import idle_loads
 from contact_app.scene.scene import Scene
 from meshes import Partition
 from solver.tfeti.build import CongruentSubdomains, ConstraintRows, build_system
-from solver.tfeti.constraints.conditions import ContactRows, HeldRows, SharedRows
+from solver.tfeti.constraints.conditions import ContactRows, HeldRows
 from solver.tfeti.constraints.exchange import NodeExchange
 from solver.tfeti.constraints.rows import write_rows
 from solver.tfeti.dual import DualProblem
@@ -166,7 +166,7 @@ def model_of_case(model: Model, outline: Outline, scene: Scene) -> Model:
     outline
         The outline of the scene, with the contact rows of the model.
     """
-    problem, d = model.problem, scene.dimension
+    problem = model.problem
     forces, thermal = ([np.zeros_like(values) for values in problem.forces] for _ in range(2))
     for sums, parts in ((forces, outline.loads), (thermal, outline.thermal)):
         for (cls, column), load in zip(model.place, parts, strict=True):
@@ -181,15 +181,7 @@ def model_of_case(model: Model, outline: Outline, scene: Scene) -> Model:
     for (cls, column), values in zip(model.place, lifted, strict=True):
         if values is not None:
             lifting[cls][values[0], column] = values[1]
-    c = np.zeros(problem.size)
-    unknowns = problem.system.constraints.held_unknowns
-    rows = np.flatnonzero(unknowns >= 0)
-    at = np.searchsorted(outline.held.nodes, unknowns[rows] // d)
-    c[rows] = outline.held.values[at, unknowns[rows] % d]
-    c[problem.inequality] = outline.contact.gaps * problem.contact.spread
-    c[problem.tied] = outline.tied.rows.gaps * problem.system.tied.spread
-    c[problem.means] = outline.means.gaps * problem.system.means.spread
-    c[problem.tangential] = outline.tangential.rows.gaps * problem.spread[problem.tangential]
+    c = problem.right_hand_side(outline.held, outline.shared)
     case = problem.with_loads(
         forces, lifting, c, [heat if heat.any() else None for heat in thermal]
     )
@@ -220,8 +212,9 @@ def model_of_outline(
     geometry, unknowns = outline.geometry, RigidUnknowns.of(outline.geometry)
     of_copies = subdomains_of_copies(surface, partition, unknowns.count)
     friction = outline.tangential
-    shared = SharedRows.of(outline.contact, friction.rows, outline.tied.rows, outline.means)
-    rows, shared = write_rows(exchange, of_copies, held, shared, eliminated[body_of_held], options)
+    rows, shared = write_rows(
+        exchange, of_copies, held, outline.shared, eliminated[body_of_held], options
+    )
     friction = replace(friction, rows=shared.tangential)
     supports = support_rows(geometry, surface, balances)
     lifting = _lifting(partition, surface, exchange, held, eliminated)

@@ -57,6 +57,7 @@ from solver.tfeti.constraints.conditions import (
     ContradictionError,
     HeldRows,
     NodeConditions,
+    SharedRows,
 )
 from solver.tfeti.constraints.exchange import NodeExchange
 from solver.tfeti.constraints.friction import FrictionRows
@@ -165,6 +166,11 @@ class Outline:
     def tangential(self) -> FrictionRows:
         """Tangential rows at the contact rows of this rank."""
         return self.friction.at(self.contact)
+
+    @property
+    def shared(self) -> SharedRows:
+        """The rows over nodes of several ranks."""
+        return SharedRows(self.contact, self.tangential.rows, self.tied.rows, self.means)
 
     @property
     def eliminated(self) -> NDArray[np.bool_]:

@@ -93,11 +93,8 @@ def add_contact(
     force : (owned nodes, components)
         Changed in place.
     """
-    parts = [(problem.contact, problem.inequality), (problem.system.tied, problem.tied)]
-    parts.append((problem.system.means, problem.means))
-    parts.append((problem.system.friction.rows, problem.tangential))
-    for rows, chosen in parts:
-        of_rows, held = solution.multiplier[chosen] * rows.spread, rows.held
+    for kind, rows in problem.shared.by_kind.items():
+        of_rows, held = solution.multiplier[problem.kinds == kind] * rows.spread, rows.held
         query = exchange.among(held.node)
         at = query.to_owners(held.component), query.to_owners(of_rows[held.row] * held.value)
         np.add.at(force, (query.nodes - query.first, at[0]), at[1])

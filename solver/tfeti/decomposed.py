@@ -19,7 +19,7 @@ from solver.contact.bodies import Bodies, body_lengths
 from solver.contact.friction_points import FrictionPoints
 from solver.contact.row_kinds import RowKind
 from solver.tfeti.coarse.coarse_problem import CoarseProblem
-from solver.tfeti.constraints.conditions import ContactRows
+from solver.tfeti.constraints.conditions import ContactRows, HeldRows, SharedRows
 from solver.tfeti.constraints.friction import friction_points
 from solver.tfeti.constraints.matrix import (
     ConstraintMatrix,
@@ -201,11 +201,26 @@ class DecomposedProblem:
         Force = multiplier · spread, and distance = residual / spread.
         """
         result = np.ones(self.size)
-        result[self.inequality] = self.contact.spread
-        result[self.tied] = self.system.tied.spread
-        result[self.means] = self.system.means.spread
-        result[self.tangential] = self.system.friction.rows.spread
+        for kind, rows in self.shared.by_kind.items():
+            result[self.kinds == kind] = rows.spread
         return result
+
+    @property
+    def shared(self) -> SharedRows:
+        """Geometry of the rows over nodes of several ranks."""
+        system = self.system
+        return SharedRows(system.contact, system.friction.rows, system.tied, system.means)
+
+    def right_hand_side(self, held: HeldRows, shared: SharedRows) -> NDArray[np.float64]:
+        """c (dual,) for other held displacements and gaps of the same rows."""
+        c, unknowns = np.zeros(self.size), self.system.constraints.held_unknowns
+        rows = np.flatnonzero(unknowns >= 0)
+        node, component = np.divmod(unknowns[rows], self.dimension)
+        c[rows] = held.values[np.searchsorted(held.nodes, node), component]
+        for kind, of_kind in shared.by_kind.items():
+            chosen = self.kinds == kind
+            c[chosen] = of_kind.gaps * self.spread[chosen]
+        return c
 
     @cached_property
     def deforming(self) -> ConstraintMatrix:

@@ -272,7 +272,6 @@ class _Layout:
         self.total = int(self.starts[-1])
         first, last = (int(n) for n in self.starts[comm.rank :][:2])
         self.gathered = 1 < comm.size and self.total <= gathered
-        self.on_every_rank = comm.size == 1 or self.gathered
         self.of_factor = MPI.COMM_SELF if self.gathered else comm
         self._first, self.rows = (0, self.total) if self.gathered else (first, kernels)
         self.of_rank = slice(first, last) if self.gathered else slice(0, kernels)

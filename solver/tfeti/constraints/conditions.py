@@ -10,6 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import sparse
 
+from solver.contact.row_kinds import RowKind
+
 
 class ContradictionError(ValueError):
     """Conditions on one node exclude each other.
@@ -262,6 +264,14 @@ class SharedRows:
         """Shared rows with the given kinds; the other kinds are empty."""
         others = (contact.none() if r is None else r for r in (tangential, tied, means))
         return cls(contact, *others)
+
+    @property
+    def by_kind(self) -> dict[RowKind, ContactRows]:
+        """The rows by their kind in B."""
+        return {
+            RowKind.CONTACT: self.contact, RowKind.TANGENT: self.tangential,
+            RowKind.TIED: self.tied, RowKind.MEAN: self.means,
+        }  # fmt: skip
 
 
 def points_of(rows: ContactRows) -> NDArray[np.int64]:
