@@ -4,7 +4,8 @@ A row of Gᵀ = B R has a run of entries for each subdomain on which the row of 
 rows on the same subdomains (the rows of a face, an edge or a corner) form a small dense matrix V,
 and Vᵀ W V is their contribution to G W Gᵀ. Each rank sums its own rows, all faces with equally many
 rows at once. Gᵀ has twelve entries a row, more than B, so it is computed in chunks of rows and not
-stored.
+stored. Products of sparse matrices by scipy take twice as long (on the cube of 60³ cells 0.12 s of
+CPU, not 0.06 s, of the 0.31 s that the model takes) and store Gᵀ, 104 bytes a row.
 """
 
 from __future__ import annotations
