@@ -66,12 +66,12 @@ ENOUGH_FACETS = 6.0
 """Facets across the narrow side of a contact from which on its largest pressure is not warned of:
 it is within 4 % of Hertz's."""
 
-PEAK_ERROR, ORDER = 0.25, 2.5
+PEAK_ERROR, ORDER = 0.27, 2.6
 """Largest error of the largest smoothed pressure of Hertz's contact with three facets across, and
-the power of their number with which it falls: of balls and rollers at 20 random positions on meshes
-of all kinds of cells, none with three facets or more had a larger one
-(`python -m contact_app.studies.peak_draws --seed 11`), nor had half and quarter models of degree 1
-(`--half`)."""
+the power of their number with which it falls: of balls and rollers at random positions on meshes of
+all kinds of cells, and of half and quarter models of degree 1, none with three facets or more had a
+larger one (`python -m contact_app.studies.peak_draws`, also `--half`). The worst are hexahedra:
+17 % too low with 3.34 facets."""
 
 REACHES = 1e-6
 """Distance of a contact from a plane of symmetry, over its size, up to which it reaches it."""
