@@ -26,9 +26,10 @@ from solver.primal.held_energy import HeldEnergy
 from solver.primal.lanczos import Lanczos
 from solver.primal.matrices import Matrices, free_matrices
 from solver.primal.merged import MergedSystem, bodies_alone
+from solver.primal.preconditioner import Preconditioner
 from solver.primal.products import multiply, multiply_transposed
 from solver.primal.projector import REDUNDANT, Projector
-from solver.primal.rigid_space import RigidSpace
+from solver.primal.rigid_space import MOST_MEANS, RigidSpace, lifts_of_means
 from solver.primal.springs import Springs
 from solver.qp.box_qp import BoxQP
 from solver.qp.iterate import Iterate, Watch
@@ -131,6 +132,7 @@ class Multigrid:
         self.begin_at(self.system.at_rest)
         self._cycle: Cycle | CycleOnSets | None = None
         self._first_set: FirstSet | None = None
+        self.motions = self.matrices.floating
         self._held = HeldEnergy(self.system)
         self.smallest_eigenvalue = UNKNOWN
 
@@ -202,6 +204,25 @@ class Multigrid:
             self._cycle.adapt_to(projector)
         return self._cycle
 
+    def prepare_motions(self, projector: Projector, springs: Springs) -> int:
+        """Add lifts of means to the rigid motions before the first set (collective).
+
+        Without friction rigid motions lift the means well enough.
+
+        Returns
+        -------
+        The number of operator applications.
+        """
+        if self.motions.lifts_means or self.direct or self.problem.friction is None:
+            return 0
+        means = self.comm.allreduce(int(self.system.means.sum()))
+        if not 0 < means <= MOST_MEANS:
+            return 0
+        soft = springs.softened(projector)
+        lifts = lifts_of_means(self.cycle(soft), soft.narrow)
+        self.motions = self.motions.with_lifts(self.system, lifts)
+        return means
+
     def give_up_multigrid(self) -> bool:
         """Replace the V-cycle by factors from now on, if affordable; return whether."""
         if self.direct or self.matrices.seconds > self.factors.slow_seconds:
@@ -248,10 +269,14 @@ class PrimalSet:
         self._load = system.load
         if system.comm.allreduce(int(self._prescribed.any())):
             self._load = system.load - multiply_transposed(system.C, self._prescribed)
-        jumps = (multiply(system.C, backend.u) - system.c)[projector.rows]
-        lifting = -projector.lifting(jumps)
         operator = _ProjectedStiffness(system, projector, springs)
-        self._rigid = rigid = RigidSpace(system, projector, backend.matrices.floating, springs)
+        applied = backend.prepare_motions(projector, springs)
+        self._rigid = rigid = RigidSpace(system, projector, backend.motions, springs)
+        closing = projector.narrow if rigid.holds_means else projector
+        jumps = (multiply(system.C, backend.u) - system.c)[closing.rows]
+        lifting = -closing.lifting(jumps)
+        if rigid.holds_means:
+            lifting = rigid.hold_means(backend.u + lifting, system.c) - backend.u
         self._start = backend.u + lifting
         if not rigid.empty:
             left = backend.left() + (self._load - system.load) - springs.forces_at(backend.u)
@@ -266,7 +291,7 @@ class PrimalSet:
         self._iterate = it = Iterate(BoxQP(operator, rhs), preconditioner=self._preconditioner)
         it.measure_b()
         it.begin()
-        it.counts.hessian += 1  # of the right-hand side
+        it.counts.hessian += 1 + applied  # of the right-hand side
         self._scale = it.reduction.norm(system.load) or it.b_norm or 1.0
         self._first_norm = it.projected_gradient_norm
         # redundant rows leave this share of their forces
@@ -274,13 +299,16 @@ class PrimalSet:
         self._lanczos = Lanczos(self._preconditioner.square)
         self._steps, self._stalls = 0, False
 
-    def _make_preconditioner(self) -> _Preconditioner:
+    def _make_preconditioner(self) -> Preconditioner:
         backend, projector, springs = self._backend, self._projector, self._springs
         if backend.direct:
             factor = Factor(self._system, projector, backend.factors, springs.stiffness)
-            return _Preconditioner(factor, projector, self._rigid)
+            return Preconditioner(factor, projector, self._rigid, False)
         soft = springs.softened(projector)
-        return _Preconditioner(backend.cycle(soft), soft, self._rigid)
+        cycle = backend.cycle(soft)
+        if self._rigid.holds_means:
+            soft = soft.narrow
+        return Preconditioner(cycle, soft, self._rigid, self._rigid.holds_means)
 
     @property
     def residual(self) -> float:
@@ -463,34 +491,3 @@ class _ProjectedStiffness:
         """Put the product into out."""
         self.image = self.product(x)
         out[:] = self._projector.apply_transpose(self.image)
-
-
-class _Preconditioner:
-    """Π M⁻¹ with a V-cycle M⁻¹; rows with a compliance are added as in `solver.primal.springs`.
-
-    Attributes
-    ----------
-    square
-        rᵀ M⁻¹ r of the last residual.
-    """
-
-    def __init__(
-        self,
-        cycle: Cycle | CycleOnSets | Factor,
-        projector: Projector,
-        rigid: RigidSpace,
-    ) -> None:
-        self._cycle, self._projector, self._rigid = cycle, projector, rigid
-        self.square = 0.0
-
-    def apply(self, r: Vector, free_mask: Mask, out: Vector) -> None:
-        """Put the correction into out."""
-        z = np.empty_like(r)
-        if self._projector.compliance is not None:
-            self._cycle.apply(self._projector.apply_transpose(r), z)
-            z = self._projector.apply(z) + self._projector.giving(r)
-        else:
-            self._cycle.apply(r, z)
-            z = self._projector.apply(z)
-        out[:] = self._rigid.correct(r, z)
-        self.square = float(self._projector.system.comm.allreduce(float(r @ out)))

@@ -157,7 +157,7 @@ class CycleOnSets:
 
     def adapt_to(self, projector: Projector) -> None:
         """Adapt to another active set, the frames and compliances of its rows (collective)."""
-        self._projector = projector.narrow()
+        self._projector = projector.narrow
         system, comm = projector.system, self._K.comm.tompi4py()
         springs = self._springs_of(self._projector)
         differs = (springs != self._springs) | (system.angles != self._system.angles)

@@ -13,6 +13,8 @@ projector (`solver.primal.rigid_bodies`).
 
 from __future__ import annotations
 
+from functools import cached_property
+
 import numpy as np
 from numpy.typing import NDArray
 from petsc4py import PETSc
@@ -125,6 +127,7 @@ class Projector:
             return np.zeros(self.system.size)
         return self.lifting(self.compliance * self.multipliers(residual))
 
+    @cached_property
     def narrow(self) -> Projector:
         """The projector without the rows that hold a motion in the mean of many nodes.
 

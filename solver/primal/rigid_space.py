@@ -11,9 +11,19 @@ With Q = W (Wᵀ K W)⁻¹ Wᵀ the correction M⁻¹ r becomes
 from deflation, domain decomposition and multigrid methods*, 2009: A-DEF2). K W vanishes away from
 the contact. Rigid bodies are treated in the same way, since their motions have no other
 preconditioner.
+
+Rows that hold a motion in the mean of a body, M u = 0, are not for Π: it would move soft nodes
+further than stiff ones, which costs much energy where friction holds the contact, too. For these
+rows the space also contains E = M_c⁻¹ Mᵀ, M_c⁻¹ one V-cycle. Of all combinations Z of its vectors
+with M Z = I the ones with least energy hold the means: a residual becomes (I - Mᵀ Zᵀ) r, its
+correction (I - Z M) z. W has the other combinations, with M W = 0.
 """
 
 from __future__ import annotations
+
+from collections.abc import Sequence
+from copy import copy
+from typing import Self
 
 import numpy as np
 from mpi4py import MPI
@@ -21,6 +31,7 @@ from numpy.typing import NDArray
 from scipy import sparse
 
 from solver.primal.blocks import in_blocks
+from solver.primal.cycle import Cycle, CycleOnSets
 from solver.primal.factor import squared_rows
 from solver.primal.merged import MergedSystem
 from solver.primal.products import chosen_columns, multiply, multiply_transposed
@@ -52,6 +63,9 @@ UNBALANCED = 1e-8
 NO_WORK = 1e-12
 """Work on a motion, over the sum of the load by the largest component of the motion, that consists
 of rounding errors: active rows may hold all components on which the load acts."""
+
+MOST_MEANS = 18
+"""Largest number of rows that hold means for which the space contains their E."""
 
 MOST = 50
 """Largest number of bodies for which the space contains motions of elastic bodies: its matrix is
@@ -88,7 +102,11 @@ class FloatingMotions:
         Rᵀ, from `floating_motions`.
     images : (motions, unknowns)
         (K R)ᵀ.
+    lifts_means
+        Whether the motions contain E, one of each row that holds a mean.
     """
+
+    lifts_means = False
 
     def __init__(self, system: MergedSystem) -> None:
         self.motions = np.ascontiguousarray(floating_motions(system).T)
@@ -99,9 +117,38 @@ class FloatingMotions:
         self._in_rows = np.flatnonzero(in_rows)
         self._columns = chosen_columns(system.K, self._in_rows)
 
+    def with_lifts(self, system: MergedSystem, lifts: Sequence[Array]) -> Self:
+        """These motions and E, displacements (unknowns,) for the means (collective)."""
+        result = copy(self)
+        images = [multiply(in_blocks(system.K), lift) for lift in lifts]
+        result.motions = np.vstack([self.motions, *lifts])
+        result.images = np.vstack([self.images, *images])
+        result.lifts_means = True
+        return result
+
     def image(self, lifted: Array) -> Array:
         """K v of a displacement v (unknowns,) of unknowns in contact rows alone (collective)."""
         return multiply(self._columns, lifted[self._in_rows])
+
+
+def lifts_of_means(cycle: Cycle | CycleOnSets, projector: Projector) -> list[Array]:
+    """E, a displacement (unknowns,) by one V-cycle for each row that holds a mean (collective).
+
+    Parameters
+    ----------
+    projector
+        Of the active rows without those that hold means; the cycle follows it.
+    """
+    system, lifts = projector.system, []
+    for rank, count in enumerate(system.comm.allgather(int(system.means.sum()))):
+        for number in range(count):
+            chosen = np.zeros(len(system.rows))
+            if rank == system.comm.rank:
+                chosen[np.flatnonzero(system.means)[number]] = 1.0
+            force, lift = multiply_transposed(system.C, chosen), np.empty(system.size)
+            cycle.apply(projector.apply_transpose(force), lift)
+            lifts.append(projector.apply(lift))
+    return lifts
 
 
 class RigidSpace:
@@ -125,8 +172,11 @@ class RigidSpace:
         self._comm = system.comm
         motions = floating.motions
         self.empty = len(motions) == 0
+        self.holds_means = False
         if self.empty:
             return
+        if floating.lifts_means:
+            projector = projector.narrow
         W, images = np.empty(motions.shape), floating.images.copy()
         for k, motion in enumerate(motions):
             lifted = motion - projector.apply(motion)
@@ -141,6 +191,8 @@ class RigidSpace:
         scale = np.divide(1.0, np.sqrt(after), out=np.zeros_like(after), where=some)
         W *= scale
         images *= scale[:, None]
+        if floating.lifts_means:
+            W, images = self._without_means(system, W, images)
         images[np.abs(images) < ROUNDING * np.sqrt(system.diagonal.max(initial=0.0))] = 0.0
         self._at = np.flatnonzero(images.any(axis=0))
         few = np.ascontiguousarray(images[:, self._at])
@@ -152,6 +204,42 @@ class RigidSpace:
         some = values > SINGULAR * max(values[-1], LEAST)
         self._inverse = vectors[:, some] / values[some] @ vectors[:, some].T
         self._free = vectors[:, ~some]
+
+    def _without_means(self, system: MergedSystem, V: Array, images: Array) -> tuple[Array, Array]:
+        """Combinations W of motions V that move no mean, with their images; sets Z (collective).
+
+        Parameters
+        ----------
+        V, images : (unknowns, motions), (motions, unknowns)
+            Motions that leave all other active rows alone, and (K V)ᵀ.
+        """
+        comm, self._C, self._wide = self._comm, system.C, np.flatnonzero(system.means)
+        moved = np.stack([multiply(system.C, motion)[self._wide] for motion in V.T], axis=1)
+        counts = comm.allgather(len(self._wide))
+        self._of_rank = slice(sum(counts[: comm.rank]), sum(counts[: comm.rank + 1]))
+        moved = np.concatenate(comm.allgather(moved))
+        energy = comm.allreduce(images @ V)
+        weight = len(moved) / np.sum(moved**2)  # motions have length one in the norm of D
+        both = 0.5 * (energy + energy.T) + weight * moved.T @ moved
+        inverse = np.linalg.pinv(both, SINGULAR, hermitian=True)
+        lifts = inverse @ moved.T
+        self._Z = V @ (lifts @ np.linalg.pinv(moved @ lifts, SINGULAR, hermitian=True))
+        self.holds_means = True
+        others = np.linalg.svd(moved)[2][len(moved) :].T
+        return V @ others, others.T @ images
+
+    def without_means(self, residual: Array) -> Array:
+        """(I - Mᵀ Zᵀ) r, (unknowns,) (collective)."""
+        work = self._comm.allreduce(self._Z.T @ residual)
+        rows = np.zeros(self._C.getLocalSize()[0])
+        rows[self._wide] = work[self._of_rank]
+        return residual - multiply_transposed(self._C, rows)
+
+    def hold_means(self, z: Array, c: Array | None = None) -> Array:
+        """(I - Z M) z, or z + Z (c - M z) with c (rows,); (unknowns,) (collective)."""
+        jumps = multiply(self._C, z) if c is None else multiply(self._C, z) - c
+        moved = np.concatenate(self._comm.allgather(jumps[self._wide]))
+        return np.asarray(z - self._Z @ moved)
 
     def leaves(self, residual: Array, load: Array) -> bool:
         """Whether a residual drives a motion that the active rows leave free (collective).

@@ -210,9 +210,9 @@ def test_rows_that_hold_a_motion_in_the_mean_do_not_cut_the_coarse_spaces() -> N
     system = merge(problem)
     assert system.means.any()
     every = Projector(system, np.ones(len(system.rows), bool))
-    narrow = every.narrow()
+    narrow = every.narrow
     assert set(every.rows) - set(narrow.rows) == set(np.flatnonzero(system.means))
-    assert narrow.narrow() is narrow
+    assert narrow.narrow is narrow
 
 
 def test_the_cycle_that_has_followed_sets_is_that_of_the_last_one() -> None:

@@ -15,6 +15,7 @@ from contact_app.run.solve import solve_scene
 from contact_app.scene.build import build_scene
 from contact_app.scene.configuration import load
 from solver.contact.stopping import StoppingRule
+from solver.primal.backend import Multigrid
 from solver.primal.by_active_sets import solve_by_multigrid
 from solver.primal.factor import FactorOptions
 from solver.primal.first_set import find_first_set
@@ -165,3 +166,21 @@ def test_ranks(ranks: int, tmp_path: Path) -> None:
     assert more["solver"]["method"] == "primal"
     for key in ("energy", "dissipated_work"):
         assert more["solution"][key] == pytest.approx(one["solution"][key], rel=1e-7)
+
+
+def test_rows_for_mean_motions_do_not_slow_conjugate_gradients_with_friction(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """The upper stub of the flange has `hold` and sticks: its means are left to a coarse space."""
+    path = CONFIGS / "bolted_flange.yaml"
+    values = ["bodies.0.degree=1", "bodies.1.degree=1", "solver.method=primal"]
+    scene = build_scene(load(path, [*values, "contacts.0.friction={tresca: 3.0}"]))
+    scene = scene.under(scene.cases[2])
+    held = solve_scene(scene, MPI.COMM_SELF).summary
+    monkeypatch.setattr(Multigrid, "prepare_motions", lambda *_: 0)
+    left_to_projector = solve_scene(scene, MPI.COMM_SELF).summary
+    assert held["certificate"]["passed"]
+    same = pytest.approx(left_to_projector["solution"]["energy"], rel=1e-5)
+    assert held["solution"]["energy"] == same
+    work, more = (s["solver"]["hessian_multiplications"] for s in (held, left_to_projector))
+    assert work < 0.75 * more

@@ -1,0 +1,55 @@
+"""The preconditioner of a set: a V-cycle or a factor, the projector and the rigid motions."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from solver.primal.cycle import Cycle, CycleOnSets
+from solver.primal.factor import Factor
+from solver.primal.projector import Projector
+from solver.primal.rigid_space import RigidSpace
+from solver.vectors import Mask, Vector
+
+
+class Preconditioner:
+    """Π M⁻¹ with a V-cycle M⁻¹; rows with a compliance are added as in `solver.primal.springs`.
+
+    Parameters
+    ----------
+    projector
+        Without the rows that hold means if the space of rigid motions holds these.
+
+    Attributes
+    ----------
+    square
+        rᵀ M⁻¹ r of the last residual.
+    """
+
+    def __init__(
+        self,
+        cycle: Cycle | CycleOnSets | Factor,
+        projector: Projector,
+        rigid: RigidSpace,
+        rigid_holds_means: bool,
+    ) -> None:
+        self._cycle, self._projector, self._rigid = cycle, projector, rigid
+        self._rigid_holds_means = rigid_holds_means
+        self.square = 0.0
+
+    def apply(self, r: Vector, free_mask: Mask, out: Vector) -> None:
+        """Put the correction into out."""
+        z, force = np.empty_like(r), r
+        if self._rigid_holds_means:
+            force = self._rigid.without_means(r)
+        if self._projector.compliance is not None:
+            self._cycle.apply(self._projector.apply_transpose(force), z)
+            z = self._projector.apply(z) + self._projector.giving(force)
+        else:
+            if self._rigid_holds_means:
+                force = self._projector.apply_transpose(force)
+            self._cycle.apply(force, z)
+            z = self._projector.apply(z)
+        if self._rigid_holds_means:
+            z = self._rigid.hold_means(z)
+        out[:] = self._rigid.correct(r, z)
+        self.square = float(self._projector.system.comm.allreduce(float(r @ out)))
