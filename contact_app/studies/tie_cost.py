@@ -24,10 +24,11 @@ from contact_app.studies.perturbed import write_box
 from contact_app.studies.processes import python
 
 ROWS: dict[str, tuple[str, int, str, int, int, int]] = {
-    "box": ("hexahedron", 1, "auto", 23, 29, 26),
-    "box-near": ("hexahedron", 1, "auto", 25, 27, 26),
-    "box-large": ("hexahedron", 1, "auto", 37, 43, 40),
-    "box-degree-2": ("hexahedron", 2, "auto", 11, 13, 12),
+    "box": ("hexahedron", 1, "auto", 24, 28, 26),
+    "box-large": ("hexahedron", 1, "auto", 40, 48, 44),
+    "box-uneven": ("hexahedron", 1, "auto", 23, 29, 26),
+    "box-degree-2": ("hexahedron", 2, "auto", 12, 16, 14),
+    "box-degree-2-large": ("hexahedron", 2, "auto", 20, 24, 22),
     "multigrid": ("tetrahedron", 1, "primal", 17, 19, 18),
     "multigrid-degree-2": ("tetrahedron", 2, "primal", 9, 11, 10),
     "file": ("tetrahedron", 1, "auto", 17, 19, 18),
