@@ -52,7 +52,7 @@ def straddled_area(
         x = np.concatenate(parts)
         x = x[~expression(x.reshape(-1, 3)).reshape(x.shape[:2]).all(axis=1)]
         shapes = shapes_on_lattice(partition.dimension, x.shape[1], inside=True)
-        inside = expression(np.einsum("qk,fki->fqi", shapes, x).reshape(-1, 3))
+        inside = expression((shapes @ x).reshape(-1, 3))
         shares = inside.reshape(len(x), len(shapes)).mean(axis=1)
         areas = moments(x[shares > 0.0], partition.dimension).sum(axis=(1, 2))
         total = float(areas @ shares[shares > 0.0])
