@@ -28,7 +28,8 @@ from contact_app.results.friction import approach_of_held
 from contact_app.run.case_models import CaseModels
 from contact_app.run.placing import SameRows
 from contact_app.scene.rigid import RigidBodies
-from contact_app.scene.scene import Scene
+from contact_app.scene.scene import Decomposition, Scene
+from solver.contact.options import SolverOptions
 from solver.contact.solution import Guess
 from solver.tfeti.derived import beside_moved
 
@@ -54,6 +55,8 @@ class IncrementModels:
         self._rows: SameRows | None = None
         self._last: Scene | None = None
         self._pressed: NormalForces | None = None
+        self._of_subdomains: list[NDArray[np.float64]] = []
+        self._order: tuple[Decomposition, bool] | None = None
 
     @property
     def displacements(self) -> Displacements | None:
@@ -95,10 +98,14 @@ class IncrementModels:
         if self._earlier is not None:
             self._displacements = self._earlier([(len(f), f.shape[1]) for f in problem.forces])
             self._earlier = None
-        if self._displacements is not None:
-            problem = problem.with_least_motion_from(self._displacements)
-        if self._rough and self._displacements is not None:
-            problem = problem.with_slip_from(self._displacements)
+            self._store_order(model, self._displacements)
+        begin, order = self._displacements, _order(scene.decomposition, scene.solver)
+        if self._rough and self._order not in (None, order):
+            begin = _in_order_of(model, self._of_subdomains)
+        if begin is not None:
+            problem = problem.with_least_motion_from(begin)
+        if self._rough and begin is not None:
+            problem = problem.with_slip_from(begin)
             moved = self._moved(model)
             problem = problem if moved is None else beside_moved(problem, moved)
         return replace(model, problem=problem, pressed_before=self._pressed)
@@ -127,20 +134,18 @@ class IncrementModels:
         return self._models.estimator(model)
 
     def following(self, scene: Scene, solved: Scene) -> Scene:
-        """The scene of a history in the subdomains of its first answer.
+        """The scene of a history in the subdomains of its last answer.
 
-        Slip is measured from the displacements of subdomains. If the first increment was certified
-        by another method only, the next ones have the subdomains of that method.
+        Slip is measured from the displacements of subdomains. If an increment was certified by
+        another method only, the next ones have the method and the subdomains of that answer.
 
         Parameters
         ----------
         solved
             The scene of an answer.
         """
-        equal = solved.decomposition == scene.decomposition
-        if not self._rough or (
-            equal and is_undecomposed(solved.solver) == is_undecomposed(scene.solver)
-        ):
+        orders = [_order(one.decomposition, one.solver) for one in (solved, scene)]
+        if not self._rough or orders[0] == orders[1]:
             return scene
         method = solved.solver.method
         options = replace(scene.solver, method="active-set" if method == "auto" else method)
@@ -153,7 +158,13 @@ class IncrementModels:
         self._last, self._displacements = solved.model.scene, solved.solution.displacements
         self._rows = SameRows(solved.solution)
         self._pressed = NormalForces.of(solved.model.problem, solved.solution)
+        self._store_order(solved.model, solved.solution.displacements)
         self._models.add(solved.model, solved.solution)
+
+    def _store_order(self, model: Model, displacements: Displacements) -> None:
+        """Store displacements (n,) of each subdomain of this rank, and the order of the classes."""
+        self._of_subdomains = [displacements[cls][:, at] for cls, at in model.place]
+        self._order = _order(model.scene.decomposition, model.scene.solver)
 
     def after(self, scene: Scene | None, displacements: Displacements) -> IncrementModels:
         """Models of the increment that follows another state; these models stay as they are.
@@ -176,3 +187,16 @@ class IncrementModels:
         follows = self._rough and not model.problem.factored and self._models.is_near_last(model)
         near = None if follows else self._models.on(model)
         return near if near is not None or self._rows is None else self._rows.on(model)
+
+
+def _order(decomposition: Decomposition, solver: SolverOptions) -> tuple[Decomposition, bool]:
+    """Decomposition and kind of method, on which the classes of subdomains depend."""
+    return decomposition, is_undecomposed(solver)
+
+
+def _in_order_of(model: Model, of_subdomains: list[NDArray[np.float64]]) -> Displacements:
+    """Displacements of subdomains in the classes of a model with the same subdomains."""
+    result = [np.zeros_like(forces) for forces in model.problem.forces]
+    for (cls, at), u in zip(model.place, of_subdomains, strict=True):
+        result[cls][:, at] = u
+    return result

@@ -151,13 +151,18 @@ def solved_increments(
                 continue
             if isinstance(solved, NoWayLeftError):
                 raise solved
-            scene = models.following(scene, solved.model.scene)
-            half_way = Place(step, (part[0] + part[1]) / 2, place.number)
-            message = coarse.warning(
-                step, part[1] - part[0] == 1, part[1] == 1, partial(_loaded, scene, half_way),
-                (last.solved if last else None, solved), partial(monitor_of, place),
-            )  # fmt: skip
-            solved = warned(solved, [message]) if message else solved
+            following = models.following(scene, solved.model.scene)
+            if following is scene or last is None:
+                half_way = Place(step, (part[0] + part[1]) / 2, place.number)
+                message = coarse.warning(
+                    step, part[1] - part[0] == 1, part[1] == 1,
+                    partial(_loaded, following, half_way),
+                    (last.solved if last else None, solved), partial(monitor_of, place),
+                )  # fmt: skip
+                solved = warned(solved, [message]) if message else solved
+            else:  # its displacements are in another order than those of increments before
+                coarse = CoarseIncrements(models)
+            scene = following
             models.add(solved)
             number += 1
             dissipated += float(solved.summary["solution"].get("dissipated_work", 0.0))

@@ -27,6 +27,7 @@ from contact_app.run.run import run
 from contact_app.run.solve import solve_scene
 from contact_app.run.step_equilibrium import leaving_in_step
 from solver.contact.solution import Solution
+from solver.tfeti.dual import DualProblem
 from tests import scenes
 from tests.scenes import Config
 from tests.scenes_on_ranks import one_and_two
@@ -351,6 +352,29 @@ def test_increments_follow_a_first_one_in_other_subdomains(
     summary = json.loads((tmp_path / "summary.json").read_text())
     energies = [[r["solution"]["energy"] for r in s["steps"]] for s in (history.summary, summary)]
     np.testing.assert_allclose(energies[1], energies[0], rtol=1e-5)
+
+
+def test_total_feti_follows_where_multigrid_fails_in_a_later_increment(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """It goes on from the displacements of multigrid, and solves the rest of the history."""
+    made = {**block(PRESS_AND_PUSH), "solver": {"method": "primal", "tolerance": 1e-8}}
+    known, by = solved(made), solve.solve
+
+    def fails_when_pushed_farther(problem: DualProblem, *rest: Any) -> Solution:
+        if not problem.factored and np.abs(problem.c[problem.tangential]).max(initial=0.0) > 2e-3:
+            raise ArithmeticError("no digit is right")
+        return by(problem, *rest)
+
+    monkeypatch.setattr(solve, "solve", fails_when_pushed_farther)
+    records = solved(made).summary["steps"]
+    methods = [record["solver"]["method"] for record in records]
+    assert methods == ["primal"] * 3 + ["active-set"] * 2
+    assert [record["halved"] for record in records] == [0] * 5
+    assert "solved by Total FETI instead" in str([r["certificate"]["warnings"] for r in records])
+    for key in ("energy", "dissipated_work", "max_displacement"):
+        values = [[r["solution"][key] for r in some] for some in (known.summary["steps"], records)]
+        np.testing.assert_allclose(*values, rtol=1e-5)
 
 
 def test_an_interrupted_run_goes_on(history: StepAnswers, tmp_path: Path) -> None:
