@@ -26,6 +26,7 @@ import json
 import shutil
 import subprocess
 import sys
+import time
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
@@ -196,12 +197,15 @@ def rows(names: Sequence[str], directory: Path) -> Iterator[dict[str, Any]]:
                 failed.add(one)
                 yield {**named, "note": f"left out: {reason}"}
                 continue
+            began = time.monotonic()
             try:
                 outcome, row = run(program, name, mesh, directory / f"{name}_{program}_{number}")
             except (RuntimeError, subprocess.SubprocessError) as error:
                 failed.add(one)
-                note = f"no answer: {str(error).splitlines()[-1].split(';')[0]}"
-                yield {**named, "note": note}
+                note = f": {str(error).splitlines()[-1].split(';')[0]}"
+                if time.monotonic() - began >= LIMIT:
+                    note = f" within {LIMIT} s"
+                yield {**named, "note": f"no answer{note}"}
                 continue
             yield {**named, "unknowns": _unknowns(outcome), **row, **judge.errors(outcome)}
 
