@@ -13,7 +13,7 @@ themselves, a regular mesh that both cut into congruent sub-boxes, without and w
 
 from __future__ import annotations
 
-import sys
+import argparse
 import tempfile
 import time
 from collections.abc import Callable
@@ -155,7 +155,9 @@ def _by_turns(
 
 def main() -> None:
     """Print all tables, or those of bricks under mpirun."""
-    cells = int(sys.argv[1]) if len(sys.argv) > 1 else 28
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("cells", type=int, nargs="?", default=28, help="along each edge")
+    cells = parser.parse_args().cells
     bricks = {
         "bricks": partial(measure_bricks, cells),
         "bricks, friction": partial(measure_bricks, cells, friction=FRICTION),
