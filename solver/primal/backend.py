@@ -213,7 +213,7 @@ class Multigrid:
         -------
         The number of operator applications.
         """
-        if self.motions.lifts_means or self.direct or self.problem.friction is None:
+        if self.motions.lifts_means or self.direct or not self.problem.friction.acts:
             return 0
         means = self.comm.allreduce(int(self.system.means.sum()))
         if not 0 < means <= MOST_MEANS:

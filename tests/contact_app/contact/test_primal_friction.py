@@ -14,6 +14,7 @@ from contact_app.run.increments import solved_increments
 from contact_app.run.solve import solve_scene
 from contact_app.scene.build import build_scene
 from contact_app.scene.configuration import load
+from solver.backend import Statuses
 from solver.contact.stopping import StoppingRule
 from solver.primal.backend import Multigrid
 from solver.primal.by_active_sets import solve_by_multigrid
@@ -184,3 +185,13 @@ def test_rows_for_mean_motions_do_not_slow_conjugate_gradients_with_friction(
     assert held["solution"]["energy"] == same
     work, more = (s["solver"]["hessian_multiplications"] for s in (held, left_to_projector))
     assert work < 0.75 * more
+
+
+def test_rows_for_mean_motions_are_left_to_the_projector_without_friction() -> None:
+    values = ["bodies.0.degree=1", "bodies.1.degree=1", "solver.method=primal"]
+    scene = build_scene(load(CONFIGS / "bolted_flange.yaml", values))
+    problem = build_model(scene.under(scene.cases[2]), MPI.COMM_SELF, needed="distinct").problem
+    backend = Multigrid(problem)
+    backend.on_set(Statuses(backend.closed_in(backend.first_set())), None)
+    assert backend.system.means.any()
+    assert not backend.motions.lifts_means
