@@ -26,6 +26,7 @@ from contact_app.model.outline import Report
 from contact_app.model.rigid import RigidUnknowns, slips_of_held
 from contact_app.results.friction import approach_of_held
 from contact_app.run.case_models import CaseModels
+from contact_app.run.fallback import fewest_subdomains
 from contact_app.run.placing import SameRows
 from contact_app.scene.rigid import RigidBodies
 from contact_app.scene.scene import Decomposition, Scene
@@ -132,6 +133,19 @@ class IncrementModels:
     def estimator(self, model: Model) -> ErrorEstimator:
         """The estimator of errors of answers to a model."""
         return self._models.estimator(model)
+
+    def by_total_feti(self) -> Scene | None:
+        """The scene by Total FETI in the subdomains of multigrid (collective).
+
+        None if it is solved otherwise, has rigid bodies, or needs too much memory.
+        """
+        scene = self.scene
+        if not is_undecomposed(scene.solver) or scene.rigid_bodies:
+            return None
+        scene = replace(scene, solver=replace(scene.solver, method="auto"))
+        if scene.decomposition.subdomains is not None:
+            return scene
+        return fewest_subdomains(scene, None, self._comm)
 
     def following(self, scene: Scene, solved: Scene) -> Scene:
         """The scene of a history in the subdomains of its last answer.

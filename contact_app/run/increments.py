@@ -5,7 +5,8 @@ end of the last increment, so the tangential rows require B u - B u_last = 0 whe
 and where it slides the friction force is at its limit along w. All increments share one model
 (`run.increment_models`).
 
-An increment without a certified answer is halved, and its halves again, up to `HALVINGS` times.
+An increment without a certified answer is halved, and its halves again, up to `HALVINGS` times. If
+multigrid does not certify the smallest part, either, Total FETI goes on with the history.
 """
 
 from __future__ import annotations
@@ -149,6 +150,9 @@ def solved_increments(
                         step, float(part[1]), _work_in_words(solved),
                     )  # fmt: skip
                 continue
+            other = None if _is_final(solved) else models.by_total_feti()
+            if other is not None:
+                solved = _solved(other, comm, place, monitor_of, report, models)
             if isinstance(solved, NoWayLeftError):
                 raise solved
             following = models.following(scene, solved.model.scene)

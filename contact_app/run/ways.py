@@ -77,7 +77,7 @@ class Way:
     ----------
     scene
         The scene with this method; None for the fewest subdomains, which depend on the failed
-        method, or for those of multigrid where the subdomains must not change.
+        method.
     patience
         Iterations after which the next method is tried; None for the limit of the scene.
     instead
@@ -103,10 +103,9 @@ def ways_to(scene: Scene, keeps_subdomains: bool = False) -> Iterator[Way]:
     tried = stalls or jumps or may_peel(scene) or is_undecomposed(scene.solver)
     if is_undecomposed(scene.solver):
         yield Way(scene, None if scene.has_friction else PATIENCE_OF_MULTIGRID)
-        instead = "multigrid left no certified answer ({why}){cause}: solved by Total FETI instead"
         if keeps_subdomains:
-            yield Way(None, instead=instead)
             return
+        instead = "multigrid left no certified answer ({why}){cause}: solved by Total FETI instead"
         scene = _by(scene, "auto")
     if may_peel(scene):
         yield Way(_by(scene, "active-set"), patience(scene.bodies), instead)
@@ -159,8 +158,6 @@ def first_certified(
         undecomposed = way.scene
         if undecomposed is None and not keeps_subdomains:
             undecomposed = fewest_subdomains(scene, failed.subdomains, comm)
-        elif undecomposed is None and is_undecomposed(scene.solver) and not scene.rigid_bodies:
-            undecomposed = fewest_subdomains(_by(scene, "auto"), None, comm)  # those of multigrid
         if undecomposed is None:  # no fewer subdomains: the answer of the method before counts
             continue
         if number and way.instead:
