@@ -38,8 +38,9 @@ ROUNDED = 1e-9
 """Coefficient of a row along a motion over the largest, below which it is a rounding error; motion
 over the displacement in the mean square, below which an answer stays as it is."""
 
-AT_REST = 1e-12
-"""Displacement over the motion that is taken away, below which it is a rounding error of this."""
+AT_REST = 1e-11
+"""Displacement over the motion that is taken away, below which it is a rounding error of this,
+1e-12 to 1e-11 by some kernels of the BLAS."""
 
 NO_FORCE = 1e-13
 """Contact force over the largest load of the group of bodies, below which it is a rounding error:
