@@ -164,11 +164,14 @@ def shared_forces(problem: DualProblem, solution: Solution, contacts: int) -> Sh
     contacts
         Number of contacts.
     """
+    if not problem.friction.acts:
+        return SharedForces(0, np.zeros(contacts), False)
     normal = problem.contact.spread * solution.multiplier[problem.inequality]
     sources, comm = problem.contact.sources, problem.comm
+    least = PRESSING * comm.allreduce(float(normal.max(initial=0.0)), op=MPI.MAX)
     total = comm.allreduce(np.bincount(sources, np.maximum(normal, 0.0), contacts))
     ranges, nodes, moves = np.zeros(contacts), 0, False
-    for node in _nodes(problem, solution):
+    for node in _nodes(problem, solution, normal, least):
         of_node = node.ranges()
         ranges += np.bincount(node.sources, of_node, contacts)
         slides = (of_node > 0.0) & ~node.rests & (node.coefficients > 0.0)
@@ -179,24 +182,31 @@ def shared_forces(problem: DualProblem, solution: Solution, contacts: int) -> Sh
     return SharedForces(nodes, shares, comm.allreduce(moves, op=MPI.LOR))
 
 
-def _nodes(problem: DualProblem, solution: Solution) -> Iterator[SharedNode]:
+def _nodes(
+    problem: DualProblem, solution: Solution, normal: Array, least: float
+) -> Iterator[SharedNode]:
     """The nodes of this rank in several contacts of which one has friction and another presses.
 
-    Contacts between bodies count not: their rows are independent of each other.
+    Contacts between bodies do not count: their rows are independent of each other.
+
+    Parameters
+    ----------
+    normal : (contact rows,)
+        Normal forces.
+    least
+        Force above which a contact presses or holds; zero if nothing presses on any rank.
     """
     points, rough, contact, d = (
         problem.friction, problem.system.friction, problem.contact, problem.dimension,
     )  # fmt: skip
-    largest = _largest(problem, solution)
-    if largest == 0.0:
+    if least == 0.0:
         return
-    normal = contact.spread * solution.multiplier[problem.inequality]
     of_row = rough.places(contact)
     friction = points.forces(solution.multiplier)
     residual = problem.residual(problem.on_interface(solution.displacements))
     still = solution.tolerance * solution.measures.displacement
     limits = points.slip_limits(solution.multiplier)
-    resting = (points.sizes(points.slips(residual)) <= still) & (limits > PRESSING * largest)
+    resting = (points.sizes(points.slips(residual)) <= still) & (limits > least)
     fixed = ~(contact.wide | contact.on_rigid)
     _, node = np.unique(contact.nodes, return_inverse=True)
     several = fixed & (np.bincount(node, fixed)[node] > 1)
@@ -214,13 +224,7 @@ def _nodes(problem: DualProblem, solution: Solution) -> Iterator[SharedNode]:
             for point in points.point[of_point][:1]:
                 coefficients[i], slip_limits[i] = points.coefficients[point], points.limits[point]
                 rests[i] = resting[point]
-        presses = normal[rows] > PRESSING * largest
+        presses = normal[rows] > least
         if presses.any() and rests.any():
             yield SharedNode(contact.sources[rows], contact.normals[rows], normal[rows], tangents,
                         forces, coefficients, slip_limits, presses, rests)  # fmt: skip
-
-
-def _largest(problem: DualProblem, solution: Solution) -> float:
-    """Largest normal force (collective)."""
-    force = problem.contact.spread * solution.multiplier[problem.inequality]
-    return float(problem.comm.allreduce(float(force.max(initial=0.0)), op=MPI.MAX))
