@@ -12,10 +12,9 @@ into no plane, edge or node of a mesh that is aligned with the axes. Each side o
 projection, is decided by one determinant for all triangles that have the edge, so that a ray leaves
 no gap between two triangles (Haines, Point in polygon strategies, Graphics Gems IV, 1994).
 
-**Candidates** are pairs of bounding boxes that meet, or boxes around points. Boxes are sorted by
-size in powers of two, so that large and small facets of a graded mesh do not all meet one another.
-Each size is searched with its own radius (a k-d tree, maximum norm), points in a grid of its own,
-which takes half of the time of a tree.
+**Candidates** are pairs of bounding boxes that meet. Boxes are sorted by size in powers of two, and
+each size is searched with its own radius (a k-d tree, maximum norm), so that large and small facets
+of a graded mesh do not all meet one another.
 """
 
 from __future__ import annotations
@@ -44,9 +43,6 @@ TURN = {
 
 PAIRS = 2_000_000
 """Approximate number of pairs of boxes tested at once; limits the memory."""
-
-FINEST = 2**20
-"""Largest number of cells along an axis of a grid of points; the number of a cell fits 64 bits."""
 
 SOME = 200
 """Number of boxes from which the number of pairs is estimated."""
@@ -106,65 +102,21 @@ class Boxes:
         return cls(lower, upper)
 
 
-def _levels(boxes: Boxes) -> NDArray[np.int32]:
+def _levels(*boxes: Boxes) -> list[NDArray[np.int32]]:
     """Size of each box in powers of two."""
-    size = (boxes.upper - boxes.lower).max(axis=1)
-    unit = max(size.max(initial=0.0), np.finfo(float).tiny)
-    return np.asarray(np.frexp(np.maximum(size / unit, 2.0**-40))[1])
+    size = [(box.upper - box.lower).max(axis=1) for box in boxes]
+    unit = max(*(sizes.max(initial=0.0) for sizes in size), np.finfo(float).tiny)
+    return [np.frexp(np.maximum(sizes / unit, 2.0**-40))[1] for sizes in size]
 
 
-def around(points: NDArray[np.float64], boxes: Boxes) -> Iterator[Pairs]:
-    """Iterate over the pairs (row of points (points, d), box that contains it), each pair once."""
-    if len(points) == 0:
-        return
-    level, single = _levels(boxes), Boxes(points, points)
-    for top in np.unique(level):
-        rows = np.flatnonzero(level == top)
-        grid = _Grid(points, float((boxes.upper[rows] - boxes.lower[rows]).max()))
-        first, last = (grid.cells(corners[rows]) for corners in (boxes.lower, boxes.upper))
-        for step in np.ndindex(*(2,) * (points.shape[1] - 1)):  # a box reaches into two at most
-            some = np.flatnonzero((first[:, :-1] + step <= last[:, :-1]).all(axis=1))
-            for i, k in grid.inside(first[some, :-1] + step, first[some, -1], last[some, -1]):
-                yield _met(single, boxes, i, rows[some[k]])
-
-
-class _Grid:
-    """Points in equal cells, which are larger than a given size."""
-
-    def __init__(self, points: NDArray[np.float64], size: float) -> None:
-        self._low = points.min(axis=0)
-        extent = float((points.max(axis=0) - self._low).max())
-        self._size = max(size * (1.0 + 1e-9), extent / FINEST, np.finfo(float).tiny)
-        self._last = np.floor((points.max(axis=0) - self._low) / self._size).astype(np.int64)
-        cells = self.cells(points)
-        key = self._key(cells[:, :-1], cells[:, -1])
-        self._order = np.argsort(key, kind="stable")
-        self._sorted = key[self._order]
-
-    def cells(self, places: NDArray[np.float64]) -> NDArray[np.int64]:
-        """Cells of places, (places, d); those outside are beside the first or the last ones."""
-        place = np.floor((places - self._low) / self._size)
-        return np.clip(place, -1, self._last + 1).astype(np.int64)
-
-    def _key(self, row: NDArray[np.int64], place: NDArray[np.int64]) -> NDArray[np.int64]:
-        """Number of each cell, from its row of cells (cells, d - 1) and its place there."""
-        count, key = self._last + 3, np.zeros(len(row), np.int64)
-        for k, cell in enumerate((*row.T, place)):
-            key = key * count[k] + cell + 1
-        return key
-
-    def inside(
-        self, row: NDArray[np.int64], first: NDArray[np.int64], last: NDArray[np.int64]
-    ) -> Iterator[Pairs]:
-        """Pairs (point, k) of the points from the first to the last cell of row k."""
-        begin = np.searchsorted(self._sorted, self._key(row, first), "left")
-        count = np.searchsorted(self._sorted, self._key(row, last), "right") - begin
-        ends = np.cumsum(np.append(0, count))
-        cuts = np.searchsorted(ends[1:], np.arange(PAIRS, ends[-1], PAIRS))
-        for some in np.split(np.arange(len(row)), cuts):
-            k = np.repeat(some, count[some])
-            nth = np.arange(len(k)) - np.repeat(np.cumsum(count[some]) - count[some], count[some])
-            yield self._order[begin[k] + nth], k
+def meeting(a: Boxes, b: Boxes) -> Iterator[Pairs]:
+    """Iterate over the pairs (rows of a, rows of b) of boxes that meet, each pair once."""
+    level = _levels(a, b)
+    for top in np.unique(np.concatenate(level)):
+        at = [np.flatnonzero(number == top) for number in level]
+        below = [np.flatnonzero(number <= top) for number in level]
+        yield from _near(a, b, at[0], below[1])
+        yield from _near(a, b, below[0][level[0][below[0]] < top], at[1])
 
 
 def meeting_each_other(boxes: Boxes, rows: NDArray[np.int64]) -> Iterator[Pairs]:
@@ -172,7 +124,7 @@ def meeting_each_other(boxes: Boxes, rows: NDArray[np.int64]) -> Iterator[Pairs]
 
     Only pairs that belong to some rows; those of disjoint sets of rows are disjoint.
     """
-    level = _levels(boxes)
+    (level,) = _levels(boxes)
     is_chosen = np.zeros(len(level), bool)
     is_chosen[rows] = True
     for top in np.unique(level):
@@ -328,7 +280,7 @@ def winding(x: NDArray[np.float64], surface: ClosedSurface) -> NDArray[np.int64]
     x, places = (x - centre) @ TURN[d].T, (surface.places - centre) @ TURN[d].T
     shadows = Boxes.of(places[:, : d - 1], simplices)
     total = np.zeros(len(x), np.int64)
-    for i, s in around(x[:, : d - 1], shadows):
+    for i, s in meeting(Boxes(x[:, : d - 1], x[:, : d - 1]), shadows):
         hit = _above(x[i], places, simplices[s])
         total += np.bincount(i, hit, len(x)).astype(np.int64)
     return total

@@ -6,7 +6,7 @@ import numpy as np
 from mpi4py import MPI
 from numpy.typing import NDArray
 
-from meshes.crossing import Boxes, around
+from meshes.crossing import Boxes, meeting
 from meshes.shares import joined, share
 from meshes.unstructured import MeshError, Topology
 
@@ -25,7 +25,7 @@ def refuse_hanging(points: NDArray[np.float64], topology: Topology, comm: MPI.In
     room = HANGING * radius[:, None]
     boxes = Boxes(corners.min(axis=1) - room, corners.max(axis=1) + room)
     near = [np.zeros((2, 0), np.int64)]
-    for node, row in around(points[surface], boxes):
+    for node, row in meeting(Boxes(points[surface], points[surface]), boxes):
         other = (facets[row] != surface[node, None]).all(axis=1)
         near.append(np.stack([row[other], surface[node[other]]]))
     row, node = np.concatenate(near, axis=1)

@@ -46,7 +46,7 @@ from meshes.chords import chords, local_facets, reference_vertices
 from meshes.crossing import (
     Boxes,
     ClosedSurface,
-    around,
+    meeting,
     segment_crossings,
     triangle_crossings,
     winding,
@@ -216,7 +216,7 @@ def containing(
         room = ROOM * (upper - lower).max(axis=1, keepdims=True)
         lower, upper = lower - room, upper + room
     points, cells = [np.zeros(0, np.int64)], [np.zeros(0, np.int64)]
-    for i, c in around(x, Boxes(lower, upper)):
+    for i, c in meeting(Boxes(x, x), Boxes(lower, upper)):
         within = _lies_in(body, nodes[c], x[i])
         points.append(i[within])
         cells.append(c[within])

@@ -13,7 +13,7 @@ from mpi4py import MPI
 
 from meshes import CellMesh, MeshError
 from meshes.cell_shape import folded_inside, warped
-from meshes.crossing import Boxes, ClosedSurface, around, triangle_crossings, winding
+from meshes.crossing import Boxes, ClosedSurface, meeting, triangle_crossings, winding
 from meshes.quadratic import VERTICES
 from meshes.read import read_file
 from meshes.repair import REVERSED, load_mesh
@@ -412,22 +412,19 @@ def test_overlapping_meshes_are_refused(
 # --- the parts of the test ---------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("dimension", [2, 3])
-def test_boxes_of_all_sizes_are_found_around_points(dimension: int) -> None:
-    """Also around points on their sides, in boxes without extent and in ones beyond all points."""
+def test_boxes_of_all_sizes_meet_as_they_do_pair_by_pair() -> None:
     random = np.random.default_rng(4)
-    lower = random.uniform(-0.2, 1.2, (400, dimension))
-    boxes = Boxes(lower, lower + 10.0 ** random.uniform(-4.0, 0.0, (400, dimension)))
-    points = random.uniform(size=(300, dimension))
-    for row in range(60):  # a point without extent, or one on a side of a box
-        boxes.upper[row], points[row] = boxes.lower[row], boxes.lower[row]
-        points[60 + row, row % dimension] = boxes.upper[60 + row, row % dimension]
-    pairs = np.concatenate([np.stack(pair, axis=1) for pair in around(points, boxes)])
-    x = points[:, None]
-    inside = (boxes.lower <= x).all(axis=2) & (x <= boxes.upper).all(axis=2)
+    boxes = []
+    for count in (300, 200):
+        lower = random.uniform(size=(count, 3))
+        boxes.append(Boxes(lower, lower + 10.0 ** random.uniform(-4.0, 0.0, (count, 3))))
+    a, b = boxes
+    found = [np.stack(pair, axis=1) for pair in meeting(a, b)]
+    pairs = np.concatenate(found)
+    touch = (a.lower[:, None] <= b.upper).all(axis=2) & (b.lower <= a.upper[:, None]).all(axis=2)
     assert len(pairs) == len(np.unique(pairs, axis=0))
-    assert inside.sum() > 70
-    np.testing.assert_array_equal(pairs[np.lexsort(pairs.T[::-1])], np.argwhere(inside))
+    assert touch.sum() > 100
+    np.testing.assert_array_equal(pairs[np.lexsort(pairs.T[::-1])], np.argwhere(touch))
 
 
 def test_triangles_cross_where_distances_change_sign() -> None:
