@@ -8,6 +8,7 @@ from __future__ import annotations
 import importlib.util
 import json
 import logging
+import math
 import os
 import sys
 import tempfile
@@ -120,6 +121,8 @@ def plot(
 
     if camera is not None and not any(camera):
         raise ConfigurationError("--camera is 0 0 0: it needs a direction")
+    if not all(map(math.isfinite, (*(camera or ()), scale or 0.0))):
+        raise ConfigurationError("--scale and --camera take finite numbers alone")
     pictures, remarks = draw(
         directory,
         output=output,

@@ -339,6 +339,21 @@ class PressedFacets:
         return min(abs(least), abs(most)) <= near and np.isfinite(least)
 
 
+def carries_force(
+    comm: MPI.Intracomm, pressure: NDArray[np.float64], shares: NDArray[np.float64], least: float
+) -> bool:
+    """Whether the force of a contact is larger than the solver's error (collective).
+
+    Parameters
+    ----------
+    pressure, shares : (n,), (n,)
+        At nodes of this rank, with the integrals of their shape functions.
+    least
+        Error of the force, the tolerance times the load of the body.
+    """
+    return bool(comm.allreduce(float(pressure @ shares)) > least)
+
+
 def coarse_pressure(facets: PressedFacets, comm: MPI.Intracomm, dimension: int) -> str:
     """Warning on a pressure that varies within single facets; empty if there is none (collective).
 

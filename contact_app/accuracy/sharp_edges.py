@@ -19,6 +19,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
+from itertools import compress
 
 import numpy as np
 from mpi4py import MPI
@@ -117,10 +118,12 @@ class Skin:
         return cls(surface, _joints(surface, on), name, stiffness)
 
 
-def sharp_peaks(model: Model, nodes: NodeFields) -> list[str]:
-    """Warnings on contacts whose largest pressure is at a sharp edge (collective)."""
+def sharp_peaks(model: Model, nodes: NodeFields, pressed: Sequence[bool]) -> list[str]:
+    """Warnings on contacts with a force whose largest pressure is at a sharp edge (collective)."""
     sentences = []
-    for touching, at_nodes in zip(model.scene.touching, nodes.contacts, strict=True):
+    for touching, at_nodes in compress(
+        zip(model.scene.touching, nodes.contacts, strict=True), pressed
+    ):
         places = nodes.points[at_nodes.nodes - nodes.first], at_nodes.shares
         pressures = at_nodes.pressure, at_nodes.smoothed
         edge_at = partial(_edge_at, model, touching)

@@ -19,6 +19,7 @@ from contact_app.accuracy.contact_limits import (
     ENTERED,
     PressedFacets,
     between_nodes,
+    carries_force,
     coarse_pressure,
     depth_between,
     entered_points,
@@ -99,7 +100,9 @@ def form_warnings(answer: FormAnswer) -> list[str]:
     fit = affine_fit(answer.model.parts, answer.owners.copies(answer.displacement))
     warnings = [*_large_deformations(answer, fit[0]), *_of_bodies(answer), *_locking(answer, fit)]
     for number, contact in enumerate(answer.model.contacts):
-        texts = [*_of_contact(answer, number, contact), _sharp_edge(answer, number, contact)]
+        texts = [*_of_contact(answer, number, contact)]
+        if _presses(answer, number):
+            texts += [_coarse_pressure(answer, number), _sharp_edge(answer, number, contact)]
         warnings += [f"contacts[{number}]: {text}" for text in texts if text]
     changed = closing_points(answer.model.problem, answer.solution, None)
     warnings.append(closing_at_once(*changed, "a scene with `steps` shows how much this matters"))
@@ -182,14 +185,27 @@ def _of_contact(answer: FormAnswer, number: int, contact: Contact) -> Iterator[s
         displaced = _displaced(answer, on), _displaced(answer, against)
         depth = depth_in_each_other(comm, (on, against), displaced, contact.round)
         yield entering_each_other(names, depth, moved)
-    facets = sides.facets
-    corners = facets.points[:, : facets.vertices(d).shape[1]]
-    areas = moments(facets.points, d).sum(axis=(1, 2)) if len(facets.copies) else np.zeros(0)
-    pressure = answer.owners.copies(nodes.pressure)[facets.copies]
-    yield coarse_pressure(PressedFacets(corners, areas, pressure), comm, d)
     yield rubbing_where_open(comm.allreduce(int((nodes.rubs & ~nodes.closed).sum())))
     pressed = comm.allreduce(int(nodes.closed.any()), op=MPI.MAX)
     yield several_answers((contact.law and contact.law.coulomb) or 0.0, bool(pressed))
+
+
+def _presses(answer: FormAnswer, number: int) -> bool:
+    """Whether a contact carries a force above the solver's error (collective)."""
+    model, solution, nodes = answer.model, answer.solution, answer.contacts[number]
+    on = sorted(_bodies_at(model, model.sides[number].surfaces[0]))
+    least = solution.tolerance * float(solution.measures.loads[on].max())
+    return carries_force(model.parts.comm, nodes.pressure, nodes.shares, least)
+
+
+def _coarse_pressure(answer: FormAnswer, number: int) -> str:
+    """A pressure that varies within single facets (collective)."""
+    parts, facets = answer.model.parts, answer.model.sides[number].facets
+    d = parts.dimension
+    corners = facets.points[:, : facets.vertices(d).shape[1]]
+    areas = moments(facets.points, d).sum(axis=(1, 2)) if len(facets.copies) else np.zeros(0)
+    pressure = answer.owners.copies(answer.contacts[number].pressure)[facets.copies]
+    return coarse_pressure(PressedFacets(corners, areas, pressure), parts.comm, d)
 
 
 def _displaced(answer: FormAnswer, surface: Surface) -> Array:

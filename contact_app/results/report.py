@@ -310,21 +310,21 @@ def print_steps(
 def steps_table(records: Sequence[Mapping[str, Any]]) -> Table:
     """Make the table of `print_steps`."""
     table = Table(box=None, pad_edge=False)
-    for head in ("step", "factor", "largest |u|", "contact force", "stick", "slip", "dissipated"):
+    rough = any("dissipated_work" in record["solution"] for record in records)
+    statuses = ("stick", "slip", "dissipated") if rough else ("in contact",)
+    for head in ("step", "factor", "largest |u|", "contact force", *statuses, ""):
         table.add_column(head, no_wrap=True)
-    table.add_column("", no_wrap=True)
     for record in records:
         solution, contacts = record["solution"], record["contacts"]
-        nodes = [contact.get("nodes", {}) for contact in contacts]
+        counts = [contact.get("nodes", {}) for contact in contacts]
+        slip, stick = (str(sum(n.get(key, 0) for n in counts)) for key in ("slip", "stick"))
         work = solution.get("dissipated_work")
         table.add_row(
             str(record["step"]),
             f"{record['factor']:.4g}",
             number(solution["max_displacement"]),
             contact_force(record),
-            str(sum(count.get("stick", 0) for count in nodes)),
-            str(sum(count.get("slip", 0) for count in nodes)),
-            "" if work is None else number(work),
+            *((stick, slip, "" if work is None else number(work)) if rough else (slip,)),
             _verdict(bool(record["certificate"]["passed"])),
         )
     return table

@@ -23,6 +23,7 @@ from mpi4py import MPI
 from numpy.typing import NDArray
 
 from contact_app.accuracy.contact_limits import (
+    carries_force,
     coarse_pressure,
     entered_beside,
     pressed_facets,
@@ -178,14 +179,28 @@ def _coarse_pressures(answer: SolvedScene) -> Iterator[str]:
     """Pressures that vary within single facets."""
     scene, comm = answer.model.scene, answer.model.comm
     every = pressed_facets(answer.model, answer.nodes)
-    for item, facets in zip(scene.touching, every, strict=True):
-        if text := coarse_pressure(facets, comm, scene.dimension):
+    for item, facets, pressed in zip(scene.touching, every, _pressed(answer), strict=True):
+        if pressed and (text := coarse_pressure(facets, comm, scene.dimension)):
             yield f"{item.source}: {text}"
 
 
 def _sharp_edges(answer: SolvedScene) -> list[str]:
     """Largest pressures at sharp edges (collective)."""
-    return sharp_peaks(answer.model, answer.nodes)
+    return sharp_peaks(answer.model, answer.nodes, _pressed(answer))
+
+
+def _pressed(answer: SolvedScene) -> list[bool]:
+    """Whether each contact carries a force above the solver's error (collective)."""
+    solution = answer.solution
+    return [
+        carries_force(
+            answer.model.comm,
+            at_nodes.pressure,
+            at_nodes.shares,
+            solution.tolerance * solution.measures.loads[item.body],
+        )
+        for item, at_nodes in zip(answer.model.scene.touching, answer.nodes.contacts, strict=True)
+    ]
 
 
 def _sliding_bodies(answer: SolvedScene) -> Iterator[str]:

@@ -48,7 +48,8 @@ def read_bodies(keys: Keys) -> tuple[Body, ...]:
         if not re.fullmatch(r"[A-Za-z_][A-Za-z0-9_-]{0,99}", body.name):
             keys.fail(
                 ("bodies", i, "name"),
-                f"is {body.name!r}; a letter or _ first, then letters, digits, _ and - are allowed",
+                f"is {body.name!r}; a letter from A to Z or a to z or _ first, then these, digits "
+                "and - are allowed",
             )
     elastic = {i: body for i, body in enumerate(entries) if isinstance(body, c.Body)}
     meshes = _meshes(keys, elastic)
@@ -176,8 +177,8 @@ def _boundaries(keys: Keys, body: c.Body, mesh: BodyMesh, path: Place) -> dict[s
         if not re.fullmatch(r"[A-Za-z_][A-Za-z0-9_+-]{0,99}", name):
             keys.fail(
                 at,
-                "is no name for a boundary; a letter or _ first, then letters, digits, _, + "
-                "and - are allowed",
+                "is no name for a boundary; a letter from A to Z or a to z or _ first, then these, "
+                "digits, + and - are allowed",
             )
         variables = ("x", "y", "z")[: keys.dimension]
         try:

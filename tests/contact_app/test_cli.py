@@ -143,6 +143,8 @@ def test_contradictory_conditions_exit_with_2(
         ["run", "a.yaml", "b.yaml"],
         ["check"],
         ["check", "none.yaml"],
+        ["plot", ".", "--scale", "nan"],
+        ["plot", ".", "--camera", "1", "inf", "0"],
     ],
     ids=" ".join,
 )

@@ -35,10 +35,10 @@ def draw_history(table: Path, target: Path, title: str = "") -> Path:
     from matplotlib.figure import Figure
 
     columns = read_table(table)
-    panels = {name: lines for name, lines in _panels(columns).items() if lines}
-    figure = Figure(figsize=(8.0, 2.2 * len(panels) + 0.6), layout="constrained")
-    all_axes = figure.subplots(len(panels), 1, sharex=True, squeeze=False)[:, 0]
-    for axes, (name, lines) in zip(all_axes, panels.items(), strict=True):
+    shown = {name: lines for name, lines in panels(columns).items() if lines}
+    figure = Figure(figsize=(8.0, 2.2 * len(shown) + 0.6), layout="constrained")
+    all_axes = figure.subplots(len(shown), 1, sharex=True, squeeze=False)[:, 0]
+    for axes, (name, lines) in zip(all_axes, shown.items(), strict=True):
         _draw(axes, columns["time"], lines)
         axes.set_ylabel(name)
     figure.align_ylabels(all_axes)
@@ -61,7 +61,7 @@ def read_table(table: Path) -> dict[str, Column]:
     return columns
 
 
-def _panels(columns: dict[str, Column]) -> dict[str, dict[str, Column]]:
+def panels(columns: dict[str, Column]) -> dict[str, dict[str, Column]]:
     """Content of each panel: names and columns."""
     axes = ("_x", "_y", "_z")
     of_all_bodies = {"max_displacement", "energy", "dissipated_work"}
@@ -70,6 +70,7 @@ def _panels(columns: dict[str, Column]) -> dict[str, dict[str, Column]]:
     probes = [name for name in of_panel if name not in forces and not name.startswith("factor_")]
     statuses = [n for n in columns if n.endswith(("_stick", "_slip")) and n.startswith("contacts[")]
     factors = [name for name in columns if name.startswith("factor_")]
+    rough = "dissipated_work" in columns
 
     def of(names: list[str], drop: str = "") -> dict[str, Column]:
         some = {name: columns[name] for name in names if any(columns[name])}
@@ -81,7 +82,10 @@ def _panels(columns: dict[str, Column]) -> dict[str, dict[str, Column]]:
         "displacement of probes" if probes else "largest displacement": of(
             probes or ["max_displacement"]
         ),
-        "nodes": of(statuses),
+        "nodes": {
+            name if rough else name.replace("slip", "in contact"): line
+            for name, line in of(statuses).items()
+        },
         "work lost to friction": of([n for n in ("dissipated_work",) if n in columns]),
     }
 

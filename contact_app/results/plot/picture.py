@@ -92,11 +92,10 @@ def plot(
     unknown = [name for name in fields if name not in names]
     if len(unknown) == len(fields):
         raise PictureError(
-            f"the result holds none of {', '.join(unknown)}; it holds {', '.join(sorted(names))}"
+            f"the result holds none of {', '.join(unknown)}; it holds {_listed(names)}"
         )
     remarks = [
-        f"left out: {name}: the result does not hold it, only {', '.join(sorted(names))}"
-        for name in unknown
+        f"left out: {name}: the result does not hold it, only {_listed(names)}" for name in unknown
     ]
     shown = tuple(name for name in fields if name in names and acts(stored, name))
     shown = shown or tuple(name for name in fields if name in names)
@@ -128,6 +127,10 @@ def plot(
         except NothingPressedError as error:
             remarks.append(f"left out: {name}: {error}")
     return [*pictures, *_of_history(directory, target, title)], remarks
+
+
+def _listed(names: set[str]) -> str:
+    return ", ".join(sorted(names)) or "none, as output.fields of the scene chose"
 
 
 def acts(stored: Stored, name: str) -> bool:

@@ -122,7 +122,8 @@ def read(directory: Path | str) -> Stored:
         cases = sorted(Path(directory).glob("*/solution.xdmf"))
         if cases:
             raise StoredError(
-                f"{directory} has the results of load cases: draw one of them, {cases[0].parent}"
+                f"{directory} has the results of several runs or load cases: draw one of them, as "
+                f"{cases[0].parent}"
             )
         raise StoredError(f"{source} is not there: run the scene first, with output.xdmf: true")
     try:

@@ -8,7 +8,7 @@ import pytest
 from matplotlib.image import imread
 
 import contact_app
-from contact_app.results.plot.history_picture import HistoryError, draw_history, read_table
+from contact_app.results.plot.history_picture import HistoryError, draw_history, panels, read_table
 from contact_app.results.plot.picture import plot
 from tests import scenes
 
@@ -61,3 +61,10 @@ def test_plot_draws_it(tmp_path: Path) -> None:
     contact_app.solve(made).write(tmp_path)
     pictures, _ = plot(tmp_path)
     assert tmp_path / "history.png" in pictures
+
+
+def test_nodes_in_contact_without_friction_do_not_count_as_slipping(tmp_path: Path) -> None:
+    with_friction = read_table(table(tmp_path / "increments.csv", "contacts[0]_slip"))
+    assert list(panels(with_friction)["nodes"]) == ["contacts[0] slip"]
+    del with_friction["dissipated_work"]
+    assert list(panels(with_friction)["nodes"]) == ["contacts[0] in contact"]

@@ -94,6 +94,19 @@ def test_a_pressure_that_varies_within_facets(cell: str) -> None:
     assert "varies within single facets" not in warnings_of(hertz(cell, n, 0.4))
 
 
+def test_a_force_below_the_tolerance_causes_no_warning() -> None:
+    """A ball enters the side of a pressed block by 1e-5 or 1e-2, at a single node."""
+    for depth, told in ((1e-2, True), (1e-5, False)):
+        made = scenes.wall("hexahedron", 4)
+        made["bodies"][0]["material"]["poisson"] = 0.0
+        made["contacts"][0]["obstacle"] = scenes.ball("hexahedron", (2.0, 0.5, 0.5), 1.0)
+        made["contacts"][0]["interference"] = depth
+        made["solver"]["tolerance"] = 1e-4
+        found = solve_scene(scenes.build(made, None)).summary
+        assert found["contacts"][0]["force"][0] < 0.0
+        assert told == any("single facets" in w for w in found["certificate"]["warnings"])
+
+
 def test_a_constant_pressure_on_a_narrow_face_causes_no_warning() -> None:
     """The face of a column is two facets wide, and no pressure varies within them."""
     config = Path(__file__).parents[3] / "configs" / "confined_column.yaml"
