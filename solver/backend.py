@@ -135,31 +135,35 @@ class Statuses:
         return hash(tuple(comm.allgather(hash((self.active.tobytes(), tractions, angles)))))
 
 
-class SetState(Protocol):
-    """The approximate answer on a set; arrays are (rows,), local parts."""
+@dataclass(frozen=True, eq=False)
+class SetState:
+    """The approximate answer on a set; local parts. A backend adds the data that its answer needs.
 
-    @property
-    def active(self) -> Mask:
-        """Rows that hold with equality."""
+    Attributes
+    ----------
+    multiplier : (rows,)
+        λ.
+    active : (rows,)
+        Contact and tangential rows that hold with equality.
+    jumps : (rows,)
+        B u - c.
+    sizes : (rows,)
+        Reference of each row's jump: the displacement of the row's body. In contact rows it is
+        divided by the row's length, so that jumps over references are relative distances.
+    strained
+        a(u, u), twice the energy of the strains.
+    """
 
-    @property
-    def multiplier(self) -> Array:
-        """λ."""
+    multiplier: Array
+    active: Mask
+    jumps: Array
+    sizes: Array
+    strained: float
 
     @property
     def distance(self) -> Array:
-        """(B u - c) over the displacement of the row's body.
-
-        In contact rows the relative penetration.
-        """
-
-    @property
-    def jumps(self) -> Array:
-        """B u - c."""
-
-    @property
-    def strained(self) -> float:
-        """a(u, u), twice the energy of the strains."""
+        """Jumps, and penetrations of contact rows, over the displacement of the row's body."""
+        return self.jumps / self.sizes
 
 
 S = TypeVar("S", bound=SetState)
@@ -197,19 +201,34 @@ class SetSolve(Protocol[Out]):
         """Estimate of the error in energy norm, relative to that of the strains (collective)."""
 
 
-class Hierarchy(Protocol):
-    """Constraint hierarchy: the contact rows that may close, level by level."""
+@dataclass(frozen=True, eq=False)
+class ConstraintHierarchy:
+    """Constraint hierarchy: the contact rows that may close, level by level.
+
+    Attributes
+    ----------
+    every : (rows,)
+        Mask of all contact rows.
+    coarse : masks (rows,)
+        Contact rows of this level and of coarse levels after it; empty on the finest level.
+    """
+
+    every: Mask
+    coarse: tuple[Mask, ...] = ()
 
     @property
     def allowed(self) -> Mask:
         """Contact rows of the level, (rows,)."""
+        return self.every if self.finest else self.coarse[0]
 
     @property
     def finest(self) -> bool:
         """Whether all rows are allowed."""
+        return not self.coarse
 
-    def finer(self) -> Hierarchy:
+    def finer(self) -> ConstraintHierarchy:
         """The hierarchy from the next level on."""
+        return replace(self, coarse=self.coarse[1:])
 
 
 class Backend(Protocol[Out]):
@@ -239,7 +258,7 @@ class Backend(Protocol[Out]):
     def estimated_contact(self) -> Mask:
         """Contact rows that close in a small model of the bodies, (rows,) (collective)."""
 
-    def hierarchy(self, coarsened: bool) -> Hierarchy:
+    def hierarchy(self, coarsened: bool) -> ConstraintHierarchy:
         """The constraint hierarchy (collective).
 
         Parameters

@@ -16,7 +16,7 @@ def loop(backend: TotalFeti, violation: float = 1e-8, steps: int = 10_000) -> Ou
     problem = backend.problem
 
     def required(state: State) -> float:
-        return state.worst(problem) / violation
+        return problem.largest_distance(state) / violation
 
     test = StoppingTest(required, lambda state: required(state) <= 1.0)
     method = ActiveSetMethod(backend, test, MPRGP(max_iterations=steps))

@@ -15,7 +15,7 @@ import numpy as np
 from mpi4py import MPI
 from numpy.typing import NDArray
 
-from solver.backend import Backend, Hierarchy, S, SetSolve, Statuses
+from solver.backend import Backend, ConstraintHierarchy, S, SetSolve, Statuses
 from solver.contact.active_set_options import ActiveSetOptions, Turnover
 from solver.contact.law import ContactLaw, StateData
 
@@ -35,12 +35,14 @@ class ActiveSetUpdate(Generic[S]):
     """
 
     backend: Backend[S]
-    hierarchy: Hierarchy
+    hierarchy: ConstraintHierarchy
     law: ContactLaw
     options: ActiveSetOptions
     looks_ahead: bool = True
 
-    def following(self, on_set: SetSolve[S], state: S) -> tuple[Statuses, Mask, Hierarchy]:
+    def following(
+        self, on_set: SetSolve[S], state: S
+    ) -> tuple[Statuses, Mask, ConstraintHierarchy]:
         """The next statuses, the tangential rows (rows,) released early, the level (collective).
 
         Where no row changes, the next level decides.
@@ -116,7 +118,7 @@ class SetRules(Generic[S]):
         fingerprint = statuses.fingerprint(self.update.backend.comm)
         return rules._after_visit(fingerprint)._after_many_sets(number), statuses
 
-    def on_level(self, hierarchy: Hierarchy) -> SetRules[S]:
+    def on_level(self, hierarchy: ConstraintHierarchy) -> SetRules[S]:
         """The rules on a level of the constraint hierarchy."""
         return replace(self, update=replace(self.update, hierarchy=hierarchy))
 

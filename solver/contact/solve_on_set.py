@@ -15,7 +15,7 @@ from typing import Generic
 import numpy as np
 from numpy.typing import NDArray
 
-from solver.backend import Hierarchy, S, SetSolve, Statuses
+from solver.backend import ConstraintHierarchy, S, SetSolve, Statuses
 from solver.contact.active_set_update import SetRules, changed_rows
 from solver.qp.iterate import Iterate, Watch
 from solver.qp.mprgp import MPRGP
@@ -98,7 +98,7 @@ class Outcome(Generic[S]):
     following: Statuses
     counts: Counts
     released: Mask | None = None
-    hierarchy: Hierarchy | None = None
+    hierarchy: ConstraintHierarchy | None = None
 
 
 def solve_on_set(

@@ -15,7 +15,7 @@ import numpy as np
 from mpi4py import MPI
 from numpy.typing import NDArray
 
-from solver.backend import Statuses
+from solver.backend import ConstraintHierarchy, SetState, Statuses
 from solver.contact.bodies import body_lengths, largest
 from solver.errors import QPError
 from solver.primal.blocks import in_blocks
@@ -35,7 +35,7 @@ from solver.qp.box_qp import BoxQP
 from solver.qp.iterate import Iterate, Watch
 from solver.qp.mprgp import MPRGP
 from solver.qp.result import Counts, Monitor, Reason
-from solver.tfeti.constraints.hierarchy import ConstraintHierarchy
+from solver.tfeti.constraints.hierarchy import constraint_hierarchy
 from solver.tfeti.decomposed import DecomposedProblem, SharedPlace
 from solver.vectors import Mask, Vector
 
@@ -61,21 +61,16 @@ STALLED_WITH_FACTOR = 100
 
 
 @dataclass(frozen=True, eq=False)
-class PrimalState:
+class PrimalState(SetState):
     """The answer of a set as far as it is solved; local parts.
+
+    Rows other than contact, tangential and tied rows have no multiplier, no jump and the size one.
 
     Attributes
     ----------
-    multiplier, jumps, sizes : (dual,)
-        λ; B u - c; the length relative to which each row's jump is measured. Rows other than
-        contact, tangential and tied rows have zero, zero and one.
     lengths : (bodies,)
         Lengths relative to which displacements are measured.
     u : (unknowns,)
-    active : (dual,)
-        Contact and tangential rows that hold with equality.
-    strained
-        a(u, u).
     error_square
         Estimate of the squared error in energy norm.
     errors : (bodies,)
@@ -84,28 +79,11 @@ class PrimalState:
         2-norm of the residual.
     """
 
-    multiplier: Array
-    jumps: Array
-    sizes: Array
     lengths: Array
     u: Array
-    active: NDArray[np.bool_]
-    strained: float
     error_square: float
     errors: Array
     imbalance: float
-
-    @property
-    def distance(self) -> Array:
-        """Penetration of contact rows over the displacement of their body, (dual,)."""
-        return self.jumps / self.sizes
-
-    def worst(self, problem: DecomposedProblem) -> float:
-        """Largest jump or penetration, over the displacement of its body (collective)."""
-        open_rows = problem.inequality & ~self.active
-        excess = np.where(open_rows, np.maximum(self.distance, 0.0), np.abs(self.distance))
-        excess[problem.tangential & ~self.active] = 0.0
-        return float(problem.comm.allreduce(float(excess.max(initial=0.0)), op=MPI.MAX))
 
 
 class Multigrid:
@@ -232,7 +210,7 @@ class Multigrid:
 
     def hierarchy(self, coarsened: bool) -> ConstraintHierarchy:
         """The constraint hierarchy of thin bodies, whose contact may peel off (collective)."""
-        return ConstraintHierarchy.of(self.problem, coarsened and self.matrices.peels)
+        return constraint_hierarchy(self.problem, coarsened and self.matrices.peels)
 
     def release(self) -> None:
         """Free the matrices of the last set: petsc4py leaves them for later."""
@@ -450,16 +428,16 @@ class PrimalSet:
         forces, distances = system.on_all_rows(multiplier), system.on_all_rows(jumps)
         square = self._error_square(*residual)
         return PrimalState(
-            forces if turn is None else turn.back(forces),
-            distances if turn is None else turn.back(distances),
-            problem.spread * problem.bodies.of_rows(lengths),
-            lengths,
-            u,
-            self.statuses.holding,
-            backend.strained(u, left),
-            square,
-            self._shares(square, *residual),
-            math.sqrt(system.comm.allreduce(float(r @ r))),
+            multiplier=forces if turn is None else turn.back(forces),
+            active=self.statuses.holding,
+            jumps=distances if turn is None else turn.back(distances),
+            sizes=problem.spread * problem.bodies.of_rows(lengths),
+            strained=backend.strained(u, left),
+            lengths=lengths,
+            u=u,
+            error_square=square,
+            errors=self._shares(square, *residual),
+            imbalance=math.sqrt(system.comm.allreduce(float(r @ r))),
         )
 
     def _shares(self, square: float, r: Array, z: Array) -> Array:

@@ -229,7 +229,7 @@ def _required_reduction(
     problem = backend.problem
     pressed = problem.bodies.sum_rows(np.abs(state.multiplier * problem.spread), problem.inequality)
     load = np.maximum(loads, problem.comm.allreduce(pressed))
-    worst = max(state.worst(problem), state.imbalance / (float(load.max()) or 1.0))
+    worst = max(problem.largest_distance(state), state.imbalance / (float(load.max()) or 1.0))
     left = friction_residual(problem, state.multiplier, state.jumps, state.lengths)
     worst = max(worst, left / SURE)
     required = rule.required_reduction(worst, state.strained, lambda: 0.5 * state.error_square)

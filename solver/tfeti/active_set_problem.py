@@ -17,7 +17,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from solver.backend import Statuses
+from solver.backend import SetState, Statuses
 from solver.qp.box_qp import BoxQP
 from solver.qp.iterate import Iterate, Watch
 from solver.qp.mprgp import MPRGP
@@ -31,7 +31,6 @@ from solver.tfeti.dual import DualProblem
 from solver.tfeti.preconditioner import DualPreconditioner, ScaledPreconditioner
 from solver.tfeti.recovery import add_motions
 from solver.tfeti.recycling import DeflatedPreconditioner, RecordedOperator, Recycled
-from solver.vectors import largest_magnitude
 
 STALLED = 2
 """Steps on an active set, over its unknowns, after which the residual counts as rounding errors: in
@@ -53,49 +52,19 @@ ROUNDED = 2.0 * float(np.finfo(np.float64).eps)
 
 
 @dataclass(frozen=True, eq=False)
-class State:
+class State(SetState):
     """A multiplier in equilibrium with the loads, and its displacements.
 
     Attributes
     ----------
-    multiplier : (dual,)
-        λ.
     motions : (kernels,)
         α that makes the jumps of the rows that hold with equality smallest.
-    active : (dual,)
-        Contact and tangential rows that hold with equality.
-    jumps : (dual,)
-        B u - c.
-    sizes : (dual,)
-        Reference of each row's jump: the displacement of the row's body on the interface. In
-        contact rows it is divided by the row's length, so that jumps over references are relative
-        distances.
     displacements : (interface,)
         u.
-    strained
-        a(u, u), twice the energy of the strains.
     """
 
-    multiplier: NDArray[np.float64]
     motions: NDArray[np.float64]
-    active: NDArray[np.bool_]
-    jumps: NDArray[np.float64]
-    sizes: NDArray[np.float64]
     displacements: NDArray[np.float64]
-    strained: float
-
-    @property
-    def distance(self) -> NDArray[np.float64]:
-        """Jumps, and penetrations of contact rows, over the displacement of the row's body."""
-        return self.jumps / self.sizes
-
-    def worst(self, problem: DualProblem) -> float:
-        """Largest jump or penetration, over the displacement of its body."""
-        one_sided = problem.inequality & ~self.active
-        distance = np.where(problem.tangential & ~self.active, 0.0, self.distance)
-        return largest_magnitude(
-            problem.comm, np.where(one_sided, np.maximum(distance, 0.0), distance)
-        )
 
     def homogenised(self, problem: DualProblem) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """x = λ - λ̃ and t = Cᵀ μ = Q (F λ - d) - Gᵀ α, for SMALBE to go on from."""
@@ -295,7 +264,7 @@ class ActiveSetProblem:
         turn = self.statuses.turn
         if turn is not None:
             multiplier, jumps = turn.back(multiplier), turn.back(jumps)
-        return State(multiplier, alpha, self.statuses.holding, jumps, sizes, u, strained)
+        return State(multiplier, self.statuses.holding, jumps, sizes, strained, alpha, u)
 
 
 def _scalings(

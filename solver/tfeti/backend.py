@@ -9,9 +9,9 @@ from mpi4py import MPI
 from numpy.typing import NDArray
 from petsc4py import PETSc
 
-from solver.backend import Statuses
+from solver.backend import ConstraintHierarchy, Statuses
 from solver.tfeti.active_set_problem import ActiveSetProblem
-from solver.tfeti.constraints.hierarchy import ConstraintHierarchy
+from solver.tfeti.constraints.hierarchy import constraint_hierarchy
 from solver.tfeti.coupled import CoupledRows, coupled_rows
 from solver.tfeti.directions import Directions, RecyclingOptions
 from solver.tfeti.dual import DualProblem
@@ -69,7 +69,7 @@ class TotalFeti:
 
     def hierarchy(self, coarsened: bool) -> ConstraintHierarchy:
         """The constraint hierarchy; several levels for thin bodies if wanted (collective)."""
-        return ConstraintHierarchy.of(self.problem, coarsened and self.problem.held_without_contact)
+        return constraint_hierarchy(self.problem, coarsened and self.problem.held_without_contact)
 
     def release(self) -> None:
         """Free the matrices of the last set now: petsc4py would free them later."""

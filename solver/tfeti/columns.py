@@ -2,7 +2,7 @@
 
 In bending F is so ill-conditioned that hundreds of steps of iterative active-set methods undo each
 other. Here each row that closes costs one operator application, F e, once. A dense factor solves
-each active set exactly, and the levels of `ConstraintHierarchy` keep the sets small until they are
+each active set exactly, and the levels of `constraint_hierarchy` keep the sets small until they are
 nearly right. The method is that of primal-dual active sets (Hintermüller, Ito, Kunisch, 2002).
 """
 
@@ -13,7 +13,7 @@ from mpi4py import MPI
 from numpy.typing import NDArray
 from scipy import linalg
 
-from solver.tfeti.constraints.hierarchy import ConstraintHierarchy
+from solver.tfeti.constraints.hierarchy import constraint_hierarchy
 from solver.tfeti.dual import DualProblem
 from solver.vectors import largest_magnitude
 
@@ -37,7 +37,7 @@ def on_columns(problem: DualProblem) -> tuple[NDArray[np.float64], int]:
     nothing is computed.
     """
     comm = problem.comm
-    levels = ConstraintHierarchy.of(problem, coarsened=True)
+    levels = constraint_hierarchy(problem, coarsened=True)
     result, applications = np.zeros(problem.size), 0
     if levels.finest:
         return result, applications

@@ -15,6 +15,7 @@ from mpi4py import MPI
 from numpy.typing import NDArray
 from petsc4py import PETSc
 
+from solver.backend import SetState
 from solver.contact.bodies import Bodies, body_lengths
 from solver.contact.friction_points import FrictionPoints
 from solver.contact.row_kinds import RowKind
@@ -36,6 +37,7 @@ from solver.tfeti.unfactored_loads import (
     loads_in_energy,
     pushes_of_rigid_bodies,
 )
+from solver.vectors import largest_magnitude
 
 GIVEN = 1e-3
 """Reference of the displacement of a body at rest, over the largest motion given in its group.
@@ -361,6 +363,16 @@ class DecomposedProblem:
         result = np.empty(self.size)
         self.B.apply(interface, result)
         return np.subtract(result, self.c, out=result)
+
+    def largest_distance(self, state: SetState) -> float:
+        """Largest jump or penetration of a state, over the displacement of its body (collective).
+
+        Open contact rows count where they are penetrated, tangential ones where they stick.
+        """
+        distance, active = state.distance, state.active
+        distance = np.where(self.tangential & ~active, 0.0, distance)
+        distance = np.where(self.inequality & ~active, np.maximum(distance, 0.0), distance)
+        return largest_magnitude(self.comm, distance)
 
     def constraint_forces(self, multiplier: NDArray[np.float64]) -> NDArray[np.float64]:
         """Bᵀ λ, an interface vector."""

@@ -15,12 +15,11 @@ are fewer than k and accordingly farther apart.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
-
 import numpy as np
 from mpi4py import MPI
 from numpy.typing import NDArray
 
+from solver.backend import ConstraintHierarchy
 from solver.tfeti.decomposed import DecomposedProblem
 from solver.tfeti.dual_operator import interface_slices
 
@@ -34,39 +33,9 @@ HALVINGS = 20
 """Largest number of levels: cells down to a millionth of the extent of the contacts."""
 
 
-@dataclass(frozen=True, eq=False)
-class ConstraintHierarchy:
-    """The contact rows that may close, level by level.
-
-    Attributes
-    ----------
-    every : (dual,)
-        Mask of all contact rows.
-    coarse : masks (dual,)
-        Contact rows of this level and of coarse levels after it; empty on the finest level.
-    """
-
-    every: NDArray[np.bool_]
-    coarse: tuple[NDArray[np.bool_], ...] = ()
-
-    @classmethod
-    def of(cls, problem: DecomposedProblem, coarsened: bool) -> ConstraintHierarchy:
-        """The hierarchy of a problem from its coarsest level on, or the finest (collective)."""
-        return cls(problem.inequality, tuple(_levels(problem)) if coarsened else ())
-
-    @property
-    def allowed(self) -> NDArray[np.bool_]:
-        """Contact rows of the level, (dual,)."""
-        return self.every if self.finest else self.coarse[0]
-
-    @property
-    def finest(self) -> bool:
-        """Whether all rows are allowed."""
-        return not self.coarse
-
-    def finer(self) -> ConstraintHierarchy:
-        """The hierarchy from the next level on."""
-        return replace(self, coarse=self.coarse[1:])
+def constraint_hierarchy(problem: DecomposedProblem, coarsened: bool) -> ConstraintHierarchy:
+    """The hierarchy of a problem from its coarsest level on, or the finest (collective)."""
+    return ConstraintHierarchy(problem.inequality, tuple(_levels(problem)) if coarsened else ())
 
 
 def _thickness(problem: DecomposedProblem, rows: NDArray[np.int64]) -> float:

@@ -118,7 +118,7 @@ def _required_reduction(problem: DualProblem, rule: StoppingRule, state: State) 
 
     The gap is that of the multiplier without tensile contact forces.
     """
-    worst = state.worst(problem)
+    worst = problem.largest_distance(state)
     multiplier = state.multiplier.copy()
     multiplier[problem.inequality] = np.maximum(multiplier[problem.inequality], 0.0)
     lengths = problem.lengths(state.displacements)

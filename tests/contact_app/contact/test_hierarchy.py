@@ -11,7 +11,7 @@ from mpi4py import MPI
 from contact_app.model.model import build_model
 from contact_app.run.solve import solve_scene
 from solver.tfeti.columns import on_columns
-from solver.tfeti.constraints.hierarchy import ConstraintHierarchy
+from solver.tfeti.constraints.hierarchy import constraint_hierarchy
 from solver.tfeti.dual import DualProblem
 from tests import scenes
 from tests.hard_scenes import pressed_box, slender, wall
@@ -25,12 +25,12 @@ import sys
 from mpi4py import MPI
 
 from contact_app.model.model import build_model
-from solver.tfeti.constraints.hierarchy import ConstraintHierarchy
+from solver.tfeti.constraints.hierarchy import constraint_hierarchy
 from tests import scenes
 
 comm, counts = MPI.COMM_WORLD, []
 problem = build_model(scenes.build(json.loads(sys.argv[1]), [6, 1, 1]), comm).problem
-levels = ConstraintHierarchy.of(problem, coarsened=True)
+levels = constraint_hierarchy(problem, coarsened=True)
 while not levels.finest:
     counts.append(comm.allreduce(int(levels.allowed.sum())))
     levels = levels.finer()
@@ -46,7 +46,7 @@ def problem(made: Config, parts: list[int]) -> DualProblem:
 def test_levels_of_a_slender_body_are_nested_and_even() -> None:
     """Each level contains the rows of the one before and about as many more, evenly distributed."""
     dual = problem(slender(100.0, [200, 2]), [10, 1])
-    levels = ConstraintHierarchy.of(dual, coarsened=True)
+    levels = constraint_hierarchy(dual, coarsened=True)
     x = dual.contact.points[:, 0]
     before = np.zeros(dual.size, bool)
     counts = []
@@ -84,14 +84,14 @@ def test_thickness_counts_in_distances_between_rows(degree: int) -> None:
     """Cells of degree 2 have rows at their vertices alone, a quarter of the nodes that touch."""
     dual = problem(plate(degree), [1, 1, 1])
     assert int(dual.inequality.sum()) in (60 * 5, 61 * 5)
-    levels = ConstraintHierarchy.of(dual, coarsened=True)
+    levels = constraint_hierarchy(dual, coarsened=True)
     assert not levels.finest
     assert levels.allowed.sum() <= 16
 
 
 @pytest.mark.parametrize("made", [wall(16), slender(5.0, [45, 9])])
 def test_thick_bodies_have_none(made: Config) -> None:
-    assert ConstraintHierarchy.of(problem(made, [2, 1]), coarsened=True).finest
+    assert constraint_hierarchy(problem(made, [2, 1]), coarsened=True).finest
 
 
 @pytest.mark.ratchet

@@ -104,7 +104,7 @@ def test_near_incompressibility_takes_half_the_products(problem: DualProblem) ->
 
     def products(options: RecyclingOptions) -> int:
         def required(state: State) -> float:
-            return state.worst(problem) / 1e-7
+            return problem.largest_distance(state) / 1e-7
 
         test = StoppingTest(required, lambda state: required(state) <= 1.0)
         backend, start = TotalFeti(problem, options), initial_active_set(problem, None)

@@ -38,7 +38,7 @@ def test_sets_that_fail_ahead_of_the_states_are_tried_without() -> None:
     def lack(state: State) -> float:
         lengths = problem.lengths(state.displacements)
         left = friction_residual(problem, state.multiplier, state.jumps, lengths)
-        return max(left, state.worst(problem)) / 1e-8
+        return max(left, problem.largest_distance(state)) / 1e-8
 
     def sets(ahead: bool) -> Outcome[State]:
         method = ActiveSetMethod(
