@@ -62,8 +62,8 @@ from contact_app.scene.material import NEARLY_INCOMPRESSIBLE
 from contact_app.scene.obstacles import Plane
 from meshes import dolfinx_compat
 from meshes.contact_surface import Surface, is_curved
-from solver.contact.sizes import STRAINLESS
 from solver.contact.solution import Solution
+from solver.tfeti.sizes import STRAINLESS
 from solver.vectors import largest_magnitude
 
 Array = NDArray[np.float64]

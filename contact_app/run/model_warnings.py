@@ -66,11 +66,11 @@ from contact_app.scene.bodies import MOTION_NAMES
 from contact_app.scene.conditions import Pressure, Traction
 from meshes.quadratic import CORNERS_ONLY
 from solver.contact.certificate import EQUILIBRIUM_FLOOR
-from solver.contact.sizes import STRAINLESS
 from solver.driver import reason_text
 from solver.qp.result import Reason
 from solver.tfeti.constraints.exchange import NodeExchange
 from solver.tfeti.dual import DualProblem
+from solver.tfeti.sizes import STRAINLESS
 from solver.tfeti.subdomain.kernels import MOTIONS
 
 SIMPLICES = ("triangle", "tetrahedron")

@@ -3,8 +3,7 @@
 `active_set` is the loop over active sets on any backend (`solver.backend`), `solve_on_set` the
 solve on one of them, `active_set_update` makes the next one, and `retries` begins the loop anew
 where sets do not settle. `law` and `friction_law` are the contact laws, `stopping` decides when an
-answer is accurate enough, and `certificate` recomputes from an answer how far it may be off. The
-certificate reads an answer through a protocol (`sizes.MeasuredAnswer`), so nothing in this package
-depends on a backend. The backends stand in packages of their own, and `solver.driver` chooses
-one.
+answer is accurate enough, and `certificate` has the numbers that say how far it may be off, which
+`solver.tfeti.certify` computes. Nothing in this package depends on a backend. The backends stand in
+packages of their own, and `solver.driver` chooses one.
 """

@@ -146,10 +146,10 @@ def body_lengths(bodies: Bodies, displacement: Array, free: Array) -> Array:
     if bodies.rigid.any():
         elastic = np.where(bodies.rigid, 0.0, values)
         values = np.where(bodies.rigid, bodies.by_group(elastic)[bodies.groups], values)
-    return sizes(bodies, values)
+    return reference_sizes(bodies, values)
 
 
-def sizes(bodies: Bodies, values: Array) -> Array:
+def reference_sizes(bodies: Bodies, values: Array) -> Array:
     """Values (bodies,), raised to a small share of the largest in the group.
 
     One in place of zero.

@@ -4,6 +4,6 @@ Subdomains that all float (`subdomain`) are joined by constraints (`constraints`
 problem of their rigid motions (`coarse`). `dual` is F = B K⁺ Bᵀ with its right-hand sides,
 `preconditioner` approximates its inverse, `recovery` returns displacements from multipliers,
 `recycling` reuses search directions, `winkler` computes the initial active set, and `methods` are
-the algorithms that solve the dual problem. `certify` gives the data of the certificate: the `sizes`
-of each body, and the `duality_gap` to the admissible displacement that `feasible` finds.
+the algorithms that solve the dual problem. `certify` computes the certificate from the `sizes` of
+each body and the `duality_gap` to the admissible displacement that `feasible` finds.
 """

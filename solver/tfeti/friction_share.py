@@ -16,9 +16,9 @@ from numpy.typing import NDArray
 
 from solver.contact.equilibrium import FrictionCones, balance, carried_share, slide
 from solver.contact.solution import Solution
-from solver.tfeti.certify import rows_on_allowed_motions
 from solver.tfeti.decomposed import DecomposedProblem
 from solver.tfeti.free_motions import FreeMotions
+from solver.tfeti.sizes import rows_on_allowed_motions
 
 Array = NDArray[np.float64]
 

@@ -27,9 +27,10 @@ from solver.contact.equilibrium import held_motions
 from solver.contact.nearest_point import nearest_point
 from solver.contact.row_kinds import RowKind
 from solver.contact.solution import Solution
-from solver.tfeti.certify import certify, rows_on_allowed_motions, rows_that_resist
+from solver.tfeti.certify import certify
 from solver.tfeti.decomposed import DecomposedProblem
 from solver.tfeti.free_motions import RESOLVED, FreeMotions
+from solver.tfeti.sizes import rows_on_allowed_motions, rows_that_resist
 from solver.vectors import largest_magnitude
 
 Array = NDArray[np.float64]

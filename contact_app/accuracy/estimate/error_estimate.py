@@ -42,8 +42,8 @@ from contact_app.accuracy.estimate.stress_recovery import (
 )
 from contact_app.accuracy.estimate.touching import touching_nodes
 from contact_app.model.model import Model
-from solver.contact.sizes import STRAINLESS
 from solver.contact.solution import Accuracy, Solution
+from solver.tfeti.sizes import STRAINLESS
 
 Array = NDArray[np.float64]
 

@@ -11,7 +11,6 @@ from mpi4py import MPI
 from contact_app.model.model import build_model
 from solver.contact.active_set_options import ActiveSetOptions
 from solver.contact.bodies import Bodies
-from solver.contact.sizes import BodyForces, force_references
 from solver.contact.solve_on_set import Outcome
 from solver.contact.stopping import StoppingRule
 from solver.driver import solve as solve_problem
@@ -21,6 +20,7 @@ from solver.primal.factor import FactorOptions
 from solver.primal.line_search import minimum_along
 from solver.qp.mprgp import MPRGP
 from solver.tfeti.methods.task import Task
+from solver.tfeti.sizes import BodyForces, force_references
 from tests import scenes
 from tests.bearings import half_bearing
 from tests.comparison import solve

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from solver.contact.certificate import friction_numbers
+from solver.tfeti.certify import friction_numbers
 from tests import scenes
 from tests.comparison import solve
 from tests.contact_app.contact.test_friction import pair

@@ -12,7 +12,6 @@ from numpy.typing import NDArray
 
 from solver.contact.options import SolverOptions
 from solver.driver import solve
-from solver.tfeti.certify import DualAnswer
 from solver.tfeti.coarse.coarse_problem import CoarseProblem
 from solver.tfeti.derived import with_active
 from solver.tfeti.dual import DualProblem
@@ -20,6 +19,7 @@ from solver.tfeti.dual_operator import interface_slices
 from solver.tfeti.duality_gap import duality_gap, nearest_admissible
 from solver.tfeti.feasible import feasible_displacements, feasible_multiplier
 from solver.tfeti.recovery import displacements, interface_displacements, kernel_coefficients
+from solver.tfeti.sizes import MeasuredAnswer
 from tests.solver.tfeti.test_from_arrays import in_pieces
 
 Array = NDArray[np.float64]
@@ -114,7 +114,7 @@ def test_recovered_displacements_balance_the_forces_and_have_the_least_jumps(
     alpha = kernel_coefficients(problem, multiplier, None)
     u = displacements(problem, multiplier, alpha)
     load = np.abs(multiplier).sum() + sum(np.abs(f).sum() for f in problem.forces)
-    equilibrium = DualAnswer(problem, multiplier, u).equilibrium()
+    equilibrium = MeasuredAnswer(problem, multiplier, u).equilibrium()
     assert equilibrium.imbalance.max() <= 1e-11 * load
     interface = problem.on_interface(u)
     size = np.abs(interface).max()
