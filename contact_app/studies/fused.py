@@ -1,6 +1,6 @@
-"""The bodies of a scene fused into one: the linear problem with which pairs are compared.
+"""The bodies of a scene fused into one: the linear problem with which several bodies are compared.
 
-One mesh goes through both bodies (``meshes/samples/make_parts.py --fused``). Materials, supports
+One mesh goes through all bodies (``meshes/samples/make_parts.py --fused``). Materials, supports
 and loads are those of the scene; there is no contact. A part that is loaded only by its
 interference gets its weight as a load instead, since without loads the solution would be zero.
 """

@@ -17,7 +17,7 @@ without later stages (error estimate, stresses, files):
     Preconditioners and iterations.
 
 Linear methods solve the part glued at its contacts: an unknown with a bound is held at its bound,
-and one mesh goes through both bodies (``fused/`` beside their mesh, `contact_app.studies.fused`).
+and one mesh goes through all bodies (``fused/`` beside their mesh, `contact_app.studies.fused`).
 No other method of PETSc takes several bodies.
 """
 

@@ -8,7 +8,7 @@ seconds contain: run the command twice on a new machine. The columns of the tabl
 
 "over linear"
     Seconds relative to ``linear-gamg``: conjugate gradients with GAMG to the same tolerance on the
-    part glued at its contacts. For two bodies it uses one mesh through both, if that is drawn
+    part glued at its contacts. For several bodies it uses one mesh through all, if that is drawn
     (noted ``fused``, with its own number of unknowns).
 "CPU"
     CPU seconds, summed over ranks, which depend less on other work on the machine.

@@ -14,8 +14,8 @@ from contact_app.studies.fused import mesh_of
 
 SCRIPT = Path(__file__).parents[2] / "meshes" / "samples" / "make_parts.py"
 
-FUSED = ("bolted_flange", "hub_on_shaft", "pin_in_lug")
-"""Parts of two bodies that the script also draws as one."""
+FUSED = ("ball_in_grooves", "bolted_flange", "hub_on_shaft", "pin_in_lug")
+"""Parts of several bodies that the script also draws as one."""
 
 
 @dataclass(frozen=True)

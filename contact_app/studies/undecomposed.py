@@ -31,7 +31,7 @@ from contact_app.scene.bodies import Body, Box
 from contact_app.scene.conditions import TotalLoad
 from contact_app.scene.scene import Scene
 from meshes import dolfinx_compat
-from meshes.subdomains import VTK_ORDER
+from meshes.subdomains import vtk_order
 from meshes.unstructured import CellMesh
 from solver.tfeti.subdomain.kernels import rigid_motions
 
@@ -158,7 +158,7 @@ def assemble(
     Raises
     ------
     UnsuitableError
-        More than one body, or curved cells.
+        More than one body, a temperature, or contact rows that are no bounds.
     """
     if len(scene.bodies) != 1:
         raise UnsuitableError(f"it has {len(scene.bodies)} bodies")
@@ -217,24 +217,29 @@ def assemble(
 
 def _mesh(body: Body, comm: MPI.Intracomm) -> Any:
     box = body.mesh
-    if isinstance(box, CellMesh) and box.middles is None:
+    if isinstance(box, CellMesh):
+        shape = box.shape(2 if _curved(body) else 1)
+        order = np.argsort(vtk_order(shape.cell, shape.degree))
         cells, points = (
-            np.array_split(rows, comm.size)[comm.rank] for rows in (box.cells, box.points)
+            np.array_split(rows, comm.size)[comm.rank] for rows in (shape.cells, shape.points)
         )
-        return dolfinx_compat.create_mesh(
-            cells[:, VTK_ORDER[box.cell]], points, box.cell, comm=comm
-        )
-    if not isinstance(box, Box):
-        raise UnsuitableError("its mesh is no box and has no straight cells")
+        return dolfinx_compat.create_mesh(cells[:, order], points, box.cell, shape.degree, comm)
+    assert isinstance(box, Box)
     corners = [np.array(box.lower), np.array(box.upper)]
     make = dmesh.create_box if len(box.cells) == 3 else dmesh.create_rectangle
     return make(comm, corners, list(box.cells), getattr(dmesh.CellType, box.cell))
 
 
+def _curved(body: Body) -> bool:
+    """Whether the mesh of a body, at its degree, has curved edges."""
+    mesh = body.mesh
+    return body.degree == 2 and isinstance(mesh, CellMesh) and mesh.middles is not None
+
+
 def _stiffness(scene: Scene, body: Body, mesh: Any, space: Any) -> Any:
     u, v = ufl.TrialFunction(space), ufl.TestFunction(space)
     lam, mu = _moduli(scene, body, mesh)
-    rule = quadrature_degree(body.mesh.cell, body.degree)
+    rule = quadrature_degree(body.mesh.cell, body.degree, _curved(body))
     strain = ufl.sym(ufl.grad(u))
     stress = lam * ufl.tr(strain) * ufl.Identity(scene.dimension) + 2.0 * mu * strain
     dx = ufl.dx(domain=mesh, metadata={"quadrature_degree": rule})

@@ -43,7 +43,7 @@ def run(description: str, shapes: Shapes, fused: Mapping[str, Draw]) -> None:
     Parameters
     ----------
     fused
-        Functions that draw the two bodies of a shape as one.
+        Functions that draw the bodies of a shape as one.
     """
     parser = argparse.ArgumentParser(description=description)
     parser.add_argument("names", nargs="*", help=f"of {', '.join(shapes)}; all unless given")
@@ -52,7 +52,7 @@ def run(description: str, shapes: Shapes, fused: Mapping[str, Draw]) -> None:
     sizes.add_argument("--factor", type=float, default=1.0, help="multiple of the shape's own size")
     parser.add_argument("--order", type=int, choices=(1, 2), help="of the cells")
     if fused:
-        parser.add_argument("--fused", action="store_true", help="two bodies as one, of order 1")
+        parser.add_argument("--fused", action="store_true", help="all bodies as one, of order 1")
     parser.add_argument("--to", type=Path, default=HERE, help="directory to write to")
     arguments = parser.parse_args()
     arguments.to.mkdir(parents=True, exist_ok=True)

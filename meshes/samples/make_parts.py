@@ -2,7 +2,7 @@
 
 The meshes in this directory are as coarse as a tutorial allows. ``--size`` is the size of cells
 near contact, and ``--factor`` gives it as a multiple of the default size of the part. ``--order 2``
-gives cells with nodes on their edges, which follow the round boundaries. ``--fused`` draws the two
+gives cells with nodes on their edges, which follow the round boundaries. ``--fused`` draws the
 bodies of a part as one. Lengths are in millimetres.
 """
 
@@ -58,14 +58,19 @@ def bolted_flange(size: float, fused: bool = False) -> None:
     make_mesh([near(under, size, 2.5 * size, 4, 40), near(over, 1.25 * size, 2.5 * size, 4, 40)])
 
 
-def ball_in_grooves(size: float) -> None:
+def ball_in_grooves(size: float, fused: bool = False) -> None:
     """A ball of radius 5 between two blocks with a groove of radius 5.2 along y in each.
 
-    Fine where Hertz's ellipses of contact are, long along y and narrow across.
+    Fine where Hertz's ellipses of contact are, long along x and narrow along y. Fused, the ball
+    is 0.01 larger and loses what overlaps: ellipses of half axes 1.61 and 0.32 are shared.
     """
     occ = gmsh.model.occ
     lower, upper = _race(-1), _race(1)
-    ball = occ.addSphere(0, 0, 0, 5)
+    ball = occ.addSphere(0, 0, 0, 5.01 if fused else 5)
+    if fused:
+        races = [(3, lower), (3, upper)]
+        rest, _ = occ.cut([(3, ball)], races, removeTool=False)
+        lower, upper, ball = fuse(lower, upper, rest[0][1])
     occ.synchronize()
     name_groups(3, {"ball": [ball], "lower": [lower], "upper": [upper]})
     name_groups(2, {
@@ -132,10 +137,11 @@ def hub_on_shaft(size: float, fused: bool = False) -> None:
     make_mesh([near(bore, size, 3 * size, 0.5, 25), near(holes, min(size, 2.5), 3 * size, 0.3, 14)])
 
 
-def fuse(first: int, second: int) -> list[int]:
-    """Fuse two volumes along a common face, so that one mesh goes through both."""
-    _, pieces = gmsh.model.occ.fragment([(3, first)], [(3, second)])
-    return [pieces[0][0][1], pieces[1][0][1]]
+def fuse(*volumes: int) -> list[int]:
+    """Fuse volumes along common faces, so that one mesh goes through all."""
+    first, *others = [(3, volume) for volume in volumes]
+    _, pieces = gmsh.model.occ.fragment([first], others)
+    return [piece[0][1] for piece in pieces]
 
 
 def _stub(side: int) -> int:
@@ -212,9 +218,9 @@ def name_groups(dimension: int, groups: dict[str, list[int]]) -> None:
     for name, tags in groups.items():
         if not tags:
             raise ValueError(f"no face of the part is its {name}")
-        if dimension == 2 and all(len(gmsh.model.getAdjacencies(2, t)[0]) > 1 for t in tags):
-            continue
-        gmsh.model.addPhysicalGroup(dimension, tags, name=name)
+        outer = [t for t in tags if dimension == 3 or len(gmsh.model.getAdjacencies(2, t)[0]) == 1]
+        if outer:
+            gmsh.model.addPhysicalGroup(dimension, outer, name=name)
 
 
 def near(faces: list[int], fine: float, coarse: float, begin: float, end: float) -> int:
@@ -262,6 +268,7 @@ PARTS: Shapes = {
 """The function that draws each part, with default size near contact and default order."""
 
 FUSED = {
+    "ball_in_grooves": partial(ball_in_grooves, fused=True),
     "bolted_flange": partial(bolted_flange, fused=True),
     "hub_on_shaft": partial(hub_on_shaft, fused=True),
     "pin_in_lug": partial(pin_in_lug, fused=True),

@@ -22,7 +22,8 @@ from contact_app.studies.peers import solve
 from contact_app.studies.perturbed import MOVE, write_cube
 from contact_app.studies.tables import fill
 from contact_app.studies.undecomposed import assemble
-from tests import meshfiles
+from tests import meshfiles, scenes
+from tests.contact_app.model.test_curved import bent_scene
 
 
 def test_a_process_out_of_time_or_in_error_is_reported() -> None:
@@ -85,6 +86,29 @@ def test_peers_take_the_groups_of_a_file(tmp_path: Path, cell: str, degree: int)
     summary = solve_scene(scene).summary
     assert row["dofs"] == summary["mesh"]["dofs"]
     assert row["energy"] == pytest.approx(summary["solution"]["energy"], rel=1e-8)
+
+
+@pytest.mark.parametrize(
+    ("cell", "name"), [("quadrilateral", "quad9"), ("hexahedron", "hexahedron20")]
+)
+def test_peers_take_curved_cells(cell: str, name: str, tmp_path: Path) -> None:
+    """With two materials, two loads and a round obstacle."""
+    scene = scenes.build(bent_scene(cell, name, tmp_path))
+    row, _, _ = solve(scene, "snes-vi-cholmod", 1e-10)
+    summary = solve_scene(scene).summary
+    assert summary["solution"]["active_contacts"] > 0
+    assert row["energy"] == pytest.approx(summary["solution"]["energy"], rel=1e-8)
+
+
+def test_linear_peers_take_curved_tetrahedra(tmp_path: Path) -> None:
+    made = bent_scene("tetrahedron", "tetra10", tmp_path) | {"contacts": []}
+    for degree, nodes in ((2, 5**3), (1, 3**3)):
+        made["bodies"][0]["degree"] = degree
+        scene = scenes.build(made)
+        row, _, _ = solve(scene, "linear-gamg", 1e-10)
+        summary = solve_scene(scene).summary
+        assert row["dofs"] == 3 * nodes
+        assert row["energy"] == pytest.approx(summary["solution"]["energy"], rel=1e-8)
 
 
 def _leaning_planes(tmp_path: Path, last: float) -> Scene:
