@@ -104,7 +104,8 @@ class Multigrid:
         """Matrices of a problem under other loads are taken from the place, or left there."""
         self.problem = problem
         self.factors = factors or FactorOptions()
-        self.matrices = Matrices.shared(place or SharedPlace(), problem, self.factors)
+        self._place = place or SharedPlace()
+        self.matrices = Matrices.shared(self._place, problem, self.factors)
         self.system: MergedSystem = self.matrices.system
         self.direct = self.matrices.direct
         self.begin_at(self.system.at_rest)
@@ -185,7 +186,8 @@ class Multigrid:
     def prepare_motions(self, projector: Projector, springs: Springs) -> int:
         """Add lifts of means to the rigid motions before the first set (collective).
 
-        Without friction rigid motions lift the means well enough.
+        Without friction rigid motions lift the means well enough. Problems under other loads share
+        the lifts: any displacement will do, and the rigid space adapts all to its set.
 
         Returns
         -------
@@ -199,6 +201,7 @@ class Multigrid:
         soft = springs.softened(projector)
         lifts = lifts_of_means(self.cycle(soft), soft.narrow)
         self.motions = self.motions.with_lifts(self.system, lifts)
+        self._place.content = replace(self.matrices, floating=self.motions)
         return means
 
     def give_up_multigrid(self) -> bool:

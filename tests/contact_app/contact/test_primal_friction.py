@@ -24,6 +24,7 @@ from solver.primal.hierarchy import build_hierarchy
 from solver.primal.merged import merge
 from solver.primal.products import multiply
 from solver.qp.mprgp import MPRGP
+from solver.tfeti.decomposed import SharedPlace
 from solver.tfeti.methods.task import Task
 from tests import friction_reference, scenes
 from tests.comparison import same_displacement, solve
@@ -185,6 +186,23 @@ def test_rows_for_mean_motions_do_not_slow_conjugate_gradients_with_friction(
     assert held["solution"]["energy"] == same
     work, more = (s["solver"]["hessian_multiplications"] for s in (held, left_to_projector))
     assert work < 0.75 * more
+
+
+def test_problems_under_other_loads_share_the_lifts_of_mean_motions() -> None:
+    """Increments of a history need one V-cycle for each mean in all."""
+    settings = [f"bodies.{k}.degree=1" for k in (0, 1)]
+    settings += ["solver.method=primal", "contacts.0.friction={tresca: 3.0}"]
+    scene = build_scene(load(CONFIGS / "bolted_flange.yaml", settings))
+    problem = build_model(scene.under(scene.cases[2]), MPI.COMM_SELF, needed="distinct").problem
+    place = SharedPlace()
+    first = Multigrid(problem, place=place)
+    statuses = Statuses(first.closed_in(first.first_set()))
+    of_first = first.on_set(statuses, None)
+    second = Multigrid(problem, place=place)
+    of_second = second.on_set(statuses, None)
+    assert second.motions.lifts_means
+    means = int(first.system.means.sum())
+    assert of_first.counts.hessian - of_second.counts.hessian == means > 0
 
 
 def test_rows_for_mean_motions_are_left_to_the_projector_without_friction() -> None:
