@@ -35,9 +35,9 @@ from contact_app.forms.subdomains import Subdomains, subdomains_of
 from contact_app.forms.uniform import in_cylindrical_coordinates
 from meshes.ties import MeanJumps
 from solver.tfeti.build import CongruentSubdomains, ConstraintRows, build_system
-from solver.tfeti.constraints.conditions import ContactRows, HeldRows, SharedRows
+from solver.tfeti.constraints.conditions import ContactRows, HeldRows
 from solver.tfeti.constraints.exchange import NodeExchange
-from solver.tfeti.constraints.rows import write_rows
+from solver.tfeti.constraints.rows import SharedRows, write_rows
 from solver.tfeti.constraints.supports import SupportRows
 from solver.tfeti.decomposed import SharedPlace
 from solver.tfeti.dual import DualProblem
@@ -181,12 +181,10 @@ def build_model(
     first = parts.comm.exscan(subdomains.count) or 0
     numbers = np.repeat(first + np.arange(subdomains.count), np.diff(subdomains.starts))
     of_held = eliminated[bodies.of_node[held.nodes - exchange.first]]
-    rows, shared = write_rows(
-        exchange, numbers, held, SharedRows.of(contact, friction.rows), of_held
-    )
-    friction = replace(friction, rows=shared.tangential)
+    shared = SharedRows.of(contact, friction)
+    rows, shared = write_rows(exchange, numbers, held, shared, of_held)
     supports = _supports(subdomains, bodies, state, first)
-    constraints = ConstraintRows(exchange, rows, shared, supports, state.without_contact, friction)
+    constraints = ConstraintRows(exchange, rows, shared, supports, state.without_contact)
     lifted = _lifted(exchange, held)
     with together(parts.comm):
         pieces = [
@@ -257,7 +255,7 @@ def with_new_loads(
         lifting[cls][:, column] = value[model.subdomains.unknowns(number)]
     for lift, values in zip(lifting, problem.classes, strict=True):
         lift[values.free] = 0.0  # rows hold these unknowns
-    c = problem.right_hand_side(held, SharedRows.of(contact, friction.rows))
+    c = problem.right_hand_side(held, SharedRows.of(contact, friction))
     case = problem.with_loads(forces, lifting, c, [h if h.any() else None for h in heat])
     return replace(model, problem=case, merged=merged)
 

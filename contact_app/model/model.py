@@ -211,11 +211,9 @@ def model_of_outline(
     body_of_held = np.searchsorted(partition.first_node, held.nodes, side="right") - 1
     geometry, unknowns = outline.geometry, RigidUnknowns.of(outline.geometry)
     of_copies = subdomains_of_copies(surface, partition, unknowns.count)
-    friction = outline.tangential
     rows, shared = write_rows(
         exchange, of_copies, held, outline.shared, eliminated[body_of_held], options
     )
-    friction = replace(friction, rows=shared.tangential)
     supports = support_rows(geometry, surface, balances)
     lifting = _lifting(partition, surface, exchange, held, eliminated)
     classes = _congruent(scene.bodies, partition, lifting)
@@ -228,9 +226,8 @@ def model_of_outline(
             _assembled(scene.plane, levels, outline, key, members, lifting)
             for key, members in classes.items()
         ] + rigid_subdomains(unknowns, surface, partition)
-    constraints = ConstraintRows(
-        exchange, rows, shared, supports, all(b.steady for b in balances), friction
-    )
+    steady = all(b.steady for b in balances)
+    constraints = ConstraintRows(exchange, rows, shared, supports, steady)
     problem = DualProblem(
         build_system(
             subdomains, constraints, group_numbers(geometry, scene.touching, scene.all_ties),

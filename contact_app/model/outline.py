@@ -57,11 +57,11 @@ from solver.tfeti.constraints.conditions import (
     ContradictionError,
     HeldRows,
     NodeConditions,
-    SharedRows,
 )
 from solver.tfeti.constraints.exchange import NodeExchange
 from solver.tfeti.constraints.friction import FrictionRows
 from solver.tfeti.constraints.merge import merge_contact, merge_held
+from solver.tfeti.constraints.rows import SharedRows
 
 
 def partition_scene(scene: Scene, comm: MPI.Intracomm) -> Partition:
@@ -170,7 +170,7 @@ class Outline:
     @property
     def shared(self) -> SharedRows:
         """The rows over nodes of several ranks."""
-        return SharedRows(self.contact, self.tangential.rows, self.tied.rows, self.means)
+        return SharedRows(self.contact, self.tangential, self.tied.rows, self.means)
 
     @property
     def eliminated(self) -> NDArray[np.bool_]:

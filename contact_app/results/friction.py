@@ -59,7 +59,7 @@ def friction_at_rows(problem: DualProblem, solution: Solution) -> FrictionAtRows
     count, d = len(problem.contact.nodes), problem.dimension
     forces, moments, slips = np.zeros((3, count, 3))
     sticks, rubs = np.zeros((2, count), bool)
-    points, rows = problem.friction, problem.system.friction
+    points, rows = problem.friction, problem.shared.friction
     place, normals = rows.places(problem.contact), rows.rows.normals
     force = points.forces(solution.multiplier)
     slip = points.slips(problem.residual(problem.on_interface(solution.displacements)))

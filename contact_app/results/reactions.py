@@ -105,7 +105,7 @@ def hold_records(model: Model, solution: Solution) -> list[dict[str, Any]]:
 
     Force on the body, and moment about its centre.
     """
-    scene, rows = model.scene, model.problem.system.means
+    scene, rows = model.scene, model.problem.shared.means
     multiplier = solution.multiplier[model.problem.means] * rows.spread
     sums = np.zeros((len(scene.bodies), 6))
     force = multiplier[:, None] * np.column_stack([_in_space(rows.normals), rows.moments])

@@ -197,7 +197,7 @@ def _nodes(
         Force above which a contact presses or holds; zero if nothing presses on any rank.
     """
     points, rough, contact, d = (
-        problem.friction, problem.system.friction, problem.contact, problem.dimension,
+        problem.friction, problem.shared.friction, problem.contact, problem.dimension,
     )  # fmt: skip
     if least == 0.0:
         return

@@ -44,7 +44,7 @@ def tie_records(model: Model, solution: Solution) -> list[dict[str, Any]]:
     covers a narrow strip; `max_smoothed_pressure` that of its means (`smoothed_pressure`).
     """
     problem, scene, comm = model.problem, model.scene, model.comm
-    rows = problem.system.tied
+    rows = problem.shared.tied
     multiplier = solution.multiplier[problem.tied] * rows.spread
     force = np.zeros((len(rows.nodes), 3))
     force[:, : scene.dimension] = multiplier[:, None] * rows.normals
@@ -135,7 +135,7 @@ def _contact_at_tied_nodes(problem: DualProblem, solution: Solution) -> NDArray[
 
     That of rows that are written on the motion of the rigid body.
     """
-    rows, contact, d = problem.system.tied, problem.contact, problem.dimension
+    rows, contact, d = problem.shared.tied, problem.contact, problem.dimension
     moved = contact.replaced
     pressing = solution.multiplier[problem.inequality] * contact.spread
     parts = problem.comm.allgather(

@@ -149,7 +149,7 @@ def undetermined_of(
     left = np.maximum(left / contact.spread, 0.0)
     force = solution.multiplier[problem.inequality] * contact.spread
     largest = comm.allreduce(float(force.max(initial=0.0)), op=MPI.MAX)
-    seen, points, friction = motions_of(contact), problem.friction, problem.system.friction
+    seen, points, friction = motions_of(contact), problem.friction, problem.shared.friction
     resists = points.slip_limits(solution.multiplier) > PRESSING * largest
     rough = motions_of(friction.rows)[resists[points.point]]
     motions = []

@@ -118,7 +118,7 @@ class IncrementModels:
 
     def _moved(self, model: Model) -> NDArray[np.float64] | None:
         """Slips (dual,) from held components of rigid bodies in this increment."""
-        problem, friction = model.problem, model.problem.system.friction
+        problem, friction = model.problem, model.problem.shared.friction
         if not model.scene.rigid_bodies:
             return None
         unknowns, moved = RigidUnknowns.of(model.geometry), np.zeros(problem.size)

@@ -112,7 +112,7 @@ def _rubs_at_tied_nodes(problem: DualProblem) -> bool:
     a certificate after 8 and 948 operator applications, and with one after 718; Total FETI takes 22
     to 42.
     """
-    tied, rubbing = problem.system.tied, problem.system.friction.rows
+    tied, rubbing = problem.shared.tied, problem.shared.friction.rows
     nodes = np.concatenate(problem.comm.allgather(tied.nodes[tied.on_rigid]))
     return problem.comm.allreduce(int(np.isin(rubbing.nodes, nodes).any())) > 0
 

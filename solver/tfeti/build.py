@@ -15,10 +15,8 @@ from scipy import sparse
 from solver.contact.row_kinds import RowKind
 from solver.tfeti.bodies import bodies_of
 from solver.tfeti.coarse.coarse_problem import CoarseProblem
-from solver.tfeti.constraints.conditions import SharedRows
 from solver.tfeti.constraints.exchange import NodeExchange
-from solver.tfeti.constraints.friction import FrictionRows
-from solver.tfeti.constraints.rows import Rows
+from solver.tfeti.constraints.rows import Rows, SharedRows
 from solver.tfeti.constraints.supports import SupportRows
 from solver.tfeti.free_motions import FreeMotions, LooseBodies
 from solver.tfeti.options import TotalFetiOptions
@@ -92,8 +90,6 @@ class ConstraintRows:
         Rows for rigid motions that nothing else holds.
     held_without_contact
         Whether all other rows alone stop every rigid motion.
-    friction
-        Tangential rows, in row order.
     """
 
     exchange: NodeExchange
@@ -101,7 +97,6 @@ class ConstraintRows:
     shared: SharedRows
     supports: SupportRows
     held_without_contact: bool
-    friction: FrictionRows
 
 
 def build_system(
@@ -129,8 +124,7 @@ def build_system(
         A stiffness matrix of some rank resists its kernel or has a larger one.
     """
     exchange, rows, shared = constraints.exchange, constraints.rows, constraints.shared
-    contact, tied = shared.contact, shared.tied
-    comm, d = exchange.comm, contact.normals.shape[1]
+    comm, d = exchange.comm, shared.contact.normals.shape[1]
     touched = exchange.from_owners(rows.touched(len(exchange.nodes), d))
     for copies, values in zip(
         constraints.supports.copies, constraints.supports.values, strict=True
@@ -154,9 +148,8 @@ def build_system(
                 ordered.B, kernels, in_contact | tangential, ordered.weight, options
             )
     wide = np.zeros(len(ordered.kinds), bool)
-    wide[in_contact] = contact.wide
-    wide[ordered.kinds == RowKind.TIED] = tied.wide
-    wide[tangential] = constraints.friction.rows.wide
+    for kind in (RowKind.CONTACT, RowKind.TANGENT, RowKind.TIED):
+        wide[ordered.kinds == kind] = shared.by_kind[kind].wide
     widths = [len(cls.interface) for cls in classes]
     bodies = bodies_of(comm, ordered.B, groups, [s.bodies for s in subdomains], widths,
                        [cls.rigid for cls in classes])  # fmt: skip
@@ -170,12 +163,9 @@ def build_system(
         d,
         tuple(classes),
         matrix,
-        contact,
+        shared,
         loads,
         bodies,
-        tied,
-        shared.means,
-        constraints.friction,
         places,
         exchange.total,
         _free_motions(exchange, d, subdomains, classes, groups, loose),

@@ -20,7 +20,7 @@ from solver.contact.bodies import Bodies, body_lengths
 from solver.contact.friction_points import FrictionPoints
 from solver.contact.row_kinds import RowKind
 from solver.tfeti.coarse.coarse_problem import CoarseProblem
-from solver.tfeti.constraints.conditions import ContactRows, HeldRows, SharedRows
+from solver.tfeti.constraints.conditions import ContactRows, HeldRows
 from solver.tfeti.constraints.friction import friction_points
 from solver.tfeti.constraints.matrix import (
     ConstraintMatrix,
@@ -28,6 +28,7 @@ from solver.tfeti.constraints.matrix import (
     petsc_rows,
     without_columns,
 )
+from solver.tfeti.constraints.rows import SharedRows
 from solver.tfeti.dual_operator import interface_slices
 from solver.tfeti.subdomain.classes import SubdomainClass
 from solver.tfeti.system import ContactSystem
@@ -115,7 +116,7 @@ class DecomposedProblem:
     @property
     def contact(self) -> ContactRows:
         """Geometry of the contact rows, in row order."""
-        return self.system.contact
+        return self.shared.contact
 
     @property
     def bodies(self) -> Bodies:
@@ -178,7 +179,7 @@ class DecomposedProblem:
     @cached_property
     def friction(self) -> FrictionPoints:
         """Contact points with friction."""
-        rows = self.system.friction
+        rows = self.shared.friction
         return friction_points(rows, self.contact, self.tangential, self.inequality)
 
     @cached_property
@@ -210,8 +211,7 @@ class DecomposedProblem:
     @property
     def shared(self) -> SharedRows:
         """Geometry of the rows over nodes of several ranks."""
-        system = self.system
-        return SharedRows(system.contact, system.friction.rows, system.tied, system.means)
+        return self.system.shared
 
     def right_hand_side(self, held: HeldRows, shared: SharedRows) -> NDArray[np.float64]:
         """c (dual,) for other held displacements and gaps of the same rows."""

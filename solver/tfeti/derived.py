@@ -49,11 +49,11 @@ def with_active(
         kinds=np.where(problem.conditional, np.int8(RowKind.SUPPORT), problem.kinds),
         coarse=None if every_row.coarse is None else every_row.coarse.weighted(keep),
     )
+    none = problem.contact.none()
     system = replace(
         problem.system,
         constraints=constraints,
-        contact=problem.contact.none(),
-        friction=FrictionRows.none(problem.contact),
+        shared=replace(problem.shared, contact=none, friction=FrictionRows.none(none)),
         loads=replace(loads, c=problem.c * keep),
     )
     offset = moved = None

@@ -18,11 +18,10 @@ from petsc4py import PETSc
 from scipy import sparse
 
 from solver.tfeti.build import CongruentSubdomains, ConstraintRows, build_system
-from solver.tfeti.constraints.conditions import NodeConditions, SharedRows
+from solver.tfeti.constraints.conditions import NodeConditions
 from solver.tfeti.constraints.exchange import NodeExchange
-from solver.tfeti.constraints.friction import FrictionRows
 from solver.tfeti.constraints.merge import merge_contact, merge_held
-from solver.tfeti.constraints.rows import write_rows
+from solver.tfeti.constraints.rows import SharedRows, write_rows
 from solver.tfeti.constraints.supports import SupportRows
 from solver.tfeti.derived import with_active
 from solver.tfeti.dual import DualProblem
@@ -152,9 +151,7 @@ def problem_from_arrays(
     shared = SharedRows.of(contact)
     rows, shared = write_rows(exchange, numbers, held_rows, shared, floating)
     bodies = comm.allreduce(max(s.body for s in subdomains), op=MPI.MAX) + 1
-    constraints = ConstraintRows(
-        exchange, rows, shared, SupportRows(), False, FrictionRows.none(shared.contact)
-    )
+    constraints = ConstraintRows(exchange, rows, shared, SupportRows(), False)
     system = build_system(_classes(subdomains, copies), constraints, np.arange(bodies))
     return _with_held_without_contact(DualProblem(system))
 

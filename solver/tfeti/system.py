@@ -20,9 +20,8 @@ from scipy import sparse
 from solver.contact.bodies import Bodies
 from solver.contact.row_kinds import RowKind
 from solver.tfeti.coarse.coarse_problem import CoarseProblem
-from solver.tfeti.constraints.conditions import ContactRows
-from solver.tfeti.constraints.friction import FrictionRows
 from solver.tfeti.constraints.matrix import ConstraintMatrix
+from solver.tfeti.constraints.rows import SharedRows
 from solver.tfeti.free_motions import FreeMotions
 from solver.tfeti.subdomain.classes import SubdomainClass
 
@@ -119,16 +118,10 @@ class ContactSystem:
         Components of a node.
     classes
         Congruence classes of subdomains on this rank, with the factors of their stiffness.
-    contact
-        Geometry of the contact rows, in row order.
+    shared
+        Geometry of the contact, tangential, tied and mean rows, each in row order.
     bodies
         The body of each subdomain and row.
-    tied
-        Geometry of the tied rows, in row order.
-    means
-        Geometry of the rows that hold rigid motions in the mean, in row order.
-    friction
-        Tangential rows, in row order.
     places
         Nodes of each class if the subdomains are not factored; otherwise empty.
     nodes
@@ -141,12 +134,9 @@ class ContactSystem:
     dimension: int
     classes: tuple[SubdomainClass, ...]
     constraints: Constraints
-    contact: ContactRows
+    shared: SharedRows
     loads: Loads
     bodies: Bodies
-    tied: ContactRows
-    means: ContactRows
-    friction: FrictionRows
     places: tuple[NodePlaces, ...] = ()
     nodes: int = 0
     free: FreeMotions | None = None
@@ -162,15 +152,16 @@ class ContactSystem:
 
         Displacements and gaps stay unchanged unless given.
         """
-        loads, contact = self.loads, self.contact
+        loads, shared = self.loads, self.shared
         lifting = loads.lifting if lifting is None else lifting
         if c is None:
             c = loads.c
         else:
             of_contact = self.constraints.kinds == RowKind.CONTACT
-            contact = replace(contact, gaps=c[of_contact] / contact.spread)
+            gaps = c[of_contact] / shared.contact.spread
+            shared = replace(shared, contact=replace(shared.contact, gaps=gaps))
         loads = loads_on(self.classes, forces, lifting, c)
-        return replace(self, loads=replace(loads, thermal=tuple(thermal)), contact=contact)
+        return replace(self, loads=replace(loads, thermal=tuple(thermal)), shared=shared)
 
 
 def loads_on(

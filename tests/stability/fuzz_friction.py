@@ -157,7 +157,7 @@ def forces_of(condensed: Condensed, solved: Any) -> np.ndarray:
     tangential = np.zeros((len(normal), problem.dimension))
     if points is not None:
         place = np.searchsorted(np.flatnonzero(problem.inequality), points.normals)
-        directions = -problem.system.friction.rows.normals
+        directions = -problem.shared.friction.rows.normals
         np.add.at(tangential, place, points.forces(multiplier)[:, None] * directions)
     own = condensed.rows_of(contact.points, contact.sources, normal, tangential)
     return np.asarray(solved.model.comm.allreduce(own))

@@ -70,7 +70,7 @@ def touching_nodes(model: Model, solution: Solution) -> Touching:
 
 def _friction(problem: DualProblem, solution: Solution, number: int) -> FrictionAtNodes:
     """Friction of one contact (collective)."""
-    points, rows = problem.friction, problem.system.friction
+    points, rows = problem.friction, problem.shared.friction
     sliding, held = np.zeros((2, problem.size))
     slides = points.sliding(solution.multiplier)[points.rows[points.first]]
     of_contact = rows.rows.sources[points.first] == number

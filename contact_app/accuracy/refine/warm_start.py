@@ -83,7 +83,7 @@ class LastLevel:
         force = np.where(pressed > INSIDE, np.maximum(pressure, 0.0), 0.0) * areas
         multiplier[problem.inequality] = force / contact.spread
         if problem.friction.acts:  # contact laws cut it to its limits
-            friction, d = problem.system.friction, model.scene.dimension
+            friction, d = problem.shared.friction, model.scene.dimension
             rows, place = friction.rows, friction.places(contact)
             along = np.einsum("ki,ki->k", at[place, -2 - 2 * d : -2 - d], rows.normals[:, :d])
             multiplier[problem.tangential] = along * areas[place] / rows.spread

@@ -10,8 +10,6 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import sparse
 
-from solver.contact.row_kinds import RowKind
-
 
 class ContradictionError(ValueError):
     """Conditions on one node exclude each other.
@@ -230,48 +228,6 @@ class ContactRows:
     def none(self) -> ContactRows:
         """No rows."""
         return self.of(np.zeros(len(self.nodes), bool))
-
-
-@dataclass(frozen=True, eq=False)
-class SharedRows:
-    """Rows over nodes of any ranks, each kind sorted by node.
-
-    Attributes
-    ----------
-    contact
-        Contact rows.
-    tangential
-        Slips at contact points, by node and contact.
-    tied
-        Rows of tied boundaries; they hold with equality.
-    means
-        Held rigid motions of bodies in the mean.
-    """
-
-    contact: ContactRows
-    tangential: ContactRows
-    tied: ContactRows
-    means: ContactRows
-
-    @classmethod
-    def of(
-        cls,
-        contact: ContactRows,
-        tangential: ContactRows | None = None,
-        tied: ContactRows | None = None,
-        means: ContactRows | None = None,
-    ) -> SharedRows:
-        """Shared rows with the given kinds; the other kinds are empty."""
-        others = (contact.none() if r is None else r for r in (tangential, tied, means))
-        return cls(contact, *others)
-
-    @property
-    def by_kind(self) -> dict[RowKind, ContactRows]:
-        """The rows by their kind in B."""
-        return {
-            RowKind.CONTACT: self.contact, RowKind.TANGENT: self.tangential,
-            RowKind.TIED: self.tied, RowKind.MEAN: self.means,
-        }  # fmt: skip
 
 
 def points_of(rows: ContactRows) -> NDArray[np.int64]:

@@ -41,11 +41,11 @@ from solver.tfeti.constraints.conditions import (
     ContactEntries,
     ContactRows,
     HeldRows,
-    SharedRows,
     points_of,
 )
 from solver.tfeti.constraints.cross_points import Neighbours, coarse_solves_matter
 from solver.tfeti.constraints.exchange import NodeExchange
+from solver.tfeti.constraints.friction import FrictionRows
 from solver.tfeti.options import TotalFetiOptions
 
 MOST_COMPONENTS = 3
@@ -53,6 +53,49 @@ MOST_COMPONENTS = 3
 
 SHARED = RowKind.CONTACT, RowKind.TANGENT, RowKind.TIED, RowKind.MEAN
 """Kinds of rows over nodes that other ranks may own, in the order of `SharedRows`."""
+
+
+@dataclass(frozen=True, eq=False)
+class SharedRows:
+    """Rows over nodes of any ranks, each kind sorted by node.
+
+    Attributes
+    ----------
+    contact
+        Contact rows.
+    friction
+        Tangential rows, sorted by contact within a node.
+    tied
+        Rows of tied boundaries; they hold with equality.
+    means
+        Held rigid motions of bodies in the mean.
+    """
+
+    contact: ContactRows
+    friction: FrictionRows
+    tied: ContactRows
+    means: ContactRows
+
+    @classmethod
+    def of(
+        cls,
+        contact: ContactRows,
+        friction: FrictionRows | None = None,
+        tied: ContactRows | None = None,
+        means: ContactRows | None = None,
+    ) -> SharedRows:
+        """Shared rows with the given kinds; the other kinds are empty."""
+        none = contact.none()
+        friction = friction or FrictionRows.none(contact)
+        return cls(contact, friction, tied or none, means or none)
+
+    @property
+    def by_kind(self) -> dict[RowKind, ContactRows]:
+        """The rows by their kind in B."""
+        return {
+            RowKind.CONTACT: self.contact, RowKind.TANGENT: self.friction.rows,
+            RowKind.TIED: self.tied, RowKind.MEAN: self.means,
+        }  # fmt: skip
 
 
 @dataclass(frozen=True, eq=False)
@@ -262,16 +305,14 @@ def write_rows(
                         np.zeros(len(of) * (m - 1)), weight,
                     )
                 )  # fmt: skip
-    entries, every = _with_spread(exchange, shared)
-    parts += [_Part.shared(kind, rows) for kind, rows in zip(SHARED, every, strict=True)]
-    return _assemble(parts, entries), SharedRows(*every)
+    entries, shared = _with_spread(exchange, shared)
+    parts += [_Part.shared(kind, rows) for kind, rows in shared.by_kind.items()]
+    return _assemble(parts, entries), shared
 
 
-def _with_spread(
-    exchange: NodeExchange, shared: SharedRows
-) -> tuple[SharedEntries, list[ContactRows]]:
+def _with_spread(exchange: NodeExchange, shared: SharedRows) -> tuple[SharedEntries, SharedRows]:
     """Entries of the shared rows, and these rows with `spread` filled in (collective)."""
-    every = [shared.contact, shared.tangential, shared.tied, shared.means]
+    every = list(shared.by_kind.values())
     counts = [len(rows.nodes) for rows in every]
     joined, rigid = (
         ContactEntries.join([getattr(rows, name) for rows in every], counts)
@@ -282,7 +323,10 @@ def _with_spread(
     together[first:last] = first + points_of(every[1])
     entries = SharedEntries(exchange, joined, together, rigid)
     spreads = np.split(1.0 / entries.lengths, np.cumsum(counts)[:-1])
-    return entries, [replace(r, spread=s) for r, s in zip(every, spreads, strict=True)]
+    contact, slips, tied, means = (
+        replace(rows, spread=spread) for rows, spread in zip(every, spreads, strict=True)
+    )
+    return entries, SharedRows(contact, replace(shared.friction, rows=slips), tied, means)
 
 
 @dataclass(frozen=True, eq=False)
