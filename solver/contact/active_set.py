@@ -33,8 +33,9 @@ from solver.contact.active_set_update import (
 from solver.contact.law import ContactLaw, Frictionless
 from solver.contact.loop_state import LoopState
 from solver.contact.monitoring import on_active_set
-from solver.contact.solve_on_set import Outcome, StateSaver, StoppingTest, solve_on_set
+from solver.contact.solve_on_set import Outcome, SaveState, StoppingTest, solve_on_set
 from solver.errors import QPError
+from solver.qp.iterate import Iterate
 from solver.qp.mprgp import MPRGP
 from solver.qp.result import Counts, Monitor, Reason
 
@@ -79,7 +80,7 @@ class ActiveSetMethod(Generic[S]):
         MPRGP; it limits the iterations of all sets together.
     monitor
         Called with each iteration.
-    saver
+    save
         Saves states for a checkpoint.
     work_before
         Work before the first set.
@@ -89,7 +90,7 @@ class ActiveSetMethod(Generic[S]):
     test: StoppingTest[S]
     inner: MPRGP
     monitor: Monitor | None = None
-    saver: StateSaver[S] | None = None
+    save: SaveState[S] | None = None
     options: ActiveSetOptions = ActiveSetOptions()
     law: ContactLaw = Frictionless()
     work_before: Counts = field(default_factory=Counts)
@@ -205,13 +206,17 @@ def _outcome_on_set(method: ActiveSetMethod[S], loop: LoopState[S]) -> Outcome[S
     The outcome with the work on this set; without a state where the active rows hold a body so
     badly that rounding errors let it go. None where they do not hold some body at all.
     """
-    backend, before, saver = method.backend, loop.counts, method.saver
+    backend, before, save = method.backend, loop.counts, method.save
     try:
         on_set = backend.on_set(loop.statuses, loop.multiplier)
     except ArithmeticError:
         return None
     inner = replace(method.inner, max_iterations=method.inner.max_iterations - before.inner)
-    watch = replace(saver, before=saver.before + before).watch(on_set) if saver else None
+
+    def watch(it: Iterate) -> None:
+        if save is not None:
+            save(on_set.state, before + on_set.counts)
+
     active = backend.comm.allreduce(int(loop.statuses.active.sum()))
     monitor = on_active_set(method.monitor, loop.number + 1, active, before.inner)
     try:

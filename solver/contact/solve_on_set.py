@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from typing import Generic
 
 import numpy as np
@@ -17,11 +17,16 @@ from numpy.typing import NDArray
 
 from solver.backend import ConstraintHierarchy, S, SetSolve, Statuses
 from solver.contact.active_set_update import SetRules, changed_rows
-from solver.qp.iterate import Iterate, Watch
+from solver.qp.iterate import Watch
 from solver.qp.mprgp import MPRGP
 from solver.qp.result import Counts, Monitor, Reason
 
 Mask = NDArray[np.bool_]
+
+SaveState = Callable[[Callable[[], S], Counts], None]
+"""Called at each step with a function that returns the state, and the work up to it.
+
+It saves the state where that is due."""
 
 
 @dataclass(frozen=True)
@@ -42,34 +47,6 @@ class StoppingTest(Generic[S]):
     required_reduction: Callable[[S], float]
     accept: Callable[[S], bool]
     may_end_early: bool = False
-
-
-@dataclass(frozen=True)
-class StateSaver(Generic[S]):
-    """Saves the state of a set at steps where one is wanted.
-
-    Attributes
-    ----------
-    due
-        Whether a state has to be saved at this step; the same on all ranks.
-    save
-        Called with the state and the work up to it.
-    before
-        Work of earlier sets.
-    """
-
-    due: Callable[[], bool]
-    save: Callable[[S, Counts], None]
-    before: Counts = field(default_factory=Counts)
-
-    def watch(self, on_set: SetSolve[S]) -> Watch:
-        """Sees the iterates of a set."""
-
-        def save_if_due(it: Iterate) -> None:
-            if self.due():
-                self.save(on_set.state(), self.before + on_set.counts)
-
-        return save_if_due
 
 
 @dataclass(frozen=True, eq=False)

@@ -29,7 +29,7 @@ from solver.qp.result import Counts, Reason
 from solver.tfeti.certify import certify, friction_residual
 from solver.tfeti.contact_law import SURE
 from solver.tfeti.dual import DualProblem
-from solver.tfeti.methods.task import Task, state_saver
+from solver.tfeti.methods.task import Task, saved_by
 
 METHOD = "primal"
 
@@ -134,7 +134,7 @@ def _solve(
         partial(_certified, backend, task.rule),
         partial(_required_reduction, backend, task.rule, loads),
     )
-    method = task.active_set_method(backend, test, state_saver(Saver(task.checkpoint, before)))
+    method = task.active_set_method(backend, test, saved_by(Saver(task.checkpoint, before)))
     method = method.with_options(
         first_reduction=FIRST_REDUCTION, sets_before_levels=SETS_BEFORE_LEVELS
     )

@@ -12,7 +12,7 @@ from solver.contact.active_set import Start
 from solver.contact.checkpoint import Saver
 from solver.contact.retries import solve_with_retries
 from solver.contact.solution import Solution
-from solver.contact.solve_on_set import Outcome, StateSaver
+from solver.contact.solve_on_set import Outcome, SaveState
 from solver.contact.stopping import CertificateTest, StoppingRule
 from solver.qp.outer_state import Restart
 from solver.qp.result import Counts, Reason
@@ -23,7 +23,7 @@ from solver.tfeti.contact_law import SURE
 from solver.tfeti.dual import DualProblem
 from solver.tfeti.duality_gap import duality_gap
 from solver.tfeti.methods.answers import answer_of_state
-from solver.tfeti.methods.task import Task, state_saver
+from solver.tfeti.methods.task import Task, saved_by
 from solver.tfeti.winkler import gaps_are_zero, winkler_contact
 
 METHOD = "active-set"
@@ -49,26 +49,23 @@ def solve_from_first_set(
     -------
     The outcome of the loop and the certified answer; None where SMALBE-M has to go on.
     """
-    outcome, answer = _solve(task, restart, saver, guess)
+    problem, before = task.problem, Counts()
+    if restart is None:
+        start = initial_active_set(problem, guess)
+    else:
+        start, before = (
+            Start(problem.inequality & (restart.multiplier > 0.5), restart.x),
+            restart.counts,
+        )
+    outcome, answer = solve_from(task, start, saved_by(saver.after(before)))
     if guess is not None and outcome.state is None:
-        before = outcome.counts
-        outcome, answer = _solve(task, restart, saver.after(before), None)
-        outcome, guess = replace(outcome, counts=before + outcome.counts), None
+        before, guess = before + outcome.counts, None
+        start = initial_active_set(problem, None)
+        outcome, answer = solve_from(task, start, saved_by(saver.after(before)))
+    outcome = replace(outcome, counts=before + outcome.counts)
     if answer is not None:
         answer = replace(answer, counts=outcome.counts, warm=guess is not None)
     return outcome, answer
-
-
-def _solve(
-    task: Task, restart: Restart | None, saver: Saver, guess: NDArray[np.float64] | None
-) -> tuple[Outcome[State], Solution | None]:
-    """Run `solve_from_first_set` for one initial set."""
-    start, before = initial_active_set(task.problem, guess), Counts()
-    if restart is not None:
-        active = task.problem.inequality & (restart.multiplier > 0.5)
-        start, before = Start(active, restart.x), restart.counts
-    outcome, answer = solve_from(task, start, state_saver(saver.after(before)))
-    return replace(outcome, counts=before + outcome.counts), answer
 
 
 def initial_active_set(problem: DualProblem, guess: NDArray[np.float64] | None) -> Start:
@@ -87,7 +84,7 @@ def initial_active_set(problem: DualProblem, guess: NDArray[np.float64] | None) 
 
 
 def solve_from(
-    task: Task, start: Start, saver: StateSaver[State]
+    task: Task, start: Start, save: SaveState[State]
 ) -> tuple[Outcome[State], Solution | None]:
     """The loop from an initial active set, with the certificate as its test (collective).
 
@@ -101,7 +98,7 @@ def solve_from(
         partial(answer_of_state, task.problem, task.rule),
         partial(_required_reduction, task.problem, task.rule),
     )
-    method = task.active_set_method(TotalFeti(task.problem), test, saver)
+    method = task.active_set_method(TotalFeti(task.problem), test, save)
     outcome = solve_with_retries(method, start)
     if outcome.reason not in ENDS:
         return outcome, None

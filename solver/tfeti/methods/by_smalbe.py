@@ -17,6 +17,7 @@ limits of the answer itself.
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
@@ -28,7 +29,7 @@ from solver.contact.bodies import body_lengths
 from solver.contact.checkpoint import Saver
 from solver.contact.slip_limits import SlipLimits
 from solver.contact.solution import Solution
-from solver.contact.solve_on_set import Outcome, StateSaver
+from solver.contact.solve_on_set import Outcome
 from solver.qp.operators import estimate_norm
 from solver.qp.outer_state import Hooks, OuterState, Restart
 from solver.qp.result import Counts, Reason
@@ -295,17 +296,18 @@ class _ActiveSetsBetween:
         problem = self._task.problem
         assert problem.lower is not None
 
-        def save(set_state: State, set_work: Counts) -> None:
-            self._saver(
-                Restart(
-                    state.iteration, *set_state.homogenised(problem), state.rho, state.M,
-                    state.target, -math.inf, (), state.counts + set_work,
-                )
-            )  # fmt: skip
+        def save(set_state: Callable[[], State], set_work: Counts) -> None:
+            if self._saver.due:
+                self._saver(
+                    Restart(
+                        state.iteration, *set_state().homogenised(problem), state.rho, state.M,
+                        state.target, -math.inf, (), state.counts + set_work,
+                    )
+                )  # fmt: skip
 
         active = problem.inequality & (state.x > problem.lower)
         start = Start(active, problem.offset + state.x)
-        outcome, answer = solve_from(self._task, start, StateSaver(lambda: self._saver.due, save))
+        outcome, answer = solve_from(self._task, start, save)
         self.set_work = self.set_work + outcome.counts
         return outcome, answer
 

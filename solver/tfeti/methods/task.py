@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, field
 
 from solver.backend import Backend, S
 from solver.contact.active_set import ActiveSetMethod
 from solver.contact.active_set_options import ActiveSetOptions
 from solver.contact.checkpoint import Checkpoint, Saver, without_outer_iterations
-from solver.contact.solve_on_set import StateSaver, StoppingTest
+from solver.contact.solve_on_set import SaveState, StoppingTest
 from solver.contact.stopping import CertificateTest, StoppingRule
 from solver.qp.mprgp import MPRGP
 from solver.qp.result import Counts, Monitor
@@ -43,18 +44,20 @@ class Task:
     active_sets: ActiveSetOptions = field(default_factory=ActiveSetOptions)
 
     def active_set_method(
-        self, backend: Backend[S], test: CertificateTest[S], saver: StateSaver[S]
+        self, backend: Backend[S], test: CertificateTest[S], save: SaveState[S]
     ) -> ActiveSetMethod[S]:
         """Active sets on a backend, with the certificate as the test of their answers."""
         stopping = StoppingTest(test.required_reduction, test.accept, self.rule.may_end_early)
         options, law = options_of(self.problem, self.active_sets), contact_law(self.problem)
-        return ActiveSetMethod(backend, stopping, self.inner, self.monitor, saver, options, law)
+        return ActiveSetMethod(backend, stopping, self.inner, self.monitor, save, options, law)
 
 
-def state_saver(saver: Saver) -> StateSaver[S]:
+def saved_by(saver: Saver) -> SaveState[S]:
     """Saves the states of active sets with a saver of an algorithm without outer iterations."""
 
-    def save(state: S, work: Counts) -> None:
-        saver(without_outer_iterations(state.multiplier, state.active, work))
+    def save(state: Callable[[], S], work: Counts) -> None:
+        if saver.due:
+            now = state()
+            saver(without_outer_iterations(now.multiplier, now.active, work))
 
-    return StateSaver(lambda: saver.due, save)
+    return save
