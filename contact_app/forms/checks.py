@@ -306,21 +306,21 @@ def _check_obstacle(obstacle: Any, at: str, d: int) -> None:
         raise TypeError(f"{at}.hollow must be True or False, not {hollow!r}")
 
 
-def check_facets(comm: MPI.Intracomm, counts: tuple[int, int], at: str, tags: str) -> None:
-    """Refuse a side of a contact without facets, or with facets inside of the body (collective).
+def check_facets(comm: MPI.Intracomm, counts: tuple[int, int], at: str, tag: int) -> None:
+    """Refuse a tag of a contact without facets, or with facets inside of the body (collective).
 
     Parameters
     ----------
     counts
         Tagged facets of this rank, and those of them on the surface.
-    at, tags
-        What the side is called, and its values.
+    at
+        What the side is called.
     """
     tagged, outside = comm.allreduce(np.array(counts))
     if outside == 0:
         count = f"{tagged} facets have it inside of the bodies" if tagged else "no facet has it"
         raise ValueError(
-            f"{at}: no facet of the surface has the tag {tags} ({count}); contact is on the surface"
+            f"{at}: no facet of the surface has the tag {tag} ({count}); contact is on the surface"
         )
 
 

@@ -33,6 +33,7 @@ from contact_app.forms.sides import Sides, sides_of
 from contact_app.forms.stress_loads import stress_loads
 from contact_app.forms.subdomains import Subdomains, subdomains_of
 from contact_app.forms.uniform import in_cylindrical_coordinates
+from meshes.contact_surface import Surface
 from meshes.ties import MeanJumps
 from solver.tfeti.build import CongruentSubdomains, ConstraintRows, build_system
 from solver.tfeti.constraints.conditions import ContactRows, HeldRows
@@ -98,6 +99,13 @@ class FormModel:
     def parts(self) -> Parts:
         """The parts of the mesh on each rank."""
         return self.subdomains.parts
+
+    def bodies_at(self, surface: Surface) -> set[int]:
+        """Bodies that have the nodes of a surface (collective)."""
+        first, last = self.exchange.first, self.exchange.last
+        local = np.unique(surface.nodes)
+        local = self.bodies.of_node[local[(first <= local) & (local < last)] - first]
+        return set().union(*self.parts.comm.allgather(set(map(int, np.unique(local)))))
 
     def at_copies(self, values: Sequence[Array]) -> Array:
         """Values of the classes, (n, members) each, at the copies of the nodes, (copies, d)."""

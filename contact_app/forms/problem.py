@@ -27,6 +27,7 @@ from contact_app.forms.model import (
     build_model,
     with_new_loads,
 )
+from contact_app.forms.planes import planes_of_contacts
 from contact_app.forms.results import (
     OnSpace,
     Owners,
@@ -257,8 +258,8 @@ class ContactProblem:
             self.u.x.array[:] = on_space.values(displacement).ravel()
             rough = friction_at_rows(model.problem, solution)
             at_nodes = [
-                contact_at_nodes(model, solution, owners, rough, i)
-                for i in range(len(model.contacts))
+                contact_at_nodes(model, solution, owners, rough, i, planes)
+                for i, planes in enumerate(planes_of_contacts(model, owners, self.bcs))
             ]
             answer = FormAnswer(model, solution, owners, on_space, displacement, at_nodes, self.bcs)
             messages = [*messages, *model.notes, *form_warnings(answer)]

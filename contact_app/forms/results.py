@@ -19,7 +19,7 @@ from contact_app.results.friction import FrictionAtRows, dissipated_work, of_mos
 from contact_app.results.pressure import NodesInContact
 from contact_app.results.reactions import add_contact
 from contact_app.results.resultants import joined, summed
-from contact_app.results.smoothed_pressure import smoothed_on
+from contact_app.results.smoothed_pressure import AT_PLANE, smoothed_on
 from contact_app.run.summary import decomposition_record, solver_record
 from meshes.quadratic import FACETS
 from solver.contact.solution import Solution
@@ -100,13 +100,21 @@ class ContactAtNodes(NodesInContact):
     ----------
     gap : (owned,)
         NaN where there is no row.
+    planes
+        Axis and place of the planes of symmetry at which the contact goes on.
     """
 
     gap: Array
+    planes: Sequence[tuple[int, float]]
 
 
 def contact_at_nodes(
-    model: FormModel, solution: Solution, owners: Owners, rough: FrictionAtRows, number: int
+    model: FormModel,
+    solution: Solution,
+    owners: Owners,
+    rough: FrictionAtRows,
+    number: int,
+    planes: Sequence[tuple[int, float]],
 ) -> ContactAtNodes:
     """Pressure, gap and forces of one contact (collective).
 
@@ -114,6 +122,8 @@ def contact_at_nodes(
     ----------
     rough
         Friction at the contact rows.
+    planes
+        Axis and place of planes of symmetry at which the contact goes on.
     """
     problem, rows, d = model.problem, model.problem.contact, model.parts.dimension
     side = _side_of(model, owners, number)
@@ -142,7 +152,7 @@ def contact_at_nodes(
     vectors = rough.forces[of_contact]
     vectors[:, :d] += force[:, None] * rows.normals[of_contact]
     moments = force[:, None] * rows.moments[of_contact] + rough.moments[of_contact]
-    smoothed = _smoothed(model, side, number, (pressure, covered), at_nodes)
+    smoothed = _smoothed(model, side, number, (pressure, covered), at_nodes, planes)
     masks = {
         "closed": closed, "sticks": rough.sticks[of_contact], "rubs": rough.rubs[of_contact],
     }  # fmt: skip
@@ -158,6 +168,7 @@ def contact_at_nodes(
         traction=traction,
         slips=at_owned(rough.slips[of_contact]),
         gap=gap,
+        planes=planes,
         **{name: at_owned(mask.astype(float)) > 0.0 for name, mask in masks.items()},
     )
 
@@ -180,6 +191,7 @@ def _smoothed(
     number: int,
     pressures: tuple[Array, Array],
     at_nodes: bool,
+    planes: Sequence[tuple[int, float]],
 ) -> Array:
     """The pressure of a contact without what facets make of it, (owned,) (collective).
 
@@ -193,7 +205,9 @@ def _smoothed(
     at_on = side.owned[on], pressure, side.shares[on], covered
     result = np.zeros(len(side.owned))
     surfaces = model.sides[number].surfaces
-    result[on] = smoothed_on(parts.comm, surfaces, at_on, parts.nodes, at_nodes)
+    stiff = parts.space.mesh.topology.cell_name() == "triangle" and side.degree == 1
+    weighted = [(*plane, AT_PLANE if stiff else 1.0) for plane in planes]
+    result[on] = smoothed_on(parts.comm, surfaces, at_on, parts.nodes, at_nodes, weighted)
     return result
 
 

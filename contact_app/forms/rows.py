@@ -120,10 +120,7 @@ def in_the_mean(parts: Parts) -> bool:
 
 def _held(parts: Parts, bcs: Sequence[Any]) -> tuple[NDArray, Array, NDArray, Array, NDArray]:
     """Held nodes in the form of `NodeConditions`; the last of several values, as in dolfinx."""
-    d, dofmap = parts.dimension, parts.space.dofmap
-    value = np.zeros(d * (dofmap.index_map.size_local + dofmap.index_map.num_ghosts))
-    dolfinx_compat.set_values(bcs, value)
-    mask, value = held_components(parts, bcs), value.reshape(-1, d)[parts.blocks]
+    mask, value = held_values(parts, bcs)
     with together(parts.comm):
         if not np.isfinite(value[mask]).all():
             raise ValueError("bcs: a value of a Dirichlet condition is not finite")
@@ -132,6 +129,14 @@ def _held(parts: Parts, bcs: Sequence[Any]) -> tuple[NDArray, Array, NDArray, Ar
         parts.numbers[some], parts.points[some], mask[some],
         np.where(mask[some], value[some], 0.0), np.zeros(len(some), np.int64),
     )  # fmt: skip
+
+
+def held_values(parts: Parts, bcs: Sequence[Any]) -> tuple[NDArray[np.bool_], Array]:
+    """Mask and values (copies, d) of the components held by Dirichlet conditions."""
+    d, dofmap = parts.dimension, parts.space.dofmap
+    value = np.zeros(d * (dofmap.index_map.size_local + dofmap.index_map.num_ghosts))
+    dolfinx_compat.set_values(bcs, value)
+    return held_components(parts, bcs), value.reshape(-1, d)[parts.blocks]
 
 
 def held_components(parts: Parts, bcs: Sequence[Any]) -> NDArray[np.bool_]:

@@ -62,9 +62,9 @@ def sides_of(parts: Parts, contact: Contact, number: int) -> Sides:
 
 
 def _tagged(parts: Parts, contact: Contact, tag: Any, at: str) -> Facets:
-    """The facets of one side of a contact; refuses a side without any (collective)."""
-    values = values_of(tag)
-    facets = surface_facets(parts, contact.facet_tags, values)
-    tagged = int(np.isin(np.asarray(contact.facet_tags.values), values).sum())
-    check_facets(parts.comm, (tagged, len(facets.copies)), at, ", ".join(map(str, values)))
-    return facets
+    """The facets of one side of a contact; refuses a tag without any (collective)."""
+    for value in values_of(tag):
+        tagged = int((np.asarray(contact.facet_tags.values) == value).sum())
+        outside = len(surface_facets(parts, contact.facet_tags, (value,)).copies)
+        check_facets(parts.comm, (tagged, outside), at, value)
+    return surface_facets(parts, contact.facet_tags, values_of(tag))

@@ -165,7 +165,7 @@ def _of_contact(answer: FormAnswer, number: int, contact: Contact) -> Iterator[s
     """Warnings on one contact (collective)."""
     model, solution, nodes = answer.model, answer.solution, answer.contacts[number]
     comm, d, sides = model.parts.comm, model.parts.dimension, model.sides[number]
-    touching = [_bodies_at(model, side) for side in sides.surfaces]
+    touching = [model.bodies_at(side) for side in sides.surfaces]
     every = sorted(set().union(*touching))
     moved = float(solution.measures.deformations[every].max())
     names = " and ".join(dict.fromkeys(model.bodies.name(b) for b in every))
@@ -193,7 +193,7 @@ def _of_contact(answer: FormAnswer, number: int, contact: Contact) -> Iterator[s
 def _presses(answer: FormAnswer, number: int) -> bool:
     """Whether a contact carries a force above the solver's error (collective)."""
     model, solution, nodes = answer.model, answer.solution, answer.contacts[number]
-    on = sorted(_bodies_at(model, model.sides[number].surfaces[0]))
+    on = sorted(model.bodies_at(model.sides[number].surfaces[0]))
     least = solution.tolerance * float(solution.measures.loads[on].max())
     return carries_force(model.parts.comm, nodes.pressure, nodes.shares, least)
 
@@ -205,7 +205,8 @@ def _coarse_pressure(answer: FormAnswer, number: int) -> str:
     corners = facets.points[:, : facets.vertices(d).shape[1]]
     areas = moments(facets.points, d).sum(axis=(1, 2)) if len(facets.copies) else np.zeros(0)
     pressure = answer.owners.copies(answer.contacts[number].pressure)[facets.copies]
-    return coarse_pressure(PressedFacets(corners, areas, pressure), parts.comm, d)
+    pressed = PressedFacets(corners, areas, pressure, answer.contacts[number].planes)
+    return coarse_pressure(pressed, parts.comm, d)
 
 
 def _displaced(answer: FormAnswer, surface: Surface) -> Array:
@@ -220,14 +221,6 @@ def _displaced(answer: FormAnswer, surface: Surface) -> Array:
 def _flat(contact: Contact) -> bool:
     """Whether the obstacle of a contact is a plane, which may end with the tagged facets."""
     return isinstance(contact.obstacle, Plane)
-
-
-def _bodies_at(model: FormModel, surface: Surface) -> set[int]:
-    """Bodies that have the nodes of a surface (collective)."""
-    first, last = model.exchange.first, model.exchange.last
-    local = np.unique(surface.nodes)
-    local = model.bodies.of_node[local[(first <= local) & (local < last)] - first]
-    return set().union(*model.parts.comm.allgather(set(map(int, np.unique(local)))))
 
 
 def _round_shapes(
@@ -282,7 +275,7 @@ def _entering(
     if _flat(contact):
         return
     outside = exterior_facets(parts)
-    of_side = sorted(_bodies_at(model, model.sides[number].surfaces[0]))
+    of_side = sorted(model.bodies_at(model.sides[number].surfaces[0]))
     of_bodies = np.isin(answer.owners.copies(model.bodies.of_node.astype(float)), of_side)
     free = np.zeros(len(u), bool)
     free[outside.copies] = True
@@ -305,7 +298,7 @@ def _sharp_edge(answer: FormAnswer, number: int, contact: Contact) -> str:
     def edge_at(point: Array, reach: float) -> str:
         near, skins = within(outside.points, point, reach), list[Skin | None]()
         for side in sides:
-            of_side = sorted(_bodies_at(model, side))
+            of_side = sorted(model.bodies_at(side))
             chosen = near & ~held & np.isin(body, of_side)  # held: on planes of symmetry
             skin, soft = gathered_surface(parts, outside.chosen(chosen)), stiffness[of_side].min()
             skins.append(Skin.of(skin, side, bodies.name(of_side[0]), float(soft)))

@@ -250,6 +250,8 @@ def test_a_boundary_that_faces_away_causes_a_warning(body: Square, tags: Any) ->
 def test_facets_that_are_not_there(body: Square, tags: Any) -> None:
     with pytest.raises(ValueError, match=r"contacts\[0\]: .* tag 7 \(no facet has it\)"):
         ContactProblem(body.a, body.L, contacts=[Contact(tags, 7, FLOOR)]).solve()
+    with pytest.raises(ValueError, match=r"contacts\[0\]: .* tag 7 \(no facet has it\)"):
+        ContactProblem(body.a, body.L, contacts=[Contact(tags, [1, 7], FLOOR)]).solve()
     with pytest.raises(ValueError, match=r"contacts\[0\].against: .* tag 8"):
         ContactProblem(body.a, body.L, contacts=[Contact(tags, 1, against=8)]).solve()
     mesh = body.space.mesh
