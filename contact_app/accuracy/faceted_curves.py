@@ -4,9 +4,14 @@ Nodes in the middle of such edges (degree 2, or after refinement) lie off the cu
 h θ/8 for edges of length h at an angle θ. The sagitta is negligible if displacements are much
 larger. If they are smaller, only the corners touch (inside a hole only the middles), and the
 solution is that of the polygon.
+
+With `round: true` the gap is that of the smooth surface through the vertices. It has its own
+distance from the curve, estimated by the change of its curvature from facet to facet.
 """
 
 from __future__ import annotations
+
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -36,12 +41,39 @@ FITTED_SMOOTH = 1.0
 """The same for smooth surfaces, relative to their own distance from the curve: the median gap of
 cones that fit into each other was 0.05 to 0.53 of it on meshes of 16 to 28 facets around."""
 
+SMOOTH_SURFACE = 0.01
+"""Distance of a smooth surface through the nodes from cylinders and balls, over the sagitta of
+facets. Rings with 8 and 12 facets on a quarter that overlap by 1/48, 1/16, 1/5 and 1/1.6 of their
+sagitta have peaks of the smoothed pressure that are 61, 20, 6 and 2 % too large; with 16 and 24
+facets half as much (`tests/contact_app/run/test_model_warnings.py` has the rings)."""
+
+Watched = tuple[NDArray[np.float64], NDArray[np.float64]]
+
 FLAT = 1e-6
 """Angle below which facets lie in one plane."""
 
 MATCHING = 0.05
 """Offset of opposite vertices along the surface, over the radius of a facet, up to which facets
 match. The gap between them then varies by at most a tenth of the sagitta."""
+
+
+class Distances(NamedTuple):
+    """Largest distances from the round surface near a contact.
+
+    Attributes
+    ----------
+    facets
+        Of flat facets: the sagitta.
+    smooth
+        Of the smooth surface through their vertices, an estimate; zero without `round: true`.
+    """
+
+    facets: float = 0.0
+    smooth: float = 0.0
+
+    def or_larger(self, other: Distances) -> Distances:
+        """The larger one of each."""
+        return Distances(*map(max, self, other))
 
 
 def sagittas(model: Model, nodes: NodeFields) -> list[float]:
@@ -57,7 +89,9 @@ def sagittas(model: Model, nodes: NodeFields) -> list[float]:
     parts = model.comm.allgather((nodes.points[has_gap], nodes.gap[has_gap]))
     points, gaps = (np.concatenate(part) for part in zip(*parts, strict=True))
     return [
-        _sagitta(scene.bodies[c.body], c.boundary, points, gaps) if c.body in straight else 0.0
+        _distances(scene.bodies[c.body], c.boundary, (points, gaps), False).facets
+        if c.body in straight
+        else 0.0
         for c in scene.contacts
     ]
 
@@ -70,8 +104,8 @@ def polygon_solved(model: Model, solution: Solution, nodes: NodeFields) -> str:
     lie on the curve (collective).
     """
     scene, moved = model.scene, solution.measures.deformations
-    for pair, sagitta in zip(scene.pairs, pair_sagittas(model, nodes), strict=True):
-        largest = max(moved[pair.body], moved[pair.other])
+    for pair, distances in zip(scene.pairs, pair_distances(model, nodes), strict=True):
+        largest, sagitta = max(moved[pair.body], moved[pair.other]), distances.facets
         if sagitta > LARGE_SAGITTA * largest > 0.0 and not pair.round:
             return (
                 f"{pair.source}: finer cells stay on the flat facets of the mesh file, which lie "
@@ -115,8 +149,8 @@ def compared(sagitta: float, moved: float, gap: float, fitted: float = FITTED) -
     return ""
 
 
-def pair_sagittas(model: Model, nodes: NodeFields) -> list[float]:
-    """Largest sagitta of straight facets that meet in each pair of bodies (collective).
+def pair_distances(model: Model, nodes: NodeFields) -> list[Distances]:
+    """Distances of straight facets that meet in each pair of bodies (collective).
 
     Both sides count at any degree: facets of one surface press into facets of the other. It is zero
     if the facets of both sides match, since flat facets that coincide have a constant gap.
@@ -128,20 +162,23 @@ def pair_sagittas(model: Model, nodes: NodeFields) -> list[float]:
     ]
     sides = [[side for side in both if _has_straight_facets(side[0])] for both in sides]
     if not any(sides):
-        return [0.0] * len(sides)
-    sagittas_of_pairs = []
+        return [Distances()] * len(sides)
+    of_pairs = []
     contacts = nodes.contacts[len(scene.contacts) :]
     for pair, both, contact in zip(scene.pairs, sides, contacts, strict=True):
         at = contact.nodes - nodes.first
         with_gap = at[np.isfinite(nodes.gap[at])]
         parts = model.comm.allgather((nodes.points[with_gap], nodes.gap[with_gap]))
         points, gaps = (np.concatenate(part) for part in zip(*parts, strict=True))
-        sagitta = max((_sagitta(*side, points, gaps) for side in both), default=0.0)
-        if sagitta > 0.0:
+        distances = Distances()
+        for side in both:
+            distances = distances.or_larger(_distances(*side, (points, gaps), pair.round))
+        if distances.facets > 0.0:
             surfaces = sides_of(model.geometry, pair)
-            sagitta *= not facets_match(*surfaces, points[gaps <= sagitta])
-        sagittas_of_pairs.append(sagitta)
-    return sagittas_of_pairs
+            if facets_match(*surfaces, points[gaps <= distances.facets]):
+                distances = Distances()
+        of_pairs.append(distances)
+    return of_pairs
 
 
 def facets_match(on: Surface, against: Surface, closing: NDArray[np.float64]) -> bool:
@@ -184,52 +221,83 @@ def _straight(body: Body) -> bool:
     return body.degree == 2 or body.mesh.coarse is not None
 
 
-def _sagitta(
-    body: Body, boundary: str, watched: NDArray[np.float64], gaps: NDArray[np.float64]
-) -> float:
-    """Largest sagitta near watched points whose gap does not exceed the sagitta.
+def _distances(body: Body, boundary: str, watched: Watched, is_round: bool) -> Distances:
+    """Distances near watched points whose gap does not exceed the sagitta.
 
-    It is that of the coarse mesh: from its vertices alone the curve of `round: true` is known, too.
+    They are those of the coarse mesh: from its vertices alone the curve of `round: true` is known,
+    too.
     """
     mesh = body.mesh
     assert isinstance(mesh, CellMesh)
     mesh = mesh.coarse or mesh
     points = np.pad(mesh.points, ((0, 0), (0, 3 - mesh.dimension)))
-    facets = mesh.topology.facets[facets_on(mesh, body, boundary)]
-    return largest_sagitta(facets, points[facets], watched, gaps)
+    rows = facets_on(mesh, body, boundary)
+    facets, cells = mesh.topology.facets[rows], mesh.cells[mesh.topology.facet_cells[rows]]
+    skin = Surface.of(mesh.dimension, facets, points[facets], points[cells].mean(axis=1))
+    return largest_distances(skin, watched, is_round)
 
 
-def largest_sagitta(
-    facets: NDArray[np.int64],
-    x: NDArray[np.float64],
-    watched: NDArray[np.float64],
-    gaps: NDArray[np.float64],
-) -> float:
-    """Largest sagitta of flat facets near watched points whose gap does not exceed it.
+def largest_distances(skin: Surface, watched: Watched, is_round: bool) -> Distances:
+    """Largest distances of straight facets near watched points whose gap does not exceed them.
 
     Parameters
     ----------
-    facets, x : (facets, vertices), (facets, vertices, 3)
-        Numbers and places of their vertices.
-    watched, gaps : (n, 3), (n,)
+    watched : (n, 3), (n,)
+        Points and their gaps.
+    is_round
+        Whether the distance of the smooth surface is needed, too.
     """
-    d = 2 if x.shape[1] == 2 else 3
-    first, second = _neighbours(facets, d)
+    points, gaps = watched
+    first, second = _neighbours(skin.nodes[:, : skin.vertices.shape[1]], skin.dimension)
     if len(first) == 0 or len(gaps) == 0:
-        return 0.0
-    along = x[:, 1] - x[:, 0]
-    normals = np.cross(along, [0.0, 0.0, 1.0] if d == 2 else x[:, 2] - x[:, 0])
-    normals /= np.linalg.norm(normals, axis=1, keepdims=True)
-    cosine = np.abs(np.einsum("ij,ij->i", normals[first], normals[second]))
-    angle = np.arccos(np.minimum(cosine, 1.0))
-    centres = x.mean(axis=1)
+        return Distances()
+    cosine = np.einsum("ij,ij->i", skin.normals[first], skin.normals[second])
+    angle = np.arccos(np.clip(cosine, -1.0, 1.0))
+    centres = skin.centres
     length = np.linalg.norm(centres[first] - centres[second], axis=1)
     sagitta = np.where((angle > FLAT) & (angle < SMOOTH), 0.125 * length * angle, 0.0)
-    closing = watched[gaps <= sagitta.max()]
+    closing = points[gaps <= sagitta.max()]
     if len(closing) == 0:
-        return 0.0
+        return Distances()
     near = cKDTree(closing).query(0.5 * (centres[first] + centres[second]))[0] < length
-    return float(sagitta[near].max(initial=0.0))
+    near &= sagitta > 0.0
+    if not near.any():
+        return Distances()
+    largest = float(sagitta[near].max())
+    if not is_round:
+        return Distances(largest)
+    changes = curvature_changes(skin.smooth(), first[near], second[near])
+    return Distances(largest, max(SMOOTH_SURFACE * largest, float(changes.max())))
+
+
+def curvature_changes(
+    smooth: Surface, facets: NDArray[np.int64], neighbours: NDArray[np.int64]
+) -> NDArray[np.float64]:
+    """Change of the height of a smooth surface over facets by the curvature of neighbours, (n,).
+
+    The curvature of cylinders and balls is constant. On other surfaces the parabolas of two facets
+    differ by 0.5 to 4.7 times their largest distance from the surface (cones and tori with 12 to 32
+    facets around, meshed by Gmsh; about twice on the structured cones of
+    `tests/contact_app/accuracy/test_faceted_curves.py`). Each facet is turned into the plane of its
+    neighbour.
+
+    Parameters
+    ----------
+    facets, neighbours : (n,), (n,)
+    """
+    assert smooth.bulge is not None
+    changes = np.zeros(len(facets))
+    for one, other in ((facets, neighbours), (neighbours, facets)):
+        corners = smooth.vertices[one] - smooth.vertices[one][:, :1]
+        normal, turned = smooth.normals[one], smooth.normals[other]
+        both = normal + turned
+        share = np.einsum("fvi,fi->fv", corners, turned) / (
+            1.0 + np.einsum("fi,fi->f", normal, turned)[:, None]
+        )
+        over = smooth.bulge_over(other, corners - share[..., None] * both[:, None])
+        change = 0.25 * np.abs(over - smooth.bulge[one]).max(axis=(1, 2))
+        changes = np.maximum(changes, change)
+    return changes
 
 
 def _neighbours(

@@ -25,7 +25,7 @@ from contact_app.accuracy.contact_limits import (
     entered_points,
 )
 from contact_app.accuracy.entered_pairs import depth_in_each_other, entering_each_other
-from contact_app.accuracy.faceted_curves import facets_match, largest_sagitta
+from contact_app.accuracy.faceted_curves import Distances, facets_match, largest_distances
 from contact_app.accuracy.sharp_edges import Skin, sharp_edge, sharp_peak, within
 from contact_app.forms.bodies import contact_motions
 from contact_app.forms.boundary import exterior_facets, gathered_surface
@@ -234,16 +234,17 @@ def _round_shapes(
     has_gap = np.isfinite(nodes.gap)
     pieces = comm.allgather((points[has_gap], nodes.gap[has_gap]))
     watched, gaps = (np.concatenate(piece) for piece in zip(*pieces, strict=True))
-    sagitta = 0.0
+    distances = Distances()
     for side in surfaces if contact.against is not None or degree == 2 else ():
         v = side.vertices.shape[1]
         if not is_curved(side.points, v):
-            sagitta = max(sagitta, largest_sagitta(side.nodes[:, :v], side.vertices, watched, gaps))
-    if sagitta == 0.0:
+            of_side = largest_distances(side, (watched, gaps), contact.round)
+            distances = distances.or_larger(of_side)
+    if distances.facets == 0.0:
         return
     if contact.against is not None:
         on, against = surfaces
-        if facets_match(on, against, watched[gaps <= sagitta]):
+        if facets_match(on, against, watched[gaps <= distances.facets]):
             return
     rows = [(part.sources, np.abs(part.gaps)) for part in (model.problem.contact, model.merged)]
     pieces = sum(comm.allgather(rows), [])
@@ -251,9 +252,9 @@ def _round_shapes(
     gap = float(np.median(gaps[sources == number])) if (sources == number).any() else np.inf
     name, moved = body
     if contact.against is None:
-        yield straight_edges(name, sagitta, moved, gap, degree)
+        yield straight_edges(name, distances.facets, moved, gap, degree)
     else:
-        text = flat_facets(name, sagitta, moved, gap, contact.round)
+        text = flat_facets(name, distances, moved, gap, contact.round)
         yield text.replace("round: true", "round=True")
 
 

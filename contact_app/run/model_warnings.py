@@ -30,7 +30,7 @@ from contact_app.accuracy.contact_limits import (
     slipped_through,
 )
 from contact_app.accuracy.entered_pairs import entered_pairs
-from contact_app.accuracy.faceted_curves import median_gaps, pair_sagittas, sagittas
+from contact_app.accuracy.faceted_curves import median_gaps, pair_distances, sagittas
 from contact_app.accuracy.sharp_edges import sharp_peaks
 from contact_app.accuracy.solved_scene import SolvedScene
 from contact_app.accuracy.trust import few_cells
@@ -128,12 +128,13 @@ def _straight_edges(answer: SolvedScene) -> Iterator[str]:
 def _straight_facets(answer: SolvedScene) -> Iterator[str]:
     """Round bodies in contact through flat facets that are coarse for displacements or gaps."""
     scene, moved = answer.model.scene, answer.solution.measures.deformations
-    distances = pair_sagittas(answer.model, answer.nodes)
-    gaps = median_gaps(answer.model)[len(scene.contacts) :] if any(distances) else []
-    for pair, sagitta, gap in zip(scene.pairs, distances, gaps, strict=False):
+    every = pair_distances(answer.model, answer.nodes)
+    is_off = any(distances.facets for distances in every)
+    gaps = median_gaps(answer.model)[len(scene.contacts) :] if is_off else []
+    for pair, distances, gap in zip(scene.pairs, every, gaps, strict=False):
         names = f"{scene.bodies[pair.body].name} and {scene.bodies[pair.other].name}"
         largest = max(moved[pair.body], moved[pair.other])
-        if text := flat_facets(names, sagitta, largest, gap, pair.round):
+        if text := flat_facets(names, distances, largest, gap, pair.round):
             yield f"{pair.source}: {text}"
 
 

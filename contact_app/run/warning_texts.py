@@ -9,7 +9,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from contact_app.accuracy.faceted_curves import FITTED, FITTED_SMOOTH, compared
+from contact_app.accuracy.faceted_curves import FITTED, FITTED_SMOOTH, Distances, compared
 
 SMALL_STRAIN, SMALL_ROTATION = 0.05, 0.1
 """Strain, and rotation in radians, above which a warning follows: they are not small."""
@@ -22,12 +22,6 @@ VARYING = 0.3
 
 In bending the share is 1/n² for n cells of equal sides across the thickness.
 """
-
-SMOOTH_SURFACE = 0.01
-"""Distance of a smooth surface through the nodes from the round one, over the sagitta of facets.
-Rings with 8 and 12 facets on a quarter that overlap by 1/48, 1/16, 1/5 and 1/1.6 of their sagitta
-have peaks of the smoothed pressure that are 61, 20, 6 and 2 % too large; with 16 and 24 facets half
-as much (`tests/contact_app/run/test_model_warnings.py` has the rings)."""
 
 SMALL_SAGITTA = 0.01
 """Error of a gap by sliding along a curved obstacle, over the displacement, that is warned of."""
@@ -172,24 +166,26 @@ def straight_edges(name: str, sagitta: float, moved: float, gap: float, degree: 
     )
 
 
-def flat_facets(names: str, sagitta: float, moved: float, gap: float, is_round: bool) -> str:
+def flat_facets(names: str, distances: Distances, moved: float, gap: float, is_round: bool) -> str:
     """Flat facets of round bodies that are coarse beside displacements or gaps.
 
     Parameters
     ----------
-    sagitta
-        Largest distance of a facet from the curve.
+    distances
+        From the curve.
     moved, gap
         Largest displacement of the bodies, and median gap of the contact.
     is_round
         Whether the gap is that of smooth surfaces through the nodes.
     """
-    distance = SMOOTH_SURFACE * sagitta if is_round else sagitta
+    distance = distances.smooth if is_round else distances.facets
     share = compared(distance, moved, gap, FITTED_SMOOTH if is_round else FITTED)
     if not share:
         return ""
     second = "degree: 2 and a mesh file of second order (in Gmsh: Mesh.ElementOrder = 2)"
-    facets = f"{names} are round there and meet by flat facets, which lie up to {sagitta:.2g} "
+    facets = (
+        f"{names} are round there and meet by flat facets, which lie up to {distances.facets:.2g} "
+    )
     if is_round:
         return (
             f"{facets}beside the curve (h²/8R): the smooth surfaces of `round: true` may lie "

@@ -7,6 +7,7 @@ from typing import Any
 
 import pytest
 
+from contact_app.accuracy.faceted_curves import Distances
 from contact_app.run.solve import solve_scene
 from contact_app.run.warning_texts import flat_facets
 from contact_app.scene.build import build_scene
@@ -122,7 +123,7 @@ def test_smooth_surfaces_cause_a_warning_if_a_gap_larger_than_their_error_depend
     gap: float, moved: float, warned: bool
 ) -> None:
     """Flat facets 0.016 beside the curve: a cone in its seat, two plays, and a small load."""
-    text = flat_facets("plug and seat", 0.016, moved, gap, is_round=True)
+    text = flat_facets("plug and seat", Distances(0.016, 1.6e-4), moved, gap, is_round=True)
     assert bool(text) == warned
 
 
