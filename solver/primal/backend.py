@@ -277,6 +277,7 @@ class PrimalSet:
         self._first_norm = it.projected_gradient_norm
         # redundant rows leave this share of their forces
         self._held = it.reduction.norm(self._left - rhs)
+        self._start_norm = it.reduction.norm(self._start)
         self._lanczos = Lanczos(self._preconditioner.square)
         self._steps, self._stalls = 0, False
 
@@ -304,7 +305,7 @@ class PrimalSet:
     @property
     def _rounding(self) -> float:
         it, eps = self._iterate, float(np.finfo(np.float64).eps)
-        moved = it.reduction.norm(self._start) + math.sqrt(it.x_square)
+        moved = self._start_norm + math.sqrt(it.x_square)
         return max(it.round_off, 0.1 * eps * it.largest * moved, 2.0 * REDUNDANT * self._held)
 
     @property

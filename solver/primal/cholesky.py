@@ -9,7 +9,7 @@ from petsc4py import PETSc
 from scipy import sparse
 
 from solver.factors import compute_factor
-from solver.tfeti.constraints.matrix import local_rows
+from solver.tfeti.constraints.matrix import petsc_rows
 from solver.vectors import on_arrays
 
 Array = NDArray[np.float64]
@@ -32,7 +32,7 @@ def factored(matrix: PETSc.Mat) -> PETSc.PC:
 
 
 class SmallInverse:
-    """The inverse of a matrix much smaller than K; every rank has the whole factor.
+    """The inverse of a matrix much smaller than K, which every rank has as a whole.
 
     The messages of a distributed factor would cost more than its work. A diagonal matrix needs no
     factor.
@@ -43,40 +43,21 @@ class SmallInverse:
         The matrix has no factor.
     """
 
-    def __init__(self, matrix: PETSc.Mat) -> None:
-        self._comm: MPI.Intracomm = matrix.comm.tompi4py()
-        local, first = local_rows(matrix), matrix.getOwnershipRange()[0]
-        rows = np.repeat(np.arange(local.shape[0]), np.diff(local.indptr))
-        coupled = self._comm.allreduce(int((local.indices != first + rows).any()))
-        self._diagonal: Array | None = None
-        if not coupled:
-            self._diagonal = local.diagonal(first)
+    def __init__(self, matrix: sparse.csr_matrix) -> None:
+        diagonal = matrix.diagonal()
+        self._diagonal: Array | None = diagonal if matrix.nnz == len(diagonal) else None
+        if self._diagonal is not None:
             return
-        if self._comm.size > 1:
-            matrix = gathered(self._comm, local)
-        self._counts = np.array(self._comm.allgather(local.shape[0]))
-        self._of_rank = slice(first, first + local.shape[0])
-        self._pc = factored(matrix)
-        self._right, self._left = matrix.createVecs()
+        local = petsc_rows(MPI.COMM_SELF, sparse.csr_matrix(matrix).sorted_indices(), len(diagonal))
+        self._pc = factored(local)
+        self._right, self._left = local.createVecs()
 
     def apply(self, values: Array) -> Array:
-        """The product with this rank's values (collective)."""
+        """The product with values (rows,), or with each column of (rows, columns)."""
+        if values.ndim == 2:
+            return np.stack([self.apply(column) for column in values.T], axis=1)
         if self._diagonal is not None:
             return values / self._diagonal
-        every = values
-        if self._comm.size > 1:
-            every = np.empty(self._counts.sum())
-            self._comm.Allgatherv(np.ascontiguousarray(values), [every, self._counts])
-        out = np.empty_like(every)
-        on_arrays(self._pc.apply, self._right, every, self._left, out)
-        return out[self._of_rank]
-
-
-def gathered(comm: MPI.Intracomm, local: sparse.csr_matrix) -> PETSc.Mat:
-    """A matrix of this rank alone from all ranks' rows (collective)."""
-    joined = sparse.vstack(comm.allgather(local), format="csr")
-    joined.sort_indices()
-    begins, places = (part.astype(PETSc.IntType) for part in (joined.indptr, joined.indices))
-    return PETSc.Mat().createAIJ(
-        joined.shape, csr=(begins, places, joined.data), comm=PETSc.COMM_SELF
-    )
+        out = np.empty_like(values)
+        on_arrays(self._pc.apply, self._right, np.ascontiguousarray(values), self._left, out)
+        return out

@@ -175,6 +175,10 @@ class CycleOnSets:
             self._coarse.destroy()
         self._coarse = self._cycle()  # PETSc's own would keep parts of its set-up
 
+    def projects_by(self, projector: Projector) -> bool:
+        """Whether corrections already leave the rows of a projector alone."""
+        return projector is self._projector and projector.compliance is None
+
     def _springs_of(self, projector: Projector) -> Array:
         """Stiffness of the spring of each row, (rows,) (collective)."""
         turned = projector.system is not self._unturned

@@ -104,25 +104,6 @@ class MergedSystem:
         return np.where(self.stiffless, 0.0, 1.0 / self.diagonal)
 
     @cached_property
-    def deforming(self) -> PETSc.Mat:
-        """C without the columns of rigid bodies.
-
-        C itself without rigid bodies (collective at first).
-        """
-        if not self.has_rigid_bodies:
-            return self.C
-        first = self.C.getOwnershipRangeColumn()[0]
-        rigid = first + np.flatnonzero(self.stiffless)
-        local = local_rows(self.C)
-        of_rigid = np.isin(local.indices, np.concatenate(self.comm.allgather(rigid)))
-        local.data[of_rigid] = 0.0
-        row = np.repeat(np.arange(local.shape[0]), np.diff(local.indptr))
-        others = np.bincount(row[~of_rigid], minlength=local.shape[0])
-        keep = ~of_rigid | (others[row] == 0)  # no row is left without a place for its diagonal
-        local = sparse.csr_matrix((local.data[keep], (row[keep], local.indices[keep])), local.shape)
-        return petsc_rows(self.comm, local, self.size)
-
-    @cached_property
     def has_rigid_bodies(self) -> bool:
         """Whether any rank has unknowns of rigid bodies (collective at the first call)."""
         return bool(self.comm.allreduce(int(self.stiffless.any())))

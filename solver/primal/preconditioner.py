@@ -34,6 +34,7 @@ class Preconditioner:
     ) -> None:
         self._cycle, self._projector, self._rigid = cycle, projector, rigid
         self._rigid_holds_means = rigid_holds_means
+        self._is_projected = isinstance(cycle, CycleOnSets) and cycle.projects_by(projector)
         self.square = 0.0
 
     def apply(self, r: Vector, free_mask: Mask, out: Vector) -> None:
@@ -48,7 +49,8 @@ class Preconditioner:
             if self._rigid_holds_means:
                 force = self._projector.apply_transpose(force)
             self._cycle.apply(force, z)
-            z = self._projector.apply(z)
+            if not self._is_projected:
+                z = self._projector.apply(z)
         if self._rigid_holds_means:
             z = self._rigid.hold_means(z)
         out[:] = self._rigid.correct(r, z)

@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
+
 import numpy as np
 from numpy.typing import NDArray
 from petsc4py import PETSc
+from scipy import sparse
 
 from solver.primal.blocks import made_once
+from solver.tfeti.constraints.matrix import local_rows
 from solver.vectors import on_arrays
 
 Array = NDArray[np.float64]
@@ -53,6 +57,13 @@ def chosen_columns(matrix: PETSc.Mat, columns: NDArray[np.int64]) -> PETSc.Mat:
     begin, end = matrix.getOwnershipRange()
     rows = PETSc.IS().createStride(end - begin, begin, 1, comm=matrix.comm)
     return matrix.createSubMatrix(rows, chosen)
+
+
+def own_columns(matrix: PETSc.Mat, rows: NDArray[np.int64]) -> list[sparse.csr_matrix]:
+    """Some rows of each rank, restricted to this rank's columns (collective)."""
+    local, starts = local_rows(matrix)[rows], matrix.getOwnershipRangesColumn()
+    parts = [local[:, first:last] for first, last in pairwise(starts)]
+    return list(matrix.comm.tompi4py().alltoall(parts))
 
 
 def set_diagonal(K: PETSc.Mat, where: NDArray[np.bool_], value: float) -> None:

@@ -16,14 +16,14 @@ from __future__ import annotations
 from functools import cached_property
 
 import numpy as np
+from mpi4py import MPI
 from numpy.typing import NDArray
-from petsc4py import PETSc
+from scipy import sparse
 
 from solver.primal.cholesky import SmallInverse
 from solver.primal.merged import MergedSystem
-from solver.primal.products import chosen_rows, multiply, multiply_transposed
+from solver.primal.products import chosen_rows, own_columns
 from solver.primal.rigid_bodies import RowsOfMotions
-from solver.tfeti.constraints.matrix import lent
 
 Array = NDArray[np.float64]
 
@@ -37,6 +37,9 @@ Dependent rows then share their force, and leave jumps of this size.
 class Projector:
     """Π and its data for one active set.
 
+    Every rank has all active rows, restricted to its own unknowns, and the factor of S: Π takes one
+    message, the sum of C_A u over ranks.
+
     Parameters
     ----------
     active : (rows,)
@@ -48,9 +51,9 @@ class Projector:
     ----------
     rows : (active,)
         Places of these rows of this rank.
-    C : (active, unknowns)
     compliance : (active,)
         Compliance of these rows; None for none.
+    C : (active rows of all ranks, unknowns)
     """
 
     def __init__(
@@ -61,65 +64,93 @@ class Projector:
     ) -> None:
         self.system, comm = system, system.comm
         self.rows = np.flatnonzero(active)
-        self.empty = comm.allreduce(len(self.rows)) == 0
-        self.C = chosen_rows(system.C, self.rows)
-        self._inverse = system.flexibility
         self.compliance = None if compliance is None else compliance[self.rows]
+        parts = own_columns(system.C, self.rows)
+        starts = np.cumsum([0, *(part.shape[0] for part in parts)])
+        self._counts = np.diff(starts)
+        self._of_rank = slice(starts[comm.rank], starts[comm.rank + 1])
+        self.empty = starts[-1] == 0
+        self.C = sparse.vstack(parts, format="csr")
         if self.empty:
             return
-        moved = self.C if system.deforming is system.C else chosen_rows(system.deforming, self.rows)
-        self.Ct = moved.transpose(PETSc.Mat())
-        with lent(comm, self._inverse) as (inverse,):
-            self.Ct.diagonalScale(L=inverse)
-        self.S = moved.matMult(self.Ct)
-        diagonal = self.S.getDiagonal()
-        diagonal.scale(1.0 + REDUNDANT)
+        self._inverse = system.flexibility
+        self._Ct = self.C.T  # in columns, so that a product skips the unknowns of no row
+        self._DCt = _scaled(self.C, self._inverse).T
+        S = self._sum_of_ranks()
+        diagonal = S.diagonal()
+        stiffless = diagonal == 0.0  # rows of rigid bodies alone
+        more = REDUNDANT * diagonal + np.where(stiffless, 1.0, 0.0)
         if self.compliance is not None:
-            diagonal.getArray()[:] += self.compliance
-        stiffless = diagonal.getArray() == 0.0
-        diagonal.getArray()[stiffless] = 1.0
-        self.S.setDiagonal(diagonal)
-        self._inverse_of_rows = SmallInverse(self.S)
+            more += self._of_all(self.compliance)
+        self._inverse_of_rows = SmallInverse(S + sparse.diags(more))
         self._of_motions: RowsOfMotions | None = None
         if system.has_rigid_bodies:
-            self._of_motions = RowsOfMotions(system, self.C, stiffless)
+            C = chosen_rows(system.C, self.rows)
+            self._of_motions = RowsOfMotions(system, C, stiffless[self._of_rank])
+
+    def _sum_of_ranks(self) -> sparse.csr_matrix:
+        """S = C_A D⁻¹ C_Aᵀ of all ranks; rigid bodies do not couple their rows (collective)."""
+        scaled = _scaled(self.C, np.sqrt(self._inverse))
+        if self.system.has_rigid_bodies:
+            scaled.eliminate_zeros()
+        parts = self.system.comm.allgather(sparse.csr_matrix(scaled @ scaled.T))
+        return sum(parts[1:], start=parts[0])
+
+    def _of_all(self, values: Array) -> Array:
+        """Values of the active rows of all ranks from those of each (collective)."""
+        if self.system.comm.size == 1:
+            return values
+        every = np.empty(self._counts.sum())
+        self.system.comm.Allgatherv(np.ascontiguousarray(values), [every, self._counts])
+        return every
+
+    def _summed(self, u: Array) -> Array:
+        """C_A u on all ranks (collective)."""
+        every = self.C @ u
+        if self.system.comm.size > 1:
+            self.system.comm.Allreduce(MPI.IN_PLACE, every)
+        return np.asarray(every)
 
     def multipliers(self, residual: Array) -> Array:
         """λ of the active rows in equilibrium with a residual (unknowns,), (active,)."""
         if self.empty:
             return np.zeros(0)
-        result = self._inverse_of_rows.apply(multiply(self.C, self._inverse * residual))
-        if self._of_motions is not None:
-            self._of_motions.add_multipliers(result, residual - self.forces(result))
-        return result
+        return self._multipliers(residual)[self._of_rank]
 
-    def forces(self, multipliers: Array) -> Array:
-        """C_Aᵀ λ, (unknowns,)."""
-        if self.empty:
-            return np.zeros(self.system.size)
-        return multiply_transposed(self.C, multipliers)
+    def _multipliers(self, residual: Array) -> Array:
+        """λ of the active rows of all ranks (collective)."""
+        every = self._inverse_of_rows.apply(self._summed(self._inverse * residual))
+        if self._of_motions is None:
+            return every
+        result = every[self._of_rank].copy()
+        self._of_motions.add_multipliers(result, residual - self._Ct @ every)
+        return self._of_all(result)
 
     def apply(self, u: Array) -> Array:
-        """Π u."""
+        """Π u, of one displacement or of several (unknowns, displacements)."""
         if self.empty:
             return u
-        return u - self.lifting(multiply(self.C, u))
+        return u - self._lifting(self._summed(u))
 
     def apply_transpose(self, residual: Array) -> Array:
         """Πᵀ r."""
         if self.empty:
             return residual
-        return residual - self.forces(self.multipliers(residual))
+        return residual - self._Ct @ self._multipliers(residual)
 
     def lifting(self, jumps: Array) -> Array:
         """The smallest displacement with C_A u = jumps (active,), in the norm of D."""
         if self.empty:
             return np.zeros(self.system.size)
+        return self._lifting(self._of_all(jumps))
+
+    def _lifting(self, jumps: Array) -> Array:
+        """The same for the jumps of the active rows of all ranks."""
         if self._of_motions is None:
-            return multiply(self.Ct, self._inverse_of_rows.apply(jumps))
-        motions = self._of_motions.lifting(jumps)
-        left = jumps - multiply(self.C, motions)
-        return motions + multiply(self.Ct, self._inverse_of_rows.apply(left))
+            return np.asarray(self._DCt @ self._inverse_of_rows.apply(jumps))
+        motions = self._of_motions.lifting(jumps[self._of_rank])
+        left = jumps - self._summed(motions)
+        return np.asarray(motions + self._DCt @ self._inverse_of_rows.apply(left))
 
     def giving(self, residual: Array) -> Array:
         """D⁻¹ Bᵀ (S + C)⁻¹ C (S + C)⁻¹ B D⁻¹ r, the motion of rows with a compliance."""
@@ -143,3 +174,10 @@ class Projector:
         compliance = np.zeros(len(active))
         compliance[self.rows] = self.compliance
         return Projector(self.system, active, compliance)
+
+
+def _scaled(matrix: sparse.csr_matrix, scale: Array) -> sparse.csr_matrix:
+    """A matrix with scaled columns."""
+    result = matrix.copy()
+    result.data *= scale[matrix.indices]
+    return result

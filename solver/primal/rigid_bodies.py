@@ -72,8 +72,11 @@ class RowsOfMotions:
         multipliers[self._chosen] = (self._inverse.T @ forces)[self._local_rows]
 
     def lifting(self, jumps: Array) -> Array:
-        """The smallest motions with these jumps (active,); zero elsewhere, (unknowns,)."""
-        result = np.zeros(self._size)
+        """The smallest motions with these jumps (active,); zero elsewhere, (unknowns,).
+
+        Jumps in several columns have a motion for each.
+        """
+        result = np.zeros((self._size, *jumps.shape[1:]))
         if self.empty:
             return result
         every = np.concatenate(self._comm.allgather(jumps[self._chosen]))

@@ -177,14 +177,12 @@ class RigidSpace:
             return
         if floating.lifts_means:
             projector = projector.narrow
-        W, images = np.empty(motions.shape), floating.images.copy()
+        W, images = projector.apply(motions.T), floating.images.copy()
+        W = W.copy() if projector.empty else W  # not the motions themselves: W is scaled in place
         for k, motion in enumerate(motions):
-            lifted = motion - projector.apply(motion)
-            W[k] = motion - lifted
-            images[k] -= floating.image(lifted)
+            images[k] -= floating.image(motion - W[:, k])
             if not springs.empty:
-                images[k] += springs.forces(W[k])
-        W = W.T
+                images[k] += springs.forces(W[:, k])
         norms = [np.einsum("i,ij,ij->j", system.diagonal, R, R) for R in (motions.T, W)]
         before, after = self._comm.allreduce(np.stack(norms))
         some = after > SINGULAR * before

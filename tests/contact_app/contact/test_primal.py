@@ -24,7 +24,7 @@ from solver.driver import solve as solve_problem
 from solver.primal.blocks import in_blocks
 from solver.primal.by_active_sets import solve_by_multigrid
 from solver.primal.cycle import CycleOnSets
-from solver.primal.factor import FactorOptions, diagonal_below, squared
+from solver.primal.factor import FactorOptions, diagonal_below
 from solver.primal.first_set import find_first_set
 from solver.primal.hierarchy import build_hierarchy
 from solver.primal.lanczos import largest_eigenvalue
@@ -241,8 +241,8 @@ def test_the_cycle_that_has_followed_sets_is_that_of_the_last_one() -> None:
     assert np.abs(again - expected).max() < 1e-6 * scale
     for z in (other, expected):
         assert residuals[0] @ z[1] == pytest.approx(residuals[1] @ z[0], rel=1e-6)
-    moved = [np.abs(multiply(last.C, z)).max() for z in expected]
-    sizes = [multiply(squared(last.C), z**2).max() ** 0.5 for z in expected]
+    moved = [np.abs(last.C @ z).max() for z in expected]
+    sizes = [(last.C.power(2) @ z**2).max() ** 0.5 for z in expected]
     assert max(moved) < 1e-9 * min(sizes)
 
 
