@@ -137,8 +137,12 @@ class Multigrid:
     def left(self) -> Array:
         """f - K u of the initial displacement of the next set (collective)."""
         if self._left is None:
-            self._left = self.system.load - multiply(in_blocks(self.system.K), self.u)
+            self._left = self.system.load - self.elastic_forces(self.u)
         return self._left
+
+    def elastic_forces(self, u: Array) -> Array:
+        """K u without the rounding errors of rigid motions, (unknowns,) (collective)."""
+        return multiply(in_blocks(self.system.K), self.matrices.floating.without(u))
 
     def first_set(self) -> FirstSet:
         """Contact on coarse levels; all rows if a constraint hierarchy applies (collective)."""
@@ -262,7 +266,7 @@ class PrimalSet:
         if not rigid.empty:
             left = backend.left() + (self._load - system.load) - springs.forces_at(backend.u)
             self._start += rigid.balance(left, lifting)
-        left = self._load - multiply(in_blocks(system.K), self._start)
+        left = self._load - backend.elastic_forces(self._start)
         self._left = left if springs.empty else left - springs.forces_at(self._start)
         self._preconditioner = self._make_preconditioner()
         rhs = projector.apply_transpose(self._left)

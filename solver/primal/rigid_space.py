@@ -30,6 +30,7 @@ from mpi4py import MPI
 from numpy.typing import NDArray
 from scipy import sparse
 
+from solver.contact.bodies import largest
 from solver.primal.blocks import in_blocks
 from solver.primal.cycle import Cycle, CycleOnSets
 from solver.primal.factor import squared_rows
@@ -37,12 +38,17 @@ from solver.primal.merged import MergedSystem
 from solver.primal.products import chosen_columns, multiply, multiply_transposed
 from solver.primal.projector import Projector
 from solver.primal.springs import Springs
+from solver.vectors import largest_magnitude
 
 Array = NDArray[np.float64]
 
 HELD = 1e-8
 """Squared length of held unknowns under a rigid motion, over that of the largest, below which they
 do not stop it."""
+
+STRAINLESS = 1e-10
+"""Forces of a motion, over the largest stiffness, below which they are rounding errors: of a body
+that is held in two nodes close to each other a motion is nearly free, and has forces."""
 
 SINGULAR = 1e-13
 """Energy of a motion, relative to the largest, below which it consists of rounding errors."""
@@ -110,12 +116,30 @@ class FloatingMotions:
 
     def __init__(self, system: MergedSystem) -> None:
         self.motions = np.ascontiguousarray(floating_motions(system).T)
+        self._comm = system.comm
         if len(self.motions) == 0:
             return
         self.images = np.stack([multiply(in_blocks(system.K), motion) for motion in self.motions])
+        sizes = np.array([np.abs(v).max(axis=1, initial=0.0) for v in (self.images, self.motions)])
+        forces, moved = largest(self._comm, sizes)
+        stiff = largest_magnitude(self._comm, system.diagonal)
+        self._strainless = self.motions[forces <= STRAINLESS * stiff * moved]
+        gram = self._comm.allreduce(self._strainless @ self._strainless.T)
+        self._inverse = np.linalg.pinv(gram, hermitian=True)
         in_rows = multiply_transposed(squared_rows(system), np.ones(len(system.rows))) > 0.0
         self._in_rows = np.flatnonzero(in_rows)
         self._columns = chosen_columns(system.K, self._in_rows)
+
+    def without(self, u: Array) -> Array:
+        """A displacement (unknowns,) without its share of motions that K does not resist.
+
+        K of the share is a rounding error (collective): a roller may turn 1e5 times as far as it is
+        strained.
+        """
+        if len(self.motions) == 0 or len(self._inverse) == 0:
+            return u
+        share = self._inverse @ self._comm.allreduce(self._strainless @ u)
+        return np.asarray(u - share @ self._strainless)
 
     def with_lifts(self, system: MergedSystem, lifts: Sequence[Array]) -> Self:
         """These motions and E, displacements (unknowns,) for the means (collective)."""

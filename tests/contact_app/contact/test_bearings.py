@@ -28,22 +28,26 @@ from tests.comparison import solve
 
 @pytest.mark.ratchet
 @pytest.mark.parametrize(
-    ("cell", "balls", "counts", "most"),
+    ("cell", "balls", "counts", "tolerance", "most"),
     [
-        ("tetrahedron", 4, (8, 4), 70),
-        ("hexahedron", 3, (8, 6), 110),
-        ("quadrilateral", 3, (12, 10), 200),
+        ("tetrahedron", 4, (8, 4), 1e-6, 110),
+        ("hexahedron", 3, (8, 6), 1e-6, 110),
+        ("quadrilateral", 3, (12, 10), 1e-6, 200),
+        ("quadrilateral", 4, (12, 10), 1e-8, 60),
+        ("quadrilateral", 7, (12, 10), 1e-8, 250),
+        ("triangle", 7, (12, 10), 1e-8, 250),
     ],
 )
 def test_bodies_that_only_contact_holds_are_solved_by_multigrid(
-    cell: str, balls: int, counts: tuple[int, int], most: int, tmp_path: Path
+    cell: str, balls: int, counts: tuple[int, int], tolerance: float, most: int, tmp_path: Path
 ) -> None:
     """A set that does not hold a body moves it far; without the Lagrangian there is no answer.
 
-    Some rollers in the plane carry no load, so that no set holds them.
+    Some rollers in the plane carry no load, so that no set holds them. They turn so far that K u
+    has no digits, and along their motions L has no least value but that of its rounding errors.
     """
     made = half_bearing(tmp_path, cell, balls, counts)
-    summary = solve(made, None, tolerance=1e-6, method="primal").summary
+    summary = solve(made, None, tolerance=tolerance, method="primal").summary
     assert summary["certificate"]["passed"]
     assert summary["solver"]["method"] == "primal"
     assert summary["solver"]["hessian_multiplications"] <= most
