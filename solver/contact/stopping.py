@@ -37,14 +37,6 @@ class AutomaticOptions:
         Algebraic error over discretisation error where a solve ends.
     loosest
         Largest tolerance that is chosen.
-    nearly
-        The mesh error is estimated anew once the duality gap is below this factor times its limit:
-        the gap of a solver error of a tenth of the last estimate.
-    gain
-        Largest factor by which the error falls from one answer to the next. If the error exceeds
-        its limit by n such factors, the next n answers are not certified.
-    again
-        Factor on the required error of the next answer on an active set after a rejected answer.
     steady
         Error of the solver over the error of the mesh, below which the mesh error is not estimated
         anew: the estimate is then right to a few per cent.
@@ -52,9 +44,6 @@ class AutomaticOptions:
 
     share: float = 0.1
     loosest: float = 3e-2
-    nearly: float = 1.2
-    gain: float = 8.0
-    again: float = 0.7
     steady: float = 0.15
 
 
@@ -121,26 +110,16 @@ class AutomaticRule(StoppingRule):
         self.options = options = options or AutomaticOptions()
         super().__init__(options.loosest)
         self._assess, self._tightest = assess, tightest
-        self._enough: tuple[float, float] | None = None
         self._chosen = self._limit = options.loosest
-        self._demand = self._required = 1.0
-        self._skipped_tests = 0
         self._assessed: tuple[Accuracy, float] | None = None
 
     def required_reduction(self, worst: float, strained: float, gap: Gap) -> float:
         """The factor of `StoppingRule`, for the jumps and for the error that the gap bounds."""
         required = worst / self._chosen
-        if self._skipped_tests:
-            self._skipped_tests -= 1
-            self._required = max(self._required / self.options.gain, required)
-            return self._required
         if required <= 1.0 and strained > 0.0:
             error = math.sqrt(2.0 * max(gap(), 0.0) / strained)
             required = max(required, error / self._limit)
-        self._required = required / self._demand
-        factors = math.log(max(self._required, 1.0)) / math.log(self.options.gain)
-        self._skipped_tests = int(factors)
-        return self._required
+        return required
 
     def required_of_certified(self, solution: Solution) -> float:
         """One: `judge` has already put the new limits into `required_reduction`."""
@@ -149,46 +128,21 @@ class AutomaticRule(StoppingRule):
     def judge(self, solution: Solution) -> Solution:
         """The answer with its certificate, which fails until the error is small enough.
 
-        The error of the mesh is estimated once a certificate passes at a loose tolerance, and again
-        once the duality gap meets the limit that follows from this estimate.
+        The error of the mesh is estimated once a certificate passes at a loose tolerance. The
+        limits that follow from it are in force from then on.
         """
-        limit = self._limit
-        judged = self._judge(solution)
-        in_force = limit == self._limit  # the limits in force are those that the mesh asks for
-        rejected = in_force and not judged.converged
-        self._demand = self.options.again * self._demand if rejected else 1.0
-        return judged
-
-    def _judge(self, solution: Solution) -> Solution:
-        gap = solution.measures.gap
-        if self._enough is None:
-            loosely = super().judge(solution)
-            if not loosely.converged:
-                return loosely
-        else:
-            chosen, enough = self._enough
-            loosely = replace(
-                solution, certificate=solution.certificate.judged(chosen), tolerance=chosen
-            )
-            if not loosely.converged:
-                return loosely
-            if gap > self.options.nearly * enough:
-                self._tighten(math.sqrt(gap / enough))
-                return replace(loosely, certificate=replace(loosely.certificate, passed=False))
-        accuracy = self._accuracy(solution)
-        share = self.options.share
+        loosely = solution.certificate.judged(self._chosen)
+        if not loosely.passed:
+            return replace(solution, certificate=loosely, tolerance=self._chosen)
+        accuracy, share = self._accuracy(solution), self.options.share
         limit = max(self._tightest, share * accuracy.discretisation)  # the first of them for NaN
         excess = accuracy.excess(share, self._tightest)
-        chosen = min(limit, self.options.loosest)
-        self._chosen, self._limit = chosen, limit
-        judged = solution.certificate.judged(chosen)
-        if excess > 1.0:
-            judged = replace(judged, passed=False)
-            self._enough = chosen, gap / excess**2
-        if not judged.passed:
-            self._tighten(excess)
-            self.tolerance = min(chosen, self.tolerance)
-        return replace(solution, certificate=judged, tolerance=chosen, accuracy=accuracy)
+        self._chosen, self._limit = min(limit, self.options.loosest), limit
+        judged = solution.certificate.judged(self._chosen)
+        judged = replace(judged, passed=judged.passed and excess <= 1.0)
+        if not judged.passed:  # residuals have to fall by the factor by which the error has to
+            self.tolerance = min(self._chosen, self.tolerance / max(excess, 2.0))
+        return replace(solution, certificate=judged, tolerance=self._chosen, accuracy=accuracy)
 
     def _accuracy(self, solution: Solution) -> Accuracy:
         """Errors of an answer.
@@ -203,10 +157,6 @@ class AutomaticRule(StoppingRule):
             accuracy = last.resolved(math.sqrt(max(gap, 0.0) / its_gap) if its_gap > 0.0 else 0.0)
         self._assessed = accuracy, gap
         return accuracy
-
-    def _tighten(self, excess: float) -> None:
-        """Reduce the limits of the residuals by the factor by which the error has to fall."""
-        self.tolerance /= max(excess, 2.0)
 
 
 class CertificateTest(Generic[S]):
