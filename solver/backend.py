@@ -16,14 +16,11 @@ from typing import Protocol, TypeVar
 
 import numpy as np
 from mpi4py import MPI
-from numpy.typing import NDArray
 
 from solver.qp.iterate import Watch
 from solver.qp.mprgp import MPRGP
 from solver.qp.result import Counts, Monitor, Reason
-
-Array = NDArray[np.float64]
-Mask = NDArray[np.bool_]
+from solver.vectors import Array, Ints, Mask
 
 
 @dataclass(frozen=True, eq=False)
@@ -38,8 +35,8 @@ class Turn:
         Cosine and sine of the angle from the old first direction to the new first direction.
     """
 
-    first: NDArray[np.int64]
-    second: NDArray[np.int64]
+    first: Ints
+    second: Ints
     cosine: Array
     sine: Array
 

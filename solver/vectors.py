@@ -15,7 +15,9 @@ from mpi4py import MPI
 from numpy.typing import NDArray
 from petsc4py import PETSc
 
-Vector = NDArray[np.float64]
+Array = NDArray[np.float64]
+Vector = NDArray[np.float64]  # of one dimension
+Ints = NDArray[np.int64]
 Mask = NDArray[np.bool_]
 Action = Callable[[PETSc.Vec, PETSc.Vec], None]
 

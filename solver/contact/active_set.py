@@ -20,7 +20,6 @@ from typing import Any, Generic
 
 import numpy as np
 from mpi4py import MPI
-from numpy.typing import NDArray
 
 from solver.backend import Backend, S, Statuses
 from solver.contact.active_set_options import ActiveSetOptions, Turnover
@@ -38,8 +37,7 @@ from solver.errors import QPError
 from solver.qp.iterate import Iterate
 from solver.qp.mprgp import MPRGP
 from solver.qp.result import Counts, Monitor, Reason
-
-Mask = NDArray[np.bool_]
+from solver.vectors import Array, Mask
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,7 +59,7 @@ class Start:
     """
 
     active: Mask
-    multiplier: NDArray[np.float64] | None = None
+    multiplier: Array | None = None
     is_flat: bool = False
     statuses: Statuses | None = None
 
@@ -287,7 +285,7 @@ def _update_set(
     assert solved.state is not None
     rules = loop.rules.with_ahead(loop.early.are_right(backend.comm, options.returning))
     statuses, strained = solved.following, loop.strained
-    multiplier: NDArray[np.float64] | None = solved.state.multiplier
+    multiplier: Array | None = solved.state.multiplier
     if start.is_flat and len(loop.turnovers) == 2 and options.all_peel(loop.turnovers):
         statuses = _with_contact(method, statuses, backend.estimated_contact())
     if not method.law.settles and options.vanish(strained):

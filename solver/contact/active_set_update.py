@@ -13,13 +13,11 @@ from typing import Generic
 
 import numpy as np
 from mpi4py import MPI
-from numpy.typing import NDArray
 
 from solver.backend import Backend, ConstraintHierarchy, S, SetSolve, Statuses
 from solver.contact.active_set_options import ActiveSetOptions, Turnover
 from solver.contact.law import ContactLaw, StateData
-
-Mask = NDArray[np.bool_]
+from solver.vectors import Mask
 
 
 @dataclass(frozen=True, eq=False)

@@ -14,9 +14,8 @@ from dataclasses import dataclass
 
 import numpy as np
 from mpi4py import MPI
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from solver.vectors import Array, Ints, Mask
 
 FAINT = 1e-6
 """Smallest reference of a body, as a share of the largest displacement or load in its group.
@@ -51,11 +50,11 @@ class Bodies:
         that they touch.
     """
 
-    groups: NDArray[np.int64]
-    members: tuple[NDArray[np.int64], ...]
-    columns: NDArray[np.int64]
-    rows: NDArray[np.int64]
-    rigid: NDArray[np.bool_]
+    groups: Ints
+    members: tuple[Ints, ...]
+    columns: Ints
+    rows: Ints
+    rigid: Mask
 
     @property
     def count(self) -> int:
@@ -100,7 +99,7 @@ class Bodies:
             result += np.bincount(body, each, self.count)
         return result
 
-    def sum_rows(self, values: Array, rows: NDArray[np.bool_]) -> Array:
+    def sum_rows(self, values: Array, rows: Mask) -> Array:
         """Sums by body, (bodies,), of values (dual,) of some rows.
 
         Rows of a pair count for both bodies.
@@ -121,7 +120,7 @@ class Bodies:
         return largest(comm, local)
 
 
-def run_begins(columns: NDArray[np.int64]) -> NDArray[np.int64]:
+def run_begins(columns: Ints) -> Ints:
     """First indices of the runs of unknowns of one body, given the body of each, (interface,)."""
     new = np.ones(len(columns), bool)
     new[1:] = columns[1:] != columns[:-1]

@@ -45,7 +45,8 @@ from dataclasses import asdict, dataclass, field, replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
+
+from solver.vectors import Array, Ints
 
 NUMBERS = (
     "max_penetration",
@@ -67,7 +68,7 @@ ROUNDED_LIMIT = 1e-6
 
 @dataclass(frozen=True)
 class Certificate:
-    """Numbers of `summary.json`'s certificate, all relative.
+    """Ints of `summary.json`'s certificate, all relative.
 
     Attributes
     ----------
@@ -180,16 +181,16 @@ class Measures:
         strained.
     """
 
-    displacements: NDArray[np.float64]
-    deformations: NDArray[np.float64]
-    loads: NDArray[np.float64]
-    pressed: NDArray[np.float64]
-    strains: NDArray[np.float64]
-    roundings: NDArray[np.float64]
-    gaps: NDArray[np.float64]
+    displacements: Array
+    deformations: Array
+    loads: Array
+    pressed: Array
+    strains: Array
+    roundings: Array
+    gaps: Array
     energy: float
-    groups: NDArray[np.int64]
-    scales: NDArray[np.float64]
+    groups: Ints
+    scales: Array
 
     @property
     def displacement(self) -> float:
@@ -201,7 +202,7 @@ class Measures:
         """The duality gap of the scene, in units of energy."""
         return float(self.gaps.sum())
 
-    def error_squares(self) -> NDArray[np.float64]:
+    def error_squares(self) -> Array:
         """Bound on ‖û - u*‖² of each group, (groups,), with the terms of rounding errors."""
         rounding = np.bincount(self.groups, self.roundings, len(self.gaps))
         return np.asarray((np.sqrt(2.0 * np.maximum(self.gaps, 0.0)) + np.sqrt(rounding)) ** 2)

@@ -26,13 +26,13 @@ from typing import Any, Protocol
 
 import numpy as np
 from mpi4py import MPI
-from numpy.typing import NDArray
 
 from solver import Counts
 from solver.contact.row_kinds import RowKind
 from solver.contact.vector_file import read_vectors, write_vectors
 from solver.qp.outer_state import Restart
 from solver.qp.result import Step
+from solver.vectors import Array, Mask
 
 CHECKPOINT, VECTORS = "checkpoint.json", "checkpoint-*.vectors"
 """Names of the file of the scalars and of the files of vectors."""
@@ -62,15 +62,15 @@ class DescribedProblem(Protocol):
         """Rows of this rank."""
 
     @property
-    def c(self) -> NDArray[np.float64]:
+    def c(self) -> Array:
         """Right-hand side of the rows, (rows,)."""
 
     @property
-    def effect_of_loads(self) -> NDArray[np.float64]:
+    def effect_of_loads(self) -> Array:
         """A vector (any,) that identifies the loads (collective)."""
 
     @property
-    def e(self) -> NDArray[np.float64]:
+    def e(self) -> Array:
         """Loads along the rigid motions of the floating subdomains."""
 
     def count(self, kind: RowKind) -> int:
@@ -287,9 +287,7 @@ class Saver:
         return Saver(self._checkpoint, self._before + counts)
 
 
-def without_outer_iterations(
-    multiplier: NDArray[np.float64], touching: NDArray[np.bool_], counts: Counts
-) -> Restart:
+def without_outer_iterations(multiplier: Array, touching: Mask, counts: Counts) -> Restart:
     """State of an algorithm without outer iterations.
 
     Parameters
@@ -322,7 +320,7 @@ def _next_name(previous: list[Path]) -> str:
 
 
 def _description(problem: DescribedProblem) -> dict[str, float]:
-    """Numbers that identify a dual problem, equal on any number of ranks."""
+    """Ints that identify a dual problem, equal on any number of ranks."""
     c, d, e = problem.c, problem.effect_of_loads, problem.e
     squares = problem.comm.allreduce(np.array([problem.size, c @ c, d @ d, e @ e]))
     kinds = {kind.name.lower(): float(problem.count(kind)) for kind in RowKind}

@@ -28,8 +28,9 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 from mpi4py import MPI
-from numpy.typing import NDArray
 from scipy.linalg import eigh, qr
+
+from solver.vectors import Array, Ints, Mask
 
 ROUNDS = 200
 """Largest number of steps of a search.
@@ -78,12 +79,12 @@ class BodyBalance:
         The body's part of orthonormal motions of its group that the held and tied rows leave free.
     """
 
-    free_motions: NDArray[np.float64]
-    escape: NDArray[np.float64] | None
+    free_motions: Array
+    escape: Array | None
     held: bool
     steady: bool = False
-    loose: NDArray[np.float64] = field(default_factory=lambda: np.zeros((0, 0)))
-    allowed: NDArray[np.float64] = field(default_factory=lambda: np.zeros((0, 0)))
+    loose: Array = field(default_factory=lambda: np.zeros((0, 0)))
+    allowed: Array = field(default_factory=lambda: np.zeros((0, 0)))
 
 
 @dataclass(frozen=True, eq=False)
@@ -103,10 +104,10 @@ class FrictionCones:
         Whether a contact of any rank has friction.
     """
 
-    slips: NDArray[np.float64]
-    normal: NDArray[np.int64]
-    coefficients: NDArray[np.float64]
-    limits: NDArray[np.float64]
+    slips: Array
+    normal: Ints
+    coefficients: Array
+    limits: Array
     acts: bool = True
 
     @classmethod
@@ -114,35 +115,33 @@ class FrictionCones:
         """No rows, of contacts without friction."""
         return cls(np.zeros((0, motions)), np.zeros(0, np.int64), np.zeros(0), np.zeros(0), False)
 
-    def along(self, motions: NDArray[np.float64]) -> FrictionCones:
+    def along(self, motions: Array) -> FrictionCones:
         """The same cones for motions that are combinations (motions, k) of the present motions."""
         return replace(self, slips=self.slips @ motions)
 
-    def directions(self, motion: NDArray[np.float64], rows: int) -> NDArray[np.float64]:
+    def directions(self, motion: Array, rows: int) -> Array:
         """T r over its length at each point, zero where the point does not slide, (k,)."""
         slip = self.slips @ motion
         size = np.sqrt(np.bincount(self.normal, slip**2, rows))[self.normal]
         return np.divide(slip, size, out=np.zeros(len(slip)), where=size > 0.0)
 
-    def opposing(
-        self, rows: NDArray[np.float64], motion: NDArray[np.float64]
-    ) -> NDArray[np.float64]:
+    def opposing(self, rows: Array, motion: Array) -> Array:
         """Contact rows (rows, motions) plus the friction that opposes a motion most."""
         pull = (self.coefficients * self.directions(motion, len(rows)))[:, None] * self.slips
         result = rows.copy()
         np.add.at(result, self.normal, pull)
         return result
 
-    def power_of_limits(self, motion: NDArray[np.float64], rows: int) -> NDArray[np.float64]:
+    def power_of_limits(self, motion: Array, rows: int) -> Array:
         """The power of friction with given limits against each motion, (motions,)."""
         return (self.limits * self.directions(motion, rows)) @ self.slips
 
 
 def balance(
     comm: MPI.Intracomm,
-    held: NDArray[np.float64],
-    contact: NDArray[np.float64],
-    load: NDArray[np.float64],
+    held: Array,
+    contact: Array,
+    load: Array,
     load_scale: float,
     friction: FrictionCones | None = None,
 ) -> BodyBalance:
@@ -175,11 +174,7 @@ def balance(
 
 
 def carried_share(
-    comm: MPI.Intracomm,
-    held: NDArray[np.float64],
-    contact: NDArray[np.float64],
-    load: NDArray[np.float64],
-    friction: FrictionCones,
+    comm: MPI.Intracomm, held: Array, contact: Array, load: Array, friction: FrictionCones
 ) -> float | None:
     """The largest t ≤ 1 for which t times a load is in equilibrium (collective).
 
@@ -215,12 +210,8 @@ def carried_share(
 
 
 def slide(
-    comm: MPI.Intracomm,
-    held: NDArray[np.float64],
-    contact: NDArray[np.float64],
-    escape: NDArray[np.float64],
-    friction: FrictionCones,
-) -> NDArray[np.float64]:
+    comm: MPI.Intracomm, held: Array, contact: Array, escape: Array, friction: FrictionCones
+) -> Array:
     """The normalised part of an escape along surfaces that stay in contact (collective).
 
     An escape is normal to the friction cones: where a point slides by |T r| it also lifts by
@@ -247,22 +238,17 @@ def slide(
     return np.asarray(result / size)
 
 
-def held_motions(comm: MPI.Intracomm, held: NDArray[np.float64]) -> NDArray[np.float64]:
+def held_motions(comm: MPI.Intracomm, held: Array) -> Array:
     """Orthonormal rigid motions (motions, k) that no held row (rows, motions) stops."""
     return _null_space(comm.allreduce(held.T @ held))
 
 
-def holds(comm: MPI.Intracomm, held: NDArray[np.float64]) -> bool:
+def holds(comm: MPI.Intracomm, held: Array) -> bool:
     """Whether held rows (rows, motions) of all ranks alone stop every rigid motion."""
     return held_motions(comm, held).shape[1] == 0
 
 
-def loose_motions(
-    comm: MPI.Intracomm,
-    held: NDArray[np.float64],
-    contact: NDArray[np.float64],
-    moved: NDArray[np.float64],
-) -> NDArray[np.float64]:
+def loose_motions(comm: MPI.Intracomm, held: Array, contact: Array, moved: Array) -> Array:
     """Orthonormal motions of a group that held rows leave free and contact rows hardly resist.
 
     Along such a motion v the surfaces slide: Σ (nᵀ v)² ≤ `SLIDING`² Σ |v|² over contact rows, as
@@ -287,12 +273,8 @@ def loose_motions(
 
 
 def undetermined_motions(
-    comm: MPI.Intracomm,
-    allowed: NDArray[np.float64],
-    contact: NDArray[np.float64],
-    presses: NDArray[np.bool_],
-    loose: NDArray[np.float64],
-) -> NDArray[np.float64]:
+    comm: MPI.Intracomm, allowed: Array, contact: Array, presses: Mask, loose: Array
+) -> Array:
     """Orthonormal motions of a group that open contact rows see, and rows with a force do not.
 
     No load works on them, since the rows with a force balance all loads, and none strains a body:
@@ -318,13 +300,13 @@ def undetermined_motions(
     return np.asarray(open_motions @ _null_space(components.T @ components))
 
 
-def spanned(motions: NDArray[np.float64]) -> NDArray[np.float64]:
+def spanned(motions: Array) -> Array:
     """Orthonormal basis of the span of motions (n, k), without nearly dependent ones."""
     basis, size, _ = np.linalg.svd(motions, full_matrices=False)
     return np.asarray(basis[:, size > 1e-6])
 
 
-def by_body(free: NDArray[np.float64], motions: int) -> list[NDArray[np.float64]]:
+def by_body(free: Array, motions: int) -> list[Array]:
     """Distribute joint motions among bodies: holding all parts holds all motions.
 
     Parameters
@@ -352,12 +334,8 @@ def by_body(free: NDArray[np.float64], motions: int) -> list[NDArray[np.float64]
 
 
 def _residual(
-    comm: MPI.Intracomm,
-    rows: NDArray[np.float64],
-    load: NDArray[np.float64],
-    tolerance: float,
-    friction: FrictionCones,
-) -> NDArray[np.float64] | None:
+    comm: MPI.Intracomm, rows: Array, load: Array, tolerance: float, friction: FrictionCones
+) -> Array | None:
     """Residual of min ‖load - rowsᵀ λ - friction‖ over λ ≥ 0, or None if it vanishes."""
     chosen, bounded = np.zeros((0, len(load))), np.zeros((0, len(load)))
     residual = load
@@ -380,12 +358,7 @@ def _residual(
     return None if friction.acts else residual
 
 
-def _new_friction_sum(
-    comm: MPI.Intracomm,
-    pull: NDArray[np.float64],
-    bounded: NDArray[np.float64],
-    residual: NDArray[np.float64],
-) -> NDArray[np.float64]:
+def _new_friction_sum(comm: MPI.Intracomm, pull: Array, bounded: Array, residual: Array) -> Array:
     """The sum of friction forces with given limits that oppose a motion, if new, (0 or 1, n)."""
     pull = comm.allreduce(pull)
     largest = max((bounded @ residual).max(initial=0.0), 0.0)
@@ -394,9 +367,7 @@ def _new_friction_sum(
     return pull[None]
 
 
-def _nearest(
-    chosen: NDArray[np.float64], bounded: NDArray[np.float64], load: NDArray[np.float64]
-) -> NDArray[np.float64]:
+def _nearest(chosen: Array, bounded: Array, load: Array) -> Array:
     """The nearest point to the load of  chosenᵀ λ + boundedᵀ w,  λ, w ≥ 0, Σ w ≤ 1."""
     columns, target = chosen.T, load
     if len(bounded):  # with a slack variable the sum is one; its equation weighs most
@@ -414,7 +385,7 @@ def _nearest(
     return np.asarray((columns @ weights)[: len(load)])
 
 
-def _null_space(gram: NDArray[np.float64]) -> NDArray[np.float64]:
+def _null_space(gram: Array) -> Array:
     """Orthonormal null space of a small Gram matrix."""
     values, vectors = np.linalg.eigh(gram)
     return vectors[:, values <= 1e-12 * max(values.max(), np.finfo(float).tiny)]

@@ -31,16 +31,12 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from mpi4py import MPI
-from numpy.typing import NDArray
 
 from solver.backend import Relaxation, Statuses, Turn
 from solver.contact.friction_points import AT_LIMIT, FrictionPoints
 from solver.contact.law import Frictionless, StateData
 from solver.contact.slip_front import SlipFront
-
-Array = NDArray[np.float64]
-Mask = NDArray[np.bool_]
-
+from solver.vectors import Array, Mask
 
 FAINT = float(np.finfo(np.float64).tiny)
 """Compliance of a sliding point that has no slip yet.

@@ -10,9 +10,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from solver.vectors import Array, Ints, Mask
 
 AT_LIMIT = 1e-3
 """Share of the slip limit by which a friction force below it still counts as at the limit.
@@ -47,23 +46,23 @@ class FrictionPoints:
         Whether a contact of any rank has friction.
     """
 
-    rows: NDArray[np.int64]
-    normals: NDArray[np.int64]
-    point: NDArray[np.int64]
-    first: NDArray[np.int64]
+    rows: Ints
+    normals: Ints
+    point: Ints
+    first: Ints
     coefficients: Array
     limits: Array
     spread: Array
     normal_spread: Array
-    shared: NDArray[np.int64]
-    other_rows: NDArray[np.int64]
+    shared: Ints
+    other_rows: Ints
     places: Array
-    sources: NDArray[np.int64]
+    sources: Ints
     tangents: Array
     acts: bool = True
 
     @property
-    def planar(self) -> NDArray[np.int64]:
+    def planar(self) -> Ints:
         """Points with two tangential rows (in space); the two rows of a point are neighbours."""
         return np.flatnonzero(np.bincount(self.point, minlength=len(self.first)) == 2)
 
@@ -99,14 +98,14 @@ class FrictionPoints:
         """Penetrations (points,) from residuals B u - c (dual,)."""
         return np.asarray(residual[self.normals[self.first]] / self.normal_spread[self.first])
 
-    def sliding(self, multiplier: Array) -> NDArray[np.bool_]:
+    def sliding(self, multiplier: Array) -> Mask:
         """Tangential rows (dual,) of points whose friction force is (nearly) at its limit."""
         size, limit = self.sizes(self.forces(multiplier)), self.slip_limits(multiplier)
         result = np.zeros(len(multiplier), bool)
         result[self.rows] = (size >= (1.0 - AT_LIMIT) * limit)[self.point]
         return result
 
-    def work_lost(self, multiplier: Array, residual: Array) -> tuple[NDArray[np.int64], Array]:
+    def work_lost(self, multiplier: Array, residual: Array) -> tuple[Ints, Array]:
         """s' |w| - λ_t · w of each point, zero or more, and one of its rows of B: (points,) each.
 
         s' is the limit of the answer: s, or |λ_t| where the friction force exceeds s.

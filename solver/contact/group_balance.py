@@ -6,7 +6,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from mpi4py import MPI
-from numpy.typing import NDArray
 from scipy.linalg import block_diag
 
 from solver.contact.equilibrium import (
@@ -19,8 +18,7 @@ from solver.contact.equilibrium import (
     loose_motions,
     spanned,
 )
-
-Array = NDArray[np.float64]
+from solver.vectors import Array, Mask
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,9 +54,7 @@ class GroupRows:
         """The equilibrium of the group under a load, as `balance` has it (collective)."""
         return balance(comm, self.holding, self.contact, load, size, self.cones)
 
-    def balances(
-        self, comm: MPI.Intracomm, group: BodyBalance, elastic: NDArray[np.bool_]
-    ) -> list[BodyBalance]:
+    def balances(self, comm: MPI.Intracomm, group: BodyBalance, elastic: Mask) -> list[BodyBalance]:
         """The equilibrium of each body of a group that is in equilibrium (collective).
 
         Parameters

@@ -15,13 +15,9 @@ from typing import Protocol
 
 import numpy as np
 from mpi4py import MPI
-from numpy.typing import NDArray
 
 from solver.backend import SetState, Statuses
-from solver.vectors import largest_magnitude
-
-Array = NDArray[np.float64]
-Mask = NDArray[np.bool_]
+from solver.vectors import Array, Mask, largest_magnitude
 
 
 @dataclass(frozen=True, eq=False)

@@ -11,13 +11,13 @@ from typing import Generic
 
 import numpy as np
 from mpi4py import MPI
-from numpy.typing import NDArray
 
 from solver.backend import S, Statuses
 from solver.contact.active_set_options import Turnover
 from solver.contact.active_set_update import EarlyReleases, SetRules
 from solver.contact.solve_on_set import Outcome
 from solver.qp.result import Counts
+from solver.vectors import Array, Mask
 
 
 @dataclass(frozen=True)
@@ -46,7 +46,7 @@ class SlidingSets:
     yielded: int = 0
 
     def after(
-        self, comm: MPI.Intracomm, statuses: Statuses, tangential: NDArray[np.bool_], share: float
+        self, comm: MPI.Intracomm, statuses: Statuses, tangential: Mask, share: float
     ) -> SlidingSets:
         """The record with one set more (collective).
 
@@ -103,7 +103,7 @@ class LoopState(Generic[S]):
 
     rules: SetRules[S]
     statuses: Statuses
-    multiplier: NDArray[np.float64] | None
+    multiplier: Array | None
     outcome: Outcome[S]
     counts: Counts
     early: EarlyReleases

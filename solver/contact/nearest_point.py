@@ -13,9 +13,8 @@ from __future__ import annotations
 
 import numpy as np
 from mpi4py import MPI
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from solver.vectors import Array
 
 ROUNDS = 50
 """Largest number of times that rows are offered."""

@@ -15,13 +15,10 @@ from dataclasses import dataclass
 
 import numpy as np
 from mpi4py import MPI
-from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from solver.contact.friction_points import FrictionPoints
-
-Array = NDArray[np.float64]
-Mask = NDArray[np.bool_]
+from solver.vectors import Array, Mask
 
 APART = 10.0
 """Distance added between contacts, over the extent of all points.

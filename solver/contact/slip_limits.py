@@ -13,11 +13,9 @@ from __future__ import annotations
 
 import numpy as np
 from mpi4py import MPI
-from numpy.typing import NDArray
 
 from solver.contact.friction_points import FrictionPoints
-
-Array = NDArray[np.float64]
+from solver.vectors import Array
 
 MEMORY = 5
 """Number of earlier limits in the combination."""

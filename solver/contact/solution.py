@@ -5,11 +5,9 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, replace
 
-import numpy as np
-from numpy.typing import NDArray
-
 from solver import Counts, Reason
 from solver.contact.certificate import Certificate, Measures
+from solver.vectors import Array
 
 
 @dataclass(frozen=True)
@@ -89,8 +87,8 @@ class Guess:
         None if they are unknown; methods for multipliers do not need them.
     """
 
-    multiplier: NDArray[np.float64]
-    displacements: list[NDArray[np.float64]] | None = None
+    multiplier: Array
+    displacements: list[Array] | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -117,8 +115,8 @@ class Solution:
         Whether the solve began with given multipliers.
     """
 
-    multiplier: NDArray[np.float64]
-    displacements: list[NDArray[np.float64]]
+    multiplier: Array
+    displacements: list[Array]
     certificate: Certificate
     measures: Measures
     counts: Counts

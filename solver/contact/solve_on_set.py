@@ -12,16 +12,12 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Generic
 
-import numpy as np
-from numpy.typing import NDArray
-
 from solver.backend import ConstraintHierarchy, S, SetSolve, Statuses
 from solver.contact.active_set_update import SetRules, changed_rows
 from solver.qp.iterate import Watch
 from solver.qp.mprgp import MPRGP
 from solver.qp.result import Counts, Monitor, Reason
-
-Mask = NDArray[np.bool_]
+from solver.vectors import Mask
 
 SaveState = Callable[[Callable[[], S], Counts], None]
 """Called at each step with a function that returns the state, and the work up to it.

@@ -1,6 +1,6 @@
 """Distributed vectors in one file, in the order of their rows.
 
-Rank 0 writes and reads the parts of all ranks, so that disk errors occur on one rank only. Numbers
+Rank 0 writes and reads the parts of all ranks, so that disk errors occur on one rank only. Ints
 are little-endian of 8 bytes.
 """
 
@@ -10,12 +10,13 @@ from pathlib import Path
 
 import numpy as np
 from mpi4py import MPI
-from numpy.typing import NDArray
+
+from solver.vectors import Array
 
 NUMBER = np.dtype("<f8")
 
 
-def write_vectors(path: Path, comm: MPI.Intracomm, vectors: list[NDArray[np.float64]]) -> None:
+def write_vectors(path: Path, comm: MPI.Intracomm, vectors: list[Array]) -> None:
     """Write vectors of one size, one after another (collective).
 
     Parameters
@@ -42,9 +43,7 @@ def write_vectors(path: Path, comm: MPI.Intracomm, vectors: list[NDArray[np.floa
         raise fault
 
 
-def read_vectors(
-    path: Path, comm: MPI.Intracomm, size: int, count: int
-) -> list[NDArray[np.float64]]:
+def read_vectors(path: Path, comm: MPI.Intracomm, size: int, count: int) -> list[Array]:
     """Read vectors that `write_vectors` wrote (collective).
 
     Parameters
@@ -60,7 +59,7 @@ def read_vectors(
         On all ranks; ValueError where the file has another size.
     """
     sizes = comm.gather(size)
-    parts: list[NDArray[np.float64]] | None = None
+    parts: list[Array] | None = None
     fault: OSError | ValueError | None = None
     if sizes is not None:
         try:

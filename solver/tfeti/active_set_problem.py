@@ -15,7 +15,6 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
 from solver.backend import SetState, Statuses
 from solver.qp.box_qp import BoxQP
@@ -31,6 +30,7 @@ from solver.tfeti.dual import DualProblem
 from solver.tfeti.preconditioner import DualPreconditioner, ScaledPreconditioner
 from solver.tfeti.recovery import add_motions
 from solver.tfeti.recycling import DeflatedPreconditioner, RecordedOperator, Recycled
+from solver.vectors import Array, Mask
 
 STALLED = 2
 """Steps on an active set, over its unknowns, after which the residual counts as rounding errors: in
@@ -63,10 +63,10 @@ class State(SetState):
         u.
     """
 
-    motions: NDArray[np.float64]
-    displacements: NDArray[np.float64]
+    motions: Array
+    displacements: Array
 
-    def homogenised(self, problem: DualProblem) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    def homogenised(self, problem: DualProblem) -> tuple[Array, Array]:
         """x = λ - λ̃ and t = Cᵀ μ = Q (F λ - d) - Gᵀ α, for SMALBE to go on from."""
         coarse = problem.coarse
         assert coarse is not None
@@ -101,7 +101,7 @@ class ActiveSetProblem:
         self,
         problem: DualProblem,
         statuses: Statuses,
-        multiplier: NDArray[np.float64] | None = None,
+        multiplier: Array | None = None,
         directions: Directions | None = None,
         coupled: CoupledRows | None = None,
     ) -> None:
@@ -162,7 +162,7 @@ class ActiveSetProblem:
         self._before = it.reduction.collectives
 
     @property
-    def active(self) -> NDArray[np.bool_]:
+    def active(self) -> Mask:
         """The active set, (dual,)."""
         return self.statuses.active
 
@@ -267,9 +267,7 @@ class ActiveSetProblem:
         return State(multiplier, self.statuses.holding, jumps, sizes, strained, alpha, u)
 
 
-def _scalings(
-    problem: DualProblem, compliance: NDArray[np.float64]
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def _scalings(problem: DualProblem, compliance: Array) -> tuple[Array, Array]:
     """Factors on the rows of the problem, and of the preconditioner, (dual,) (collective).
 
     A row has a compliance C, and K has a stiffness k against the row; in series they have the
@@ -285,7 +283,7 @@ def _scalings(
     return (np.ones(problem.size), result) if some_wide else (result, 1.0 / result)
 
 
-def _outside(statuses: Statuses, problem: DualProblem) -> NDArray[np.float64] | None:
+def _outside(statuses: Statuses, problem: DualProblem) -> Array | None:
     """The prescribed multipliers (dual,), zero on the rows that hold with equality."""
     if statuses.tractions is None:
         return None

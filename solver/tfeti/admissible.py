@@ -7,15 +7,15 @@ one tangential row, a disc about -λ̃_t at points with two.
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from solver.qp.box import Box
 from solver.qp.convex_set import SeparableSet
 from solver.qp.discs import BoxAndDiscs
 from solver.tfeti.dual import DualProblem
+from solver.vectors import Array
 
 
-def admissible_set(problem: DualProblem, limits: NDArray[np.float64] | None) -> SeparableSet:
+def admissible_set(problem: DualProblem, limits: Array | None) -> SeparableSet:
     """The admissible set for slip limits (points,), which are forces; None without friction."""
     lower = problem.lower
     points = problem.friction

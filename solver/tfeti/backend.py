@@ -4,9 +4,7 @@ from __future__ import annotations
 
 from functools import cached_property
 
-import numpy as np
 from mpi4py import MPI
-from numpy.typing import NDArray
 from petsc4py import PETSc
 
 from solver.backend import ConstraintHierarchy, Statuses
@@ -16,9 +14,7 @@ from solver.tfeti.coupled import CoupledRows, coupled_rows
 from solver.tfeti.directions import Directions, RecyclingOptions
 from solver.tfeti.dual import DualProblem
 from solver.tfeti.winkler import winkler_contact
-
-Array = NDArray[np.float64]
-Mask = NDArray[np.bool_]
+from solver.vectors import Array, Mask
 
 
 class TotalFeti:

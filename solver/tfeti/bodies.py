@@ -6,17 +6,17 @@ from collections.abc import Sequence
 
 import numpy as np
 from mpi4py import MPI
-from numpy.typing import NDArray
 
 from solver.contact.bodies import Bodies, run_begins
 from solver.tfeti.constraints.matrix import ConstraintMatrix
+from solver.vectors import Ints
 
 
 def bodies_of(
     comm: MPI.Intracomm,
     B: ConstraintMatrix,
-    groups: NDArray[np.int64],
-    members: Sequence[NDArray[np.int64]],
+    groups: Ints,
+    members: Sequence[Ints],
     widths: Sequence[int],
     rigid: Sequence[bool],
 ) -> Bodies:
@@ -51,9 +51,7 @@ def bodies_of(
     return Bodies(groups, tuple(members), columns, rows, stiff)
 
 
-def _runs(
-    comm: MPI.Intracomm, columns: NDArray[np.int64], first: int
-) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+def _runs(comm: MPI.Intracomm, columns: Ints, first: int) -> tuple[Ints, Ints]:
     """First columns (over all ranks) of the runs of columns of one body, and the body of each."""
     begins = run_begins(columns)
     gathered = comm.allgather((begins + first, columns[begins]))

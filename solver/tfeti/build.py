@@ -9,7 +9,6 @@ from hashlib import sha1
 
 import numpy as np
 from mpi4py import MPI
-from numpy.typing import NDArray
 from scipy import sparse
 
 from solver.contact.row_kinds import RowKind
@@ -28,6 +27,7 @@ from solver.tfeti.subdomain.classes import (
     unfactored_class,
 )
 from solver.tfeti.system import Constraints, ContactSystem, NodePlaces, loads_on
+from solver.vectors import Array, Ints, Mask
 
 Measure = Callable[[], AbstractContextManager[None]]
 """Context manager that measures the time of a stage, such as the factorisation."""
@@ -46,7 +46,7 @@ class CongruentSubdomains:
     nodes : (k,)
         Nodes that constraints may touch, ascending.
     copies : (members, k)
-        Numbers of these nodes among the copies of nodes on this rank.
+        Ints of these nodes among the copies of nodes on this rank.
     forces, lifting : (n, members)
         Loads, and displacements of eliminated unknowns.
     eliminated : (m,) or None
@@ -62,16 +62,16 @@ class CongruentSubdomains:
     """
 
     stiffness: sparse.csr_matrix
-    points: NDArray[np.float64]
-    nodes: NDArray[np.int64]
-    copies: NDArray[np.int64]
-    forces: NDArray[np.float64]
-    lifting: NDArray[np.float64]
-    eliminated: NDArray[np.int64] | None
-    bodies: NDArray[np.int64]
-    kernel: NDArray[np.float64] | None = None
+    points: Array
+    nodes: Ints
+    copies: Ints
+    forces: Array
+    lifting: Array
+    eliminated: Ints | None
+    bodies: Ints
+    kernel: Array | None = None
     places: NodePlaces | None = None
-    thermal: NDArray[np.float64] | None = None
+    thermal: Array | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -102,7 +102,7 @@ class ConstraintRows:
 def build_system(
     subdomains: Sequence[CongruentSubdomains],
     constraints: ConstraintRows,
-    groups: NDArray[np.int64],
+    groups: Ints,
     measure: Measure = nullcontext,
     options: TotalFetiOptions | None = None,
     loose: LooseBodies | None = None,
@@ -177,7 +177,7 @@ def _free_motions(
     d: int,
     subdomains: Sequence[CongruentSubdomains],
     classes: Sequence[SubdomainClass],
-    groups: NDArray[np.int64],
+    groups: Ints,
     loose: LooseBodies | None,
 ) -> FreeMotions | None:
     """Motions that nothing resists or contact alone, with the nodes of their subdomains.
@@ -202,7 +202,7 @@ def _classes(
     comm: MPI.Intracomm,
     d: int,
     subdomains: Sequence[CongruentSubdomains],
-    touched: NDArray[np.bool_],
+    touched: Mask,
     measure: Measure,
     factored: bool,
 ) -> list[SubdomainClass]:
@@ -243,7 +243,7 @@ def _number_columns(
     subdomains: Sequence[CongruentSubdomains],
     classes: Sequence[SubdomainClass],
     copies: int,
-) -> tuple[NDArray[np.int64], int]:
+) -> tuple[Ints, int]:
     """Interface column of each component of this rank's copies, and how many columns it has."""
     columns, size = np.full((copies, d), -1, np.int64), 0
     for group, cls in zip(subdomains, classes, strict=True):

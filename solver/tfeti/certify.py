@@ -5,14 +5,12 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from solver.contact.bodies import Bodies, body_lengths, largest, reference_sizes
 from solver.contact.certificate import NUMBERS, ROUNDED_LIMIT, Certificate, Measures
 from solver.tfeti.decomposed import DecomposedProblem
 from solver.tfeti.sizes import MeasuredAnswer, energy_scales, force_references, summed_forces
-
-Array = NDArray[np.float64]
+from solver.vectors import Array, Mask
 
 STRAINING = 200.0
 """Square of the error by the gap of a group that moves rigidly, over that of its rounding errors.
@@ -180,7 +178,7 @@ def _certificate(by_body: dict[str, Array], rounded: Array) -> Certificate:
     )
 
 
-def _worst_rows(problem: DecomposedProblem, values: Array, rows: NDArray[np.bool_]) -> Array:
+def _worst_rows(problem: DecomposedProblem, values: Array, rows: Mask) -> Array:
     """The largest of values (dual,) over some rows of each body, (bodies,) (collective)."""
     local = np.zeros(problem.bodies.count)
     np.maximum.at(local, problem.bodies.rows[rows, 0], values[rows])

@@ -25,15 +25,13 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from solver.backend import Statuses, Turn
 from solver.qp.preconditioner import Preconditioner
 from solver.tfeti.coarse.coarse_problem import CoarseProblem
 from solver.tfeti.decomposed import DecomposedProblem
 from solver.tfeti.directions import Directions
-
-Array = NDArray[np.float64]
+from solver.vectors import Array, Mask
 
 LOST = 10.0
 """Weight of lost parts, Ω times the stiffness against a row. With 1 to 1000 the scenes of
@@ -124,7 +122,7 @@ class ChangedDirections:
             result = half @ half.T
         return np.asarray(self._comm.bcast(result))
 
-    def balanced(self, base: Preconditioner, r: Array, free: NDArray[np.bool_], out: Array) -> None:
+    def balanced(self, base: Preconditioner, r: Array, free: Mask, out: Array) -> None:
         """Put the balanced preconditioner times r into out, r in the range of Pᵀ (collective)."""
         part = self._inverse @ self._comm.allreduce(self._basis @ r)
         rest = part @ self._products
@@ -141,6 +139,6 @@ class BalancedPreconditioner:
     def __init__(self, base: Preconditioner, changed: ChangedDirections) -> None:
         self._base, self._changed = base, changed
 
-    def apply(self, r: Array, free_mask: NDArray[np.bool_], out: Array) -> None:
+    def apply(self, r: Array, free_mask: Mask, out: Array) -> None:
         """Put z into out."""
         self._changed.balanced(self._base, r, free_mask, out)

@@ -10,12 +10,11 @@ from __future__ import annotations
 
 import numpy as np
 from mpi4py import MPI
-from numpy.typing import NDArray
 from scipy import linalg
 
 from solver.tfeti.constraints.hierarchy import constraint_hierarchy
 from solver.tfeti.dual import DualProblem
-from solver.vectors import largest_magnitude
+from solver.vectors import Array, largest_magnitude
 
 SETS = 60
 """Largest number of active sets."""
@@ -30,7 +29,7 @@ FIRST = 0.5
 """Rows whose penetration is above this share of the deepest penetration close first."""
 
 
-def on_columns(problem: DualProblem) -> tuple[NDArray[np.float64], int]:
+def on_columns(problem: DualProblem) -> tuple[Array, int]:
     """Nearly exact multipliers (dual,), and the operator applications spent.
 
     For problems without floating subdomains. If no body is slender, the multipliers are zero and
@@ -42,7 +41,7 @@ def on_columns(problem: DualProblem) -> tuple[NDArray[np.float64], int]:
     if levels.finest:
         return result, applications
     first = comm.exscan(problem.size) or 0
-    columns: dict[int, NDArray[np.float64]] = {}
+    columns: dict[int, Array] = {}
     closed = np.zeros(problem.size, bool)
     deepest = FIRST
     for _ in range(SETS):

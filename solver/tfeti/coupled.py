@@ -19,7 +19,6 @@ from __future__ import annotations
 from copy import copy
 
 import numpy as np
-from numpy.typing import NDArray
 from petsc4py import PETSc
 from scipy import sparse
 
@@ -32,6 +31,7 @@ from solver.tfeti.constraints.matrix import (
 )
 from solver.tfeti.decomposed import DecomposedProblem
 from solver.tfeti.subdomain.generalised_inverse import CholeskyFactor
+from solver.vectors import Array, Ints, Mask
 
 REDUNDANT = 1e-12
 """Relative addition to the diagonal of M.
@@ -44,7 +44,7 @@ NEGLIGIBLE = 1e-12
 """Cosine of the angle between rows up to which they count as perpendicular."""
 
 
-def _compliance(problem: DecomposedProblem) -> NDArray[np.float64]:
+def _compliance(problem: DecomposedProblem) -> Array:
     """D⁻¹, (interface,); zero for rigid bodies, which have no springs."""
     parts = [np.zeros(0)]
     for cls in problem.classes:
@@ -53,7 +53,7 @@ def _compliance(problem: DecomposedProblem) -> NDArray[np.float64]:
     return np.concatenate(parts)
 
 
-def _coupled(M: PETSc.Mat, wide: NDArray[np.bool_]) -> NDArray[np.bool_]:
+def _coupled(M: PETSc.Mat, wide: Mask) -> Mask:
     """Mask of the rows of several nodes, and of the rows not perpendicular to one (collective)."""
     local = local_rows(M)
     every = np.concatenate(M.comm.tompi4py().allgather(wide))
@@ -62,9 +62,7 @@ def _coupled(M: PETSc.Mat, wide: NDArray[np.bool_]) -> NDArray[np.bool_]:
     return np.asarray(wide | (met > NEGLIGIBLE * diagonal))
 
 
-def _with_rows(
-    B: ConstraintMatrix, rows: sparse.csr_matrix, places: NDArray[np.int64]
-) -> ConstraintMatrix:
+def _with_rows(B: ConstraintMatrix, rows: sparse.csr_matrix, places: Ints) -> ConstraintMatrix:
     """B with some rows replaced by rows with the same columns."""
     local = B.local.copy()
     first, last = local.indptr[places], local.indptr[places + 1]
@@ -86,7 +84,7 @@ class _Factor:
         self._matrix = matrix
         self._free: bytes | None = None
 
-    def solve(self, values: NDArray[np.float64], free: NDArray[np.bool_]) -> NDArray[np.float64]:
+    def solve(self, values: Array, free: Mask) -> Array:
         """M⁻¹ of the values of free rows, zero elsewhere, (coupled rows,)."""
         if free.tobytes() != self._free:
             self._free, self._chosen = free.tobytes(), np.flatnonzero(free)
@@ -131,7 +129,7 @@ class CoupledRows:
         self._own_part = slice(first, first + len(self._rows))
         self._filled, self._factor = gathered.diagonal() > 0.0, _Factor(gathered)
 
-    def on(self, rows: NDArray[np.bool_]) -> CoupledRows:
+    def on(self, rows: Mask) -> CoupledRows:
         """The coupled rows of the problem in which only some rows (dual,) are left (collective)."""
         result = copy(self)
         result.B = self.B.scaled(rows.astype(np.float64))
@@ -139,14 +137,14 @@ class CoupledRows:
         result._filled = self._filled & every
         return result
 
-    def _gathered(self, M: PETSc.Mat, coupled: NDArray[np.int64]) -> sparse.csc_matrix:
+    def _gathered(self, M: PETSc.Mat, coupled: Ints) -> sparse.csc_matrix:
         """The coupled rows and columns, on every rank."""
         every = np.concatenate(self.comm.allgather(M.getOwnershipRange()[0] + coupled))
         parts = self.comm.allgather(local_rows(M)[coupled][:, every])
         matrix = sparse.vstack(parts, format="csc")
         return (matrix + sparse.diags(REDUNDANT * matrix.diagonal())).tocsc()
 
-    def divide(self, x: NDArray[np.float64], free: NDArray[np.bool_] | None) -> None:
+    def divide(self, x: Array, free: Mask | None) -> None:
         """Replace x on the coupled rows by M⁻¹ x on the free ones, and by zero on the others.
 
         Parameters

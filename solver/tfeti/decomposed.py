@@ -38,7 +38,7 @@ from solver.tfeti.unfactored_loads import (
     loads_in_energy,
     pushes_of_rigid_bodies,
 )
-from solver.vectors import largest_magnitude
+from solver.vectors import Array, Mask, largest_magnitude
 
 GIVEN = 1e-3
 """Reference of the displacement of a body at rest, over the largest motion given in its group.
@@ -99,7 +99,7 @@ class DecomposedProblem:
         return self.system.constraints.kinds
 
     @property
-    def wide(self) -> NDArray[np.bool_]:
+    def wide(self) -> Mask:
         """Mask (dual,) of contact, tangential and tied rows over several nodes, which overlap."""
         return self.system.constraints.wide
 
@@ -124,22 +124,22 @@ class DecomposedProblem:
         return self.system.bodies
 
     @property
-    def forces(self) -> tuple[NDArray[np.float64], ...]:
+    def forces(self) -> tuple[Array, ...]:
         """Loads f, one (n, members) array per class."""
         return self.system.loads.forces
 
     @property
-    def lifting(self) -> tuple[NDArray[np.float64], ...]:
+    def lifting(self) -> tuple[Array, ...]:
         """Displacements of eliminated held unknowns, one (n, members) array per class."""
         return self.system.loads.lifting
 
     @property
-    def c(self) -> NDArray[np.float64]:
+    def c(self) -> Array:
         """Right-hand side of the constraints, (dual,)."""
         return self.system.loads.c
 
     @property
-    def e(self) -> NDArray[np.float64]:
+    def e(self) -> Array:
         """Work of the loads on the kernels, (kernels,)."""
         return self.system.loads.e
 
@@ -154,7 +154,7 @@ class DecomposedProblem:
         return len(self.c)
 
     @cached_property
-    def loads(self) -> tuple[NDArray[np.float64], ...]:
+    def loads(self) -> tuple[Array, ...]:
         """Loads with the lifting of eliminated conditions subtracted, f - K u_held."""
         return tuple(
             force - cls.stiffness @ lift if lift.any() else force
@@ -162,17 +162,17 @@ class DecomposedProblem:
         )
 
     @cached_property
-    def inequality(self) -> NDArray[np.bool_]:
+    def inequality(self) -> Mask:
         """Mask (dual,) of the local contact rows."""
         return self.kinds == RowKind.CONTACT
 
     @cached_property
-    def tangential(self) -> NDArray[np.bool_]:
+    def tangential(self) -> Mask:
         """Mask (dual,) of the local tangential rows."""
         return self.kinds == RowKind.TANGENT
 
     @cached_property
-    def conditional(self) -> NDArray[np.bool_]:
+    def conditional(self) -> Mask:
         """Mask (dual,) of the local rows that may be active or not: contact and tangential rows."""
         return self.inequality | self.tangential
 
@@ -183,12 +183,12 @@ class DecomposedProblem:
         return friction_points(rows, self.contact, self.tangential, self.inequality)
 
     @cached_property
-    def tied(self) -> NDArray[np.bool_]:
+    def tied(self) -> Mask:
         """Mask (dual,) of the local tied rows."""
         return self.kinds == RowKind.TIED
 
     @cached_property
-    def means(self) -> NDArray[np.bool_]:
+    def means(self) -> Mask:
         """Mask (dual,) of the local rows that hold a rigid motion in the mean."""
         return self.kinds == RowKind.MEAN
 
@@ -198,7 +198,7 @@ class DecomposedProblem:
         return bool(self.comm.allreduce(int(self.inequality.sum())))
 
     @cached_property
-    def spread(self) -> NDArray[np.float64]:
+    def spread(self) -> Array:
         """One over the length of unscaled contact, tangential, tied, mean rows; 1 for others.
 
         Force = multiplier · spread, and distance = residual / spread.
@@ -213,7 +213,7 @@ class DecomposedProblem:
         """Geometry of the rows over nodes of several ranks."""
         return self.system.shared
 
-    def right_hand_side(self, held: HeldRows, shared: SharedRows) -> NDArray[np.float64]:
+    def right_hand_side(self, held: HeldRows, shared: SharedRows) -> Array:
         """c (dual,) for other held displacements and gaps of the same rows."""
         c, unknowns = np.zeros(self.size), self.system.constraints.held_unknowns
         rows = np.flatnonzero(unknowns >= 0)
@@ -234,7 +234,7 @@ class DecomposedProblem:
         return without_columns(self.B, np.concatenate([np.zeros(0, bool), *rigid]))
 
     @cached_property
-    def overlapping(self) -> NDArray[np.bool_]:
+    def overlapping(self) -> Mask:
         """Mask (dual,) of the contact, tangential, tied and mean rows; the others are orthonormal.
 
         These rows are orthogonal to the others, but not to each other.
@@ -252,7 +252,7 @@ class DecomposedProblem:
         return result
 
     @cached_property
-    def overlap(self) -> NDArray[np.float64]:
+    def overlap(self) -> Array:
         """Row sums of |B Bᵀ| over the overlapping rows, 1 for other rows (collective at first).
 
         They bound the sum of the corrections of rows that are not orthogonal.
@@ -266,7 +266,7 @@ class DecomposedProblem:
         """Rows of one kind on all ranks."""
         return int(self.comm.allreduce(int((self.kinds == kind).sum())))
 
-    def strains_at_unknowns(self) -> NDArray[np.float64]:
+    def strains_at_unknowns(self) -> Array:
         """a(u, u) if each free unknown gave way to its load alone, Σ f_i² / K_ii (collective).
 
         Of each body, (bodies,). Forces on rigid bodies count as if they pushed one unknown.
@@ -279,7 +279,7 @@ class DecomposedProblem:
         return elastic + self.pushes[1]
 
     @cached_property
-    def pushes(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    def pushes(self) -> tuple[Array, Array]:
         """Displacement and a(u, u) of each body by the forces on rigid bodies, (bodies,) each.
 
         As `pushes_of_rigid_bodies` estimates them (collective at the first call).
@@ -287,7 +287,7 @@ class DecomposedProblem:
         return pushes_of_rigid_bodies(self.bodies, self.classes, self.forces, self.comm)
 
     @cached_property
-    def resting_lengths(self) -> NDArray[np.float64]:
+    def resting_lengths(self) -> Array:
         """The least references of lengths of bodies at rest, (bodies,) (collective at first).
 
         A body that comes back to its unloaded state is at rest but for rounding errors of the
@@ -299,33 +299,31 @@ class DecomposedProblem:
         return resting if before is None else np.maximum(resting, before)
 
     @cached_property
-    def mechanical_loads(self) -> NDArray[np.float64]:
+    def mechanical_loads(self) -> Array:
         """Σ |f| of each body without its thermal loads, (bodies,) (collective at first)."""
         acting = [f if heat is None else f - heat for f, heat in self._forces_with_heat]
         return self._magnitudes(acting)
 
     @cached_property
-    def heated(self) -> NDArray[np.bool_]:
+    def heated(self) -> Mask:
         """Bodies of groups with thermal loads, (bodies,) (collective at first)."""
         heat = [np.zeros((1, f.shape[1])) if heat is None else heat
                 for f, heat in self._forces_with_heat]  # fmt: skip
         return self.bodies.by_group(self._magnitudes(heat))[self.bodies.groups] > 0.0
 
     @property
-    def _forces_with_heat(
-        self,
-    ) -> list[tuple[NDArray[np.float64], NDArray[np.float64] | None]]:
+    def _forces_with_heat(self) -> list[tuple[Array, Array | None]]:
         """Forces and their thermal part, or None, of each class."""
         thermal = self.system.loads.thermal or [None] * len(self.forces)
         return list(zip(self.forces, thermal, strict=True))
 
-    def _magnitudes(self, forces: Sequence[NDArray[np.float64]]) -> NDArray[np.float64]:
+    def _magnitudes(self, forces: Sequence[Array]) -> Array:
         """Σ |f| of each body, (bodies,), of forces (n, members) of each class (collective)."""
         sums = self.bodies.sum_members([np.abs(f).sum(axis=0) for f in forces])
         return np.asarray(self.comm.allreduce(sums))
 
     @cached_property
-    def free_lengths(self) -> NDArray[np.float64]:
+    def free_lengths(self) -> Array:
         """Largest f_i / K_ii of each body, (bodies,) (collective at the first call).
 
         The largest displacement without constraint forces, if each unknown gave way to its load
@@ -335,21 +333,21 @@ class DecomposedProblem:
         return np.maximum(elastic, self.resting_lengths)
 
     @cached_property
-    def free_strains(self) -> NDArray[np.float64]:
+    def free_strains(self) -> Array:
         """a(u, u) without constraint forces, (bodies,), as `strains_at_unknowns` estimates it."""
         return self.strains_at_unknowns()
 
     @property
-    def effect_of_loads(self) -> NDArray[np.float64]:
+    def effect_of_loads(self) -> Array:
         """A vector (any,) that tells load cases apart, `loads_in_energy` (collective)."""
         return loads_in_energy(self.comm, self.classes, self.loads, self.c[~self.conditional])
 
-    def lengths(self, interface: NDArray[np.float64]) -> NDArray[np.float64]:
+    def lengths(self, interface: Array) -> Array:
         """The reference length of each body, (bodies,), for displacements (interface,)."""
         moved = self.bodies.largest_on_interface(self.comm, interface)
         return body_lengths(self.bodies, moved, self.free_lengths)
 
-    def on_interface(self, displacements: list[NDArray[np.float64]]) -> NDArray[np.float64]:
+    def on_interface(self, displacements: list[Array]) -> Array:
         """The interface vector of displacements, which are (n, members) for each class."""
         result = np.empty(self.B.columns)
         for cls, part, u in zip(
@@ -358,7 +356,7 @@ class DecomposedProblem:
             result[part].reshape(cls.members, -1)[:] = u[cls.interface].T
         return result
 
-    def residual(self, interface: NDArray[np.float64]) -> NDArray[np.float64]:
+    def residual(self, interface: Array) -> Array:
         """B u - c for displacements on the interface: jumps, and penetration on contact rows."""
         result = np.empty(self.size)
         self.B.apply(interface, result)
@@ -374,13 +372,13 @@ class DecomposedProblem:
         distance = np.where(self.inequality & ~active, np.maximum(distance, 0.0), distance)
         return largest_magnitude(self.comm, distance)
 
-    def constraint_forces(self, multiplier: NDArray[np.float64]) -> NDArray[np.float64]:
+    def constraint_forces(self, multiplier: Array) -> Array:
         """Bᵀ λ, an interface vector."""
         result = np.empty(self.B.columns)
         self.B.apply_transpose(multiplier, result)
         return result
 
-    def row_stiffness(self, rows: NDArray[np.bool_]) -> NDArray[np.float64]:
+    def row_stiffness(self, rows: Mask) -> Array:
         """The stiffness against each of some rows alone, diag(B diag(K) Bᵀ) (collective)."""
         parts = [np.tile(c.stiffness.diagonal()[c.interface], c.members) for c in self.classes]
         diagonal = np.concatenate([np.empty(0), *parts])

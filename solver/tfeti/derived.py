@@ -8,21 +8,21 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from solver.backend import Turn
 from solver.contact.row_kinds import RowKind
 from solver.tfeti.constraints.friction import FrictionRows
 from solver.tfeti.constraints.matrix import TurnedConstraintMatrix
 from solver.tfeti.dual import DualProblem, Reused
+from solver.vectors import Array, Mask
 
 
 def with_active(
     problem: DualProblem,
-    active: NDArray[np.bool_],
-    near: NDArray[np.float64] | None = None,
-    tractions: NDArray[np.float64] | None = None,
-    weights: NDArray[np.float64] | None = None,
+    active: Mask,
+    near: Array | None = None,
+    tractions: Array | None = None,
+    weights: Array | None = None,
 ) -> DualProblem:
     """The problem with these rows as equalities and without the other contact rows.
 
@@ -77,7 +77,7 @@ def with_active(
     )
 
 
-def beside_moved(problem: DualProblem, moved: NDArray[np.float64]) -> DualProblem:
+def beside_moved(problem: DualProblem, moved: Array) -> DualProblem:
     """The problem with other right-hand sides of the constraints: c + moved, (dual,)."""
     loads = replace(problem.system.loads, c=problem.c + moved)
     return DualProblem(replace(problem.system, loads=loads), replace(problem.reused, d=None))
@@ -96,9 +96,7 @@ def turned(problem: DualProblem, turn: Turn) -> DualProblem:
     return DualProblem(system, Reused(free=problem.free, d=turn.turned(problem.d)))
 
 
-def beginning_at(
-    problem: DualProblem, change: NDArray[np.float64], displacements: NDArray[np.float64]
-) -> DualProblem:
+def beginning_at(problem: DualProblem, change: Array, displacements: Array) -> DualProblem:
     """The problem with another λ̃: a change that keeps G λ̃ = e is added.
 
     Parameters

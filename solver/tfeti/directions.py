@@ -25,9 +25,9 @@ from dataclasses import dataclass
 
 import numpy as np
 from mpi4py import MPI
-from numpy.typing import NDArray
 
 from solver.tfeti.constraints.matrix import ConstraintMatrix
+from solver.vectors import Array, Mask
 
 DEPENDENT = 1e-6
 """Eigenvalues of the scaled VᵀFV, over the largest, below which directions are dependent."""
@@ -89,10 +89,7 @@ class Directions:
     """
 
     def __init__(
-        self,
-        B: ConstraintMatrix,
-        conditional: NDArray[np.bool_],
-        options: RecyclingOptions | None = None,
+        self, B: ConstraintMatrix, conditional: Mask, options: RecyclingOptions | None = None
     ) -> None:
         self.options = options = options or RecyclingOptions()
         self.B, self.conditional, self.comm = B, conditional, B.comm
@@ -110,11 +107,9 @@ class Directions:
         self._gram = np.zeros((self.capacity, self.capacity))
         self.largest = 0.0
         self._first = 0  # of the present set
-        self._original: Callable[[NDArray[np.float64]], NDArray[np.float64]] | None = None
+        self._original: Callable[[Array], Array] | None = None
 
-    def begin(
-        self, original: Callable[[NDArray[np.float64]], NDArray[np.float64]] | None = None
-    ) -> None:
+    def begin(self, original: Callable[[Array], Array] | None = None) -> None:
         """Begin a set.
 
         Parameters
@@ -129,22 +124,22 @@ class Directions:
         self._original, self._first = original, self._next
 
     @property
-    def vectors(self) -> NDArray[np.float64]:
+    def vectors(self) -> Array:
         """p, (count, dual)."""
         return self._vectors[: self.count]
 
     @property
-    def applied(self) -> NDArray[np.float64]:
+    def applied(self) -> Array:
         """F p, (count, dual)."""
         return self._applied[: self.count]
 
     @property
-    def motions(self) -> NDArray[np.float64]:
+    def motions(self) -> Array:
         """K⁺ Bᵀ p, (count, interface)."""
         return self._motions[: self.count]
 
     @property
-    def gram(self) -> NDArray[np.float64]:
+    def gram(self) -> Array:
         """VᵀFV, (count, count)."""
         return self._gram[: self.count, : self.count]
 
@@ -152,12 +147,7 @@ class Directions:
         """Whether to store the direction of this step on a set, counted from one."""
         return self.light or self._next > 0 or steps > self.options.easy
 
-    def store(
-        self,
-        vector: NDArray[np.float64],
-        motion: NDArray[np.float64],
-        image: NDArray[np.float64],
-    ) -> None:
+    def store(self, vector: Array, motion: Array, image: Array) -> None:
         """Store an operator application (x, K⁺ Bᵀ x and P F x) while there is memory.
 
         The present set uses it at once, later sets from the next one on.
@@ -172,7 +162,7 @@ class Directions:
         """Number of stored directions, including those of the present set."""
         return self._next
 
-    def orthogonalise(self, z: NDArray[np.float64], first: int) -> None:
+    def orthogonalise(self, z: Array, first: int) -> None:
         """Make z F-orthogonal to the directions of this set, which begin at `first` (collective).
 
         In exact arithmetic conjugate gradients make it so. Rounding errors destroy this where ‖F p‖
@@ -213,7 +203,7 @@ class Directions:
                 array[: self.count] = array[-self.count :].copy()
             self._gram[: self.count, : self.count] = self._gram[-self.count :, -self.count :].copy()
 
-    def on_set(self, active: NDArray[np.bool_]) -> NDArray[np.float64]:
+    def on_set(self, active: Mask) -> Array:
         """C, (k, k), for an active set (collective)."""
         k = self.count
         gram = self._gram[:k, :k]
@@ -234,7 +224,7 @@ class Directions:
         return np.asarray(self.comm.bcast(result))
 
 
-def _inverse_on(basis: NDArray[np.float64], gram: NDArray[np.float64]) -> NDArray[np.float64]:
+def _inverse_on(basis: Array, gram: Array) -> Array:
     """Z (Zᵀ A Z)⁻¹ Zᵀ on the directions that are independent to working precision."""
     small = basis.T @ gram @ basis
     scale = 1.0 / np.sqrt(np.maximum(np.diag(small), np.finfo(np.float64).tiny))

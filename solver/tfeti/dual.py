@@ -15,14 +15,13 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
 from solver.tfeti.decomposed import DecomposedProblem, SharedPlace
 from solver.tfeti.directions import Directions
 from solver.tfeti.dual_operator import DualOperator
 from solver.tfeti.free_solution import FreeSolution, solve_free
 from solver.tfeti.projected import ProjectedOperator
-from solver.vectors import largest_magnitude
+from solver.vectors import Array, largest_magnitude
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,9 +46,9 @@ class Reused:
 
     operator: DualOperator | None = None
     free: FreeSolution | None = None
-    d: NDArray[np.float64] | None = None
-    offset: NDArray[np.float64] | None = None
-    displacements: NDArray[np.float64] | None = None
+    d: Array | None = None
+    offset: Array | None = None
+    displacements: Array | None = None
     directions: Directions | None = None
     place: SharedPlace | None = None
 
@@ -68,10 +67,10 @@ class DualProblem(DecomposedProblem):
 
     def with_loads(
         self,
-        forces: Sequence[NDArray[np.float64]],
-        lifting: Sequence[NDArray[np.float64]] | None = None,
-        c: NDArray[np.float64] | None = None,
-        thermal: Sequence[NDArray[np.float64] | None] = (),
+        forces: Sequence[Array],
+        lifting: Sequence[Array] | None = None,
+        c: Array | None = None,
+        thermal: Sequence[Array | None] = (),
     ) -> DualProblem:
         """The problem of another load case; constraints and factors are shared.
 
@@ -103,7 +102,7 @@ class DualProblem(DecomposedProblem):
         """The problem that shares a backend's matrices with those at the same place."""
         return DualProblem(self.system, replace(self.reused, place=place))
 
-    def with_slip_from(self, displacements: list[NDArray[np.float64]]) -> DualProblem:
+    def with_slip_from(self, displacements: list[Array]) -> DualProblem:
         """The problem with slip measured from given displacements, not from the unstrained state.
 
         The slip of these displacements is the right-hand side of the tangential rows. Collective.
@@ -122,7 +121,7 @@ class DualProblem(DecomposedProblem):
         loads = replace(self.system.loads, c=c, lengths_before=lengths)
         return DualProblem(replace(self.system, loads=loads), replace(self.reused, d=None))
 
-    def with_least_motion_from(self, displacements: list[NDArray[np.float64]]) -> DualProblem:
+    def with_least_motion_from(self, displacements: list[Array]) -> DualProblem:
         """The problem with the least undetermined motions from given displacements (collective).
 
         The problem itself if they are of other subdomains.
@@ -152,12 +151,12 @@ class DualProblem(DecomposedProblem):
         return solve_free(self.classes, self.loads)
 
     @property
-    def free_displacements(self) -> NDArray[np.float64]:
+    def free_displacements(self) -> Array:
         """K⁺ f on the interface."""
         return self.free[0]
 
     @cached_property
-    def free_lengths(self) -> NDArray[np.float64]:
+    def free_lengths(self) -> Array:
         """Largest K⁺ f on the interface of each body, (bodies,) (collective at the first call)."""
         if not self.factored:
             return super().free_lengths
@@ -165,7 +164,7 @@ class DualProblem(DecomposedProblem):
         return np.maximum(free, self.resting_lengths)
 
     @cached_property
-    def free_strains(self) -> NDArray[np.float64]:
+    def free_strains(self) -> Array:
         """fᵀ K⁺ f of each body, (bodies,), held unknowns at rest (collective at the first call)."""
         if not self.factored:
             return super().free_strains
@@ -177,9 +176,7 @@ class DualProblem(DecomposedProblem):
                 works[number] = np.einsum("ij,ij->j", load, cls.solve(load.copy(order="F")))
         return np.asarray(self.comm.allreduce(self.bodies.sum_members(works))) + self.pushes[1]
 
-    def strain_energy(
-        self, multiplier: NDArray[np.float64], displacements: NDArray[np.float64]
-    ) -> float:
+    def strain_energy(self, multiplier: Array, displacements: Array) -> float:
         """a(u, u) = (f - Bᵀ λ)ᵀ K⁺ (f - Bᵀ λ), twice the energy of the strains.
 
         Parameters
@@ -193,19 +190,19 @@ class DualProblem(DecomposedProblem):
         return float(self.comm.allreduce(total))
 
     @cached_property
-    def d(self) -> NDArray[np.float64]:
+    def d(self) -> Array:
         """d = B K⁺ f - c."""
         if self.reused.d is not None:
             return self.reused.d
         return self.residual(self.free_displacements)
 
     @property
-    def effect_of_loads(self) -> NDArray[np.float64]:
+    def effect_of_loads(self) -> Array:
         """A vector (any,) that tells load cases apart: d where it is known (collective)."""
         return self.d if self.factored else super().effect_of_loads
 
     @cached_property
-    def offset(self) -> NDArray[np.float64]:
+    def offset(self) -> Array:
         """λ̃ = W Gᵀ (G W Gᵀ)⁻¹ e, the smallest multiplier in equilibrium with the loads.
 
         On contact rows -λ̃ is the bound of x; rounding errors of zero entries are removed. A
@@ -221,7 +218,7 @@ class DualProblem(DecomposedProblem):
         return result
 
     @cached_property
-    def displacements_of_offset(self) -> NDArray[np.float64]:
+    def displacements_of_offset(self) -> Array:
         """K⁺ (f - Bᵀ λ̃) on the interface."""
         if self.reused.displacements is not None:
             return self.reused.displacements
@@ -235,7 +232,7 @@ class DualProblem(DecomposedProblem):
         return self.F if self.coarse is None else ProjectedOperator(self.F.apply, self.coarse)
 
     @cached_property
-    def rhs(self) -> NDArray[np.float64]:
+    def rhs(self) -> Array:
         """Pᵀ (d - F λ̃), the right-hand side of the homogenised problem."""
         if self.coarse is None:
             return self.d
@@ -244,7 +241,7 @@ class DualProblem(DecomposedProblem):
         return result
 
     @cached_property
-    def _residual_of_offset(self) -> NDArray[np.float64]:
+    def _residual_of_offset(self) -> Array:
         """d - F λ̃, before projection."""
         return self.residual(self.displacements_of_offset)
 
@@ -260,7 +257,7 @@ class DualProblem(DecomposedProblem):
         return 1e-14 * float(np.sqrt(square))
 
     @cached_property
-    def lower(self) -> NDArray[np.float64] | None:
+    def lower(self) -> Array | None:
         """Lower bounds -λ̃ on contact rows, -∞ elsewhere; None without contact rows."""
         if not self.one_sided:
             return None

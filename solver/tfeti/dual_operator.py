@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from solver.tfeti.constraints.matrix import ConstraintMatrix
 from solver.tfeti.subdomain.classes import SubdomainClass
+from solver.vectors import Array
 
 
 class DualOperator:
@@ -29,13 +29,13 @@ class DualOperator:
         self.displacements = np.zeros(self.interface)
         self._slices = interface_slices(classes)
 
-    def apply(self, x: NDArray[np.float64], out: NDArray[np.float64]) -> None:
+    def apply(self, x: Array, out: Array) -> None:
         """F x."""
         self.B.apply_transpose(x, self._loads)
         self.solve_interface(self._loads, self.displacements)
         self.B.apply(self.displacements, out)
 
-    def solve_interface(self, loads: NDArray[np.float64], out: NDArray[np.float64]) -> None:
+    def solve_interface(self, loads: Array, out: Array) -> None:
         """Put K⁺ x into out, both interface vectors."""
         for cls, part in zip(self.classes, self._slices, strict=True):
             shape = (cls.members, len(cls.interface))

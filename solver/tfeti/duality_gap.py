@@ -8,7 +8,6 @@ solution with the slip limits frozen at those of λ.
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from solver.tfeti.decomposed import DecomposedProblem
 from solver.tfeti.feasible import (
@@ -17,23 +16,19 @@ from solver.tfeti.feasible import (
     without_jumps,
     worth_closing,
 )
+from solver.vectors import Array, Mask
 
 
 def nearest_admissible(
-    problem: DecomposedProblem,
-    multiplier: NDArray[np.float64],
-    displacements: list[NDArray[np.float64]],
-) -> NDArray[np.float64]:
+    problem: DecomposedProblem, multiplier: Array, displacements: list[Array]
+) -> Array:
     """The admissible û with the least duality gap, on the interface; elsewhere û = u."""
     interface = problem.on_interface(displacements)
     return interface + _nearest(problem, multiplier, interface)[0]
 
 
 def duality_gap(
-    problem: DecomposedProblem,
-    multiplier: NDArray[np.float64],
-    interface: NDArray[np.float64],
-    rest: float = 0.0,
+    problem: DecomposedProblem, multiplier: Array, interface: Array, rest: float = 0.0
 ) -> float:
     """J(û) - D(λ) for λ and the displacements of u on the interface, an energy.
 
@@ -48,21 +43,15 @@ def duality_gap(
 
 
 def group_gaps(
-    problem: DecomposedProblem,
-    multiplier: NDArray[np.float64],
-    interface: NDArray[np.float64],
-    rest: float = 0.0,
-) -> NDArray[np.float64]:
+    problem: DecomposedProblem, multiplier: Array, interface: Array, rest: float = 0.0
+) -> Array:
     """`duality_gap` of each group, (groups,)."""
     return _nearest(problem, multiplier, interface, rest)[1]
 
 
 def _nearest(
-    problem: DecomposedProblem,
-    multiplier: NDArray[np.float64],
-    interface: NDArray[np.float64],
-    rest: float = 0.0,
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    problem: DecomposedProblem, multiplier: Array, interface: Array, rest: float = 0.0
+) -> tuple[Array, Array]:
     """The change û - u to an admissible û of least gap, and the gap of each group, (groups,).
 
     Two admissible û are tried: one closes the contact rows of `worth_closing`, the other does not.
@@ -85,12 +74,8 @@ def _nearest(
 
 
 def _candidate(
-    problem: DecomposedProblem,
-    multiplier: NDArray[np.float64],
-    tied: NDArray[np.float64],
-    closed: NDArray[np.bool_] | None,
-    rest: float,
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    problem: DecomposedProblem, multiplier: Array, tied: Array, closed: Mask | None, rest: float
+) -> tuple[Array, Array]:
     """An admissible û near displacements without jumps, and its terms in λ.
 
     These terms are λᵀ (c - B û), and with friction s |w| - λ_t · w for the slips w of û.

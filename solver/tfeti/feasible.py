@@ -8,12 +8,11 @@ the error.
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from solver.tfeti.constraints.matrix import lent
 from solver.tfeti.decomposed import DecomposedProblem
 from solver.tfeti.dual_operator import interface_slices
-from solver.vectors import largest_magnitude
+from solver.vectors import Array, Mask, largest_magnitude
 
 ROUNDS = 40
 """Largest number of corrections; an iterate of a solver needs two or three."""
@@ -35,9 +34,7 @@ OPEN_WEIGHT = 1e-3
 """Root of the share of a correction on an open contact row, beside one on an active row."""
 
 
-def feasible_multiplier(
-    problem: DecomposedProblem, multiplier: NDArray[np.float64], touching: NDArray[np.bool_]
-) -> NDArray[np.float64]:
+def feasible_multiplier(problem: DecomposedProblem, multiplier: Array, touching: Mask) -> Array:
     """Admissible multiplier near λ: zero on open contact rows, λ_I ≥ 0 and Gλ = e.
 
     The residual of Gλ = e is distributed over the rows that hold with equality: gluing, held and
@@ -58,9 +55,7 @@ def feasible_multiplier(
     return _balance(problem, multiplier, problem.conditional & ~touching)
 
 
-def _balance(
-    problem: DecomposedProblem, multiplier: NDArray[np.float64], open_rows: NDArray[np.bool_]
-) -> NDArray[np.float64]:
+def _balance(problem: DecomposedProblem, multiplier: Array, open_rows: Mask) -> Array:
     """Add W Gᵀ (G W Gᵀ)⁻¹ (e - Gλ) with small weights on open rows until Gλ = e and λ_I ≥ 0.
 
     Open rows are set to zero again after each correction, as long as the other rows can carry it.
@@ -96,11 +91,11 @@ def _balance(
 
 def feasible_displacements(
     problem: DecomposedProblem,
-    displacements: NDArray[np.float64],
-    closed: NDArray[np.bool_] | None = None,
+    displacements: Array,
+    closed: Mask | None = None,
     rest: float = 0.0,
-    sliding: NDArray[np.bool_] | None = None,
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    sliding: Mask | None = None,
+) -> tuple[Array, Array]:
     """The admissible û nearest to u, both on the interface, and B û - c.
 
     B has orthonormal rows, so û = u - Bᵀ v with v the violation is the projection onto the
@@ -141,9 +136,7 @@ def feasible_displacements(
     return repaired, residual
 
 
-def without_jumps(
-    problem: DecomposedProblem, displacements: NDArray[np.float64]
-) -> NDArray[np.float64]:
+def without_jumps(problem: DecomposedProblem, displacements: Array) -> Array:
     """The û nearest to u with B û = c on tied and mean rows, on the interface (collective).
 
     û = u - Bᵀ (B Bᵀ)⁻¹ (B u - c) on these rows by conjugate gradients. B Bᵀ is much like the mass
@@ -183,9 +176,7 @@ def without_jumps(
     return displacements - change
 
 
-def worth_closing(
-    problem: DecomposedProblem, multiplier: NDArray[np.float64], residual: NDArray[np.float64]
-) -> NDArray[np.bool_]:
+def worth_closing(problem: DecomposedProblem, multiplier: Array, residual: Array) -> Mask:
     """Mask (dual,) of contact rows whose open gap adds more to the duality gap than closing it.
 
     An open row adds λ_i |r_i| to the duality gap. Closing all rows, w = Bᵀ r, adds ½ wᵀ K w, and
@@ -210,7 +201,7 @@ def worth_closing(
     return opened & (-multiplier * gaps > 0.5 * gaps * share)
 
 
-def motion_energies(problem: DecomposedProblem, motion: NDArray[np.float64]) -> NDArray[np.float64]:
+def motion_energies(problem: DecomposedProblem, motion: Array) -> Array:
     """½ wᵀ K w of each body on this rank, (bodies,), w zero inside the subdomains.
 
     Parameters

@@ -21,12 +21,10 @@ from dataclasses import dataclass
 
 import numpy as np
 from mpi4py import MPI
-from numpy.typing import NDArray
 
 from solver.contact.equilibrium import held_motions, spanned
 from solver.tfeti.subdomain.kernels import MOTIONS, rigid_motions
-
-Array = NDArray[np.float64]
+from solver.vectors import Array, Ints
 
 RESOLVED = 1e-12
 """Eigenvalue of the normal equations, over the largest, below which a motion moves no node."""
@@ -78,11 +76,11 @@ class FreeMotions:
 
     comm: MPI.Intracomm
     dimension: int
-    groups: NDArray[np.int64]
+    groups: Ints
     loose: LooseBodies
     points: Sequence[Array]
     translations: Sequence[Array]
-    members: Sequence[NDArray[np.int64]]
+    members: Sequence[Ints]
     shares: Sequence[Array]
     rigid: Sequence[bool]
 
@@ -161,7 +159,7 @@ class FreeMotions:
                     nodes[body] += 1 if self.rigid[number] else share.sum()
         return grams, components, nodes
 
-    def allowed_motions(self, group: int, interfaces: Sequence[NDArray[np.int64]]) -> Array:
+    def allowed_motions(self, group: int, interfaces: Sequence[Ints]) -> Array:
         """The allowed motions of a group on the interface of this rank, (interface, k).
 
         Parameters

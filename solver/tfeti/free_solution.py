@@ -5,18 +5,16 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
 from solver.tfeti.dual_operator import interface_slices
 from solver.tfeti.subdomain.classes import SubdomainClass
+from solver.vectors import Array
 
-FreeSolution = tuple[NDArray[np.float64], list[NDArray[np.float64]]]
+FreeSolution = tuple[Array, list[Array]]
 """K⁺ f on the interface, and fᵀ K⁺ f of each subdomain, an array per class."""
 
 
-def solve_free(
-    classes: tuple[SubdomainClass, ...], loads: Sequence[NDArray[np.float64]]
-) -> FreeSolution:
+def solve_free(classes: tuple[SubdomainClass, ...], loads: Sequence[Array]) -> FreeSolution:
     """Solve with the factor of each class, for the subdomains with a load.
 
     Parameters

@@ -12,15 +12,13 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from solver.contact.equilibrium import FrictionCones, balance, carried_share, slide
 from solver.contact.solution import Solution
 from solver.tfeti.decomposed import DecomposedProblem
 from solver.tfeti.free_motions import FreeMotions
 from solver.tfeti.sizes import rows_on_allowed_motions
-
-Array = NDArray[np.float64]
+from solver.vectors import Array, Ints
 
 
 @dataclass(frozen=True, eq=False)
@@ -30,14 +28,14 @@ class Overcome:
     Attributes
     ----------
     bodies : (bodies,)
-        Numbers of the bodies of the group.
+        Ints of the bodies of the group.
     share
         Share of the loads that friction holds.
     motion : (bodies · motions,)
         Rigid motions in which the bodies leave.
     """
 
-    bodies: NDArray[np.int64]
+    bodies: Ints
     share: float
     motion: Array
 

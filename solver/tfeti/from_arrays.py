@@ -13,7 +13,6 @@ from typing import Any
 
 import numpy as np
 from mpi4py import MPI
-from numpy.typing import NDArray
 from petsc4py import PETSc
 from scipy import sparse
 
@@ -25,6 +24,7 @@ from solver.tfeti.constraints.rows import SharedRows, write_rows
 from solver.tfeti.constraints.supports import SupportRows
 from solver.tfeti.derived import with_active
 from solver.tfeti.dual import DualProblem
+from solver.vectors import Array, Ints, Mask
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,10 +50,10 @@ class Subdomain:
     """
 
     stiffness: Any
-    load: NDArray[np.float64]
-    nodes: NDArray[np.int64]
-    points: NDArray[np.float64]
-    kernel: NDArray[np.float64] | None = None
+    load: Array
+    nodes: Ints
+    points: Array
+    kernel: Array | None = None
     body: int = 0
 
 
@@ -70,9 +70,9 @@ class Held:
         Prescribed displacements, lengths.
     """
 
-    nodes: NDArray[np.int64]
-    components: NDArray[np.bool_]
-    values: NDArray[np.float64]
+    nodes: Ints
+    components: Mask
+    values: Array
 
 
 @dataclass(frozen=True, eq=False)
@@ -88,20 +88,20 @@ class Obstacle:
         Distances to the obstacle.
     """
 
-    nodes: NDArray[np.int64]
-    directions: NDArray[np.float64]
-    gaps: NDArray[np.float64]
+    nodes: Ints
+    directions: Array
+    gaps: Array
 
 
 @dataclass(frozen=True, eq=False)
 class _Copies:
     """Copies of nodes on this rank, one subdomain after another."""
 
-    nodes: NDArray[np.int64]
-    points: NDArray[np.float64]
-    starts: NDArray[np.int64] = field(default_factory=lambda: np.zeros(1, np.int64))
+    nodes: Ints
+    points: Array
+    starts: Ints = field(default_factory=lambda: np.zeros(1, np.int64))
 
-    def points_of(self, nodes: NDArray[np.int64]) -> NDArray[np.float64]:
+    def points_of(self, nodes: Ints) -> Array:
         """Coordinates (k, 3) of global nodes that have a copy on this rank."""
         order = np.argsort(self.nodes, kind="stable")
         at = np.minimum(np.searchsorted(self.nodes[order], nodes), len(order) - 1)
@@ -223,6 +223,6 @@ def _sparse(matrix: Any) -> sparse.csr_matrix:
     return sparse.csr_matrix(matrix)
 
 
-def _in_space(points: NDArray[np.float64]) -> NDArray[np.float64]:
+def _in_space(points: Array) -> Array:
     """Coordinates (n, 3)."""
     return np.pad(points, ((0, 0), (0, 3 - points.shape[1])))

@@ -21,7 +21,6 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from solver.contact.equilibrium import held_motions
 from solver.contact.nearest_point import nearest_point
@@ -31,9 +30,7 @@ from solver.tfeti.certify import certify
 from solver.tfeti.decomposed import DecomposedProblem
 from solver.tfeti.free_motions import RESOLVED, FreeMotions
 from solver.tfeti.sizes import rows_on_allowed_motions, rows_that_resist
-from solver.vectors import largest_magnitude
-
-Array = NDArray[np.float64]
+from solver.vectors import Array, Mask, largest_magnitude
 
 ROUNDED = 1e-9
 """Coefficient of a row along a motion over the largest, below which it is a rounding error; motion
@@ -123,7 +120,7 @@ def _moved(problem: DecomposedProblem, free: FreeMotions, solution: Solution) ->
     return moved
 
 
-def _resisting(problem: DecomposedProblem, solution: Solution) -> NDArray[np.bool_]:
+def _resisting(problem: DecomposedProblem, solution: Solution) -> Mask:
     """Mask (dual,) of the contact rows with a force, and of tangential rows with a slip limit.
 
     Collective. Forces that are rounding errors beside the loads of the group count as none.
@@ -138,7 +135,7 @@ def _resisting(problem: DecomposedProblem, solution: Solution) -> NDArray[np.boo
 
 
 def _undetermined(
-    problem: DecomposedProblem, free: FreeMotions, group: int, resist: NDArray[np.bool_]
+    problem: DecomposedProblem, free: FreeMotions, group: int, resist: Mask
 ) -> tuple[list[Array], Array]:
     """The motions V of a group, (motions, k) for each body, and B V, (dual, k) (collective).
 

@@ -17,12 +17,12 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import sparse
 
 from solver.tfeti.coupled import CoupledRows, coupled_rows
 from solver.tfeti.decomposed import DecomposedProblem
 from solver.tfeti.dual_operator import interface_slices
+from solver.vectors import Array, Mask
 
 
 class DualPreconditioner:
@@ -57,9 +57,7 @@ class DualPreconditioner:
         """Change ρ with the solver."""
         self.rho = rho
 
-    def apply(
-        self, r: NDArray[np.float64], free_mask: NDArray[np.bool_], out: NDArray[np.float64]
-    ) -> None:
+    def apply(self, r: Array, free_mask: Mask, out: Array) -> None:
         """Put z into out; the caller sets it to zero outside the mask."""
         penalised = math.isfinite(self.rho)
         if penalised:
@@ -71,9 +69,7 @@ class DualPreconditioner:
             self._q /= self.rho
             out += self._q
 
-    def stiffness(
-        self, r: NDArray[np.float64], free_mask: NDArray[np.bool_], out: NDArray[np.float64]
-    ) -> None:
+    def stiffness(self, r: Array, free_mask: Mask, out: Array) -> None:
         """Put B S Bᵀ r into out."""
         if self._coupled:
             np.copyto(self._p, r)
@@ -104,13 +100,11 @@ class ScaledPreconditioner:
         Factors on the rows.
     """
 
-    def __init__(self, base: DualPreconditioner, scale: NDArray[np.float64]) -> None:
+    def __init__(self, base: DualPreconditioner, scale: Array) -> None:
         self._base, self._scale = base, scale
         self._room = np.empty(len(scale))
 
-    def apply(
-        self, r: NDArray[np.float64], free_mask: NDArray[np.bool_], out: NDArray[np.float64]
-    ) -> None:
+    def apply(self, r: Array, free_mask: Mask, out: Array) -> None:
         """Put z into out."""
         np.multiply(self._scale, r, out=self._room)
         self._base.stiffness(self._room, free_mask, out)

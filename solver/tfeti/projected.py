@@ -10,10 +10,10 @@ import math
 from collections.abc import Callable
 
 import numpy as np
-from numpy.typing import NDArray
 
 from solver.tfeti.coarse.coarse_problem import CoarseProblem
 from solver.tfeti.dual_operator import DualOperator
+from solver.vectors import Array
 
 
 class ProjectorEquality:
@@ -35,11 +35,11 @@ class ProjectorEquality:
         self.rows = coarse.size
         self._on_penalty = on_penalty
 
-    def apply(self, x: NDArray[np.float64], out: NDArray[np.float64]) -> None:
+    def apply(self, x: Array, out: Array) -> None:
         """Q x."""
         self.coarse.apply(x, out)
 
-    def apply_transpose(self, multiplier: NDArray[np.float64], out: NDArray[np.float64]) -> None:
+    def apply_transpose(self, multiplier: Array, out: Array) -> None:
         """Qᵀ times a multiplier; Q is symmetric."""
         self.coarse.apply(multiplier, out)
 
@@ -53,16 +53,14 @@ class ProjectorEquality:
 class ProjectedOperator:
     """Pᵀ F P on dual vectors."""
 
-    def __init__(
-        self, F: Callable[[NDArray[np.float64], NDArray[np.float64]], None], coarse: CoarseProblem
-    ) -> None:
+    def __init__(self, F: Callable[[Array, Array], None], coarse: CoarseProblem) -> None:
         self.F = F
         self.coarse = coarse
         self.comm = coarse.comm
         self.size = coarse.size
         self._projected = np.empty(self.size)
 
-    def apply(self, x: NDArray[np.float64], out: NDArray[np.float64]) -> None:
+    def apply(self, x: Array, out: Array) -> None:
         """Pᵀ F P x."""
         self.coarse.project(x, self._projected)
         self.F(self._projected, out)
@@ -87,11 +85,11 @@ class RangeOperator:
         self.size = coarse.size
 
     @property
-    def image(self) -> NDArray[np.float64]:
+    def image(self) -> Array:
         """K⁺ Bᵀ x of the last x; the next application overwrites it."""
         return self.F.displacements
 
-    def apply(self, x: NDArray[np.float64], out: NDArray[np.float64]) -> None:
+    def apply(self, x: Array, out: Array) -> None:
         """Pᵀ F x."""
         self.F.apply(x, out)
         self.coarse.project_transpose(out, out)
@@ -115,7 +113,7 @@ class PenalisedOperator:
         self._q = np.empty(self.size)
         self._p = np.empty(self.size)
 
-    def apply(self, x: NDArray[np.float64], out: NDArray[np.float64]) -> None:
+    def apply(self, x: Array, out: Array) -> None:
         """P F P x + ρ Q x."""
         coarse = self.projected.coarse
         coarse.restrict(x, self.image[0])
@@ -127,7 +125,7 @@ class PenalisedOperator:
         self._q *= self.rho
         out += self._q
 
-    def image_norm(self, image: NDArray[np.float64]) -> float:
+    def image_norm(self, image: Array) -> float:
         """‖Q x‖ = √((G x)ᵀ (G Gᵀ)⁻¹ G x) from the image of x."""
         square = self.comm.allreduce(float(np.dot(image[0], image[1])))
         return math.sqrt(max(square, 0.0))

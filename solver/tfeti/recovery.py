@@ -12,17 +12,15 @@ by their gradient. Open rows do not influence α, so they cause no jumps of u.
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from solver.tfeti.dual import DualProblem
 from solver.tfeti.dual_operator import interface_slices
+from solver.vectors import Array
 
 
 def kernel_coefficients(
-    problem: DualProblem,
-    multiplier: NDArray[np.float64],
-    equality_force: NDArray[np.float64] | None,
-) -> NDArray[np.float64]:
+    problem: DualProblem, multiplier: Array, equality_force: Array | None
+) -> Array:
     """α for a multiplier λ with G λ = e.
 
     Parameters
@@ -42,9 +40,7 @@ def kernel_coefficients(
     return problem.coarse.coefficients(residual)
 
 
-def interface_displacements(
-    problem: DualProblem, multiplier: NDArray[np.float64], alpha: NDArray[np.float64]
-) -> NDArray[np.float64]:
+def interface_displacements(problem: DualProblem, multiplier: Array, alpha: Array) -> Array:
     """u on the interface; costs as much as one application of F."""
     result = np.empty_like(problem.free_displacements)
     problem.F.solve_interface(problem.constraint_forces(multiplier), result)
@@ -57,9 +53,7 @@ def interface_displacements(
     return result
 
 
-def add_motions(
-    problem: DualProblem, alpha: NDArray[np.float64], displacements: NDArray[np.float64]
-) -> None:
+def add_motions(problem: DualProblem, alpha: Array, displacements: Array) -> None:
     """Add R α to displacements on the interface."""
     for cls, part, kernel in zip(
         problem.classes, interface_slices(problem.classes), problem.kernel_slices(), strict=True
@@ -68,9 +62,7 @@ def add_motions(
         of_class += alpha[kernel].reshape(cls.members, -1) @ cls.kernel[cls.interface].T
 
 
-def displacements(
-    problem: DualProblem, multiplier: NDArray[np.float64], alpha: NDArray[np.float64]
-) -> list[NDArray[np.float64]]:
+def displacements(problem: DualProblem, multiplier: Array, alpha: Array) -> list[Array]:
     """u of every subdomain of this rank, (n, members) a class."""
     result = []
     forces = problem.constraint_forces(multiplier)

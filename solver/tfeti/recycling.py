@@ -5,13 +5,11 @@
 
 from __future__ import annotations
 
-import numpy as np
-from numpy.typing import NDArray
-
 from solver.qp.preconditioner import Preconditioner
 from solver.tfeti.directions import Directions
 from solver.tfeti.dual import DualProblem
 from solver.tfeti.projected import RangeOperator
+from solver.vectors import Array, Mask
 
 
 class RecordedOperator(RangeOperator):
@@ -24,10 +22,7 @@ class RecordedOperator(RangeOperator):
     """
 
     def __init__(
-        self,
-        reduced: DualProblem,
-        directions: Directions,
-        compliance: NDArray[np.float64] | None = None,
+        self, reduced: DualProblem, directions: Directions, compliance: Array | None = None
     ) -> None:
         assert reduced.coarse is not None
         super().__init__(reduced.F, reduced.coarse)
@@ -35,7 +30,7 @@ class RecordedOperator(RangeOperator):
         self._directions, self._first = directions, directions.stored
         self._applied = 0
 
-    def apply(self, x: NDArray[np.float64], out: NDArray[np.float64]) -> None:
+    def apply(self, x: Array, out: Array) -> None:
         """P F x."""
         if self._compliance is None:
             super().apply(x, out)
@@ -47,7 +42,7 @@ class RecordedOperator(RangeOperator):
         if self._directions.stores_step(self._applied):
             self._directions.store(x, self.image, out)
 
-    def orthogonalise(self, z: NDArray[np.float64]) -> None:
+    def orthogonalise(self, z: Array) -> None:
         """Make z F-orthogonal to the directions that the operator was applied to."""
         self._directions.orthogonalise(z, self._first)
 
@@ -61,7 +56,7 @@ class Recycled:
         The active set.
     """
 
-    def __init__(self, directions: Directions, active: NDArray[np.bool_]) -> None:
+    def __init__(self, directions: Directions, active: Mask) -> None:
         if directions.suffice:
             directions.settle()
         self._of, self._comm = directions, directions.comm
@@ -73,14 +68,12 @@ class Recycled:
         """Whether no combination of the directions is admissible on the set."""
         return not self._inverse.any()
 
-    def best(
-        self, residual: NDArray[np.float64]
-    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    def best(self, residual: Array) -> tuple[Array, Array]:
         """The best change of the multiplier for a residual, and K⁺ Bᵀ times this change."""
         y = self._inverse @ self._comm.allreduce(self._of.vectors @ residual)
         return (y @ self._of.vectors) * self._closed, y @ self._of.motions
 
-    def orthogonalise(self, z: NDArray[np.float64]) -> None:
+    def orthogonalise(self, z: Array) -> None:
         """Make z F-orthogonal to the directions."""
         y = self._inverse @ self._comm.allreduce(self._of.applied @ z)
         z -= (y @ self._of.vectors) * self._closed
@@ -100,9 +93,7 @@ class DeflatedPreconditioner:
     ) -> None:
         self._base, self._recycled, self._operator = base, recycled, operator
 
-    def apply(
-        self, r: NDArray[np.float64], free_mask: NDArray[np.bool_], out: NDArray[np.float64]
-    ) -> None:
+    def apply(self, r: Array, free_mask: Mask, out: Array) -> None:
         """Put z into out."""
         self._base.apply(r, free_mask, out)
         if self._recycled is not None and not self._recycled.empty:

@@ -15,6 +15,7 @@ from solver.tfeti.constraints.exchange import NodeExchange
 from solver.tfeti.constraints.matrix import ConstraintMatrix
 from solver.tfeti.constraints.rows import Rows
 from solver.tfeti.constraints.supports import SupportRows
+from solver.vectors import Array, Ints
 
 
 @dataclass(frozen=True, eq=False)
@@ -35,19 +36,19 @@ class OrderedRows:
     """
 
     B: ConstraintMatrix
-    c: NDArray[np.float64]
+    c: Array
     kinds: NDArray[np.int8]
-    weight: NDArray[np.float64]
-    held_unknowns: NDArray[np.int64]
+    weight: Array
+    held_unknowns: Ints
 
 
 def order_rows(
     exchange: NodeExchange,
     rows: Rows,
     supports: SupportRows,
-    columns: NDArray[np.int64],
+    columns: Ints,
     size: int,
-    kernels: Sequence[tuple[int, NDArray[np.float64]]],
+    kernels: Sequence[tuple[int, Array]],
 ) -> OrderedRows:
     """B on interface columns, with rows on the same subdomains next to each other (collective).
 
@@ -84,7 +85,7 @@ def order_rows(
     return OrderedRows(B, c[order], kinds[order], weight[order], held[order])
 
 
-def _row_order(kinds: NDArray[np.int8], kernel_rows: KernelRows) -> NDArray[np.int64]:
+def _row_order(kinds: NDArray[np.int8], kernel_rows: KernelRows) -> Ints:
     """An order of rows in which B reads neighbouring memory.
 
     Gluing and Dirichlet rows are sorted by their subdomains, and within these by their nodes.

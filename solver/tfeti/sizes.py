@@ -10,7 +10,6 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
 from solver.contact.bodies import MOTIONLESS, largest
 from solver.contact.certificate import ROUNDED_LIMIT
@@ -19,8 +18,7 @@ from solver.tfeti.decomposed import DecomposedProblem
 from solver.tfeti.dual_operator import interface_slices
 from solver.tfeti.duality_gap import group_gaps
 from solver.tfeti.free_motions import FreeMotions
-
-Array = NDArray[np.float64]
+from solver.vectors import Array, Mask
 
 STRAINLESS = 1e4
 """a(u, u) over its rounding error, below which strains count as rounding errors."""
@@ -260,7 +258,7 @@ def _largest_displacements(problem: DecomposedProblem, displacements: list[Array
     return np.sqrt(largest(problem.comm, result))
 
 
-def rows_that_resist(problem: DecomposedProblem, multiplier: Array) -> NDArray[np.bool_]:
+def rows_that_resist(problem: DecomposedProblem, multiplier: Array) -> Mask:
     """Mask (dual,) of the contact and tangential rows with a force (collective)."""
     bodies, force = problem.bodies, np.where(problem.conditional, np.abs(multiplier), 0.0)
     force = force * problem.spread

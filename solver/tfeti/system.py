@@ -24,6 +24,7 @@ from solver.tfeti.constraints.matrix import ConstraintMatrix
 from solver.tfeti.constraints.rows import SharedRows
 from solver.tfeti.free_motions import FreeMotions
 from solver.tfeti.subdomain.classes import SubdomainClass
+from solver.vectors import Array, Ints, Mask
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,10 +49,10 @@ class Constraints:
 
     B: ConstraintMatrix
     kinds: NDArray[np.int8]
-    wide: NDArray[np.bool_]
+    wide: Mask
     coarse: CoarseProblem | None
     held_without_contact: bool
-    held_unknowns: NDArray[np.int64]
+    held_unknowns: Ints
 
 
 @dataclass(frozen=True, eq=False)
@@ -70,9 +71,9 @@ class NodePlaces:
         Degree 2: the functions of degree 1 of the vertices at each node; None for degree 1.
     """
 
-    numbers: NDArray[np.int64]
-    translations: NDArray[np.float64]
-    points: NDArray[np.float64]
+    numbers: Ints
+    translations: Array
+    points: Array
     vertex_weights: sparse.csr_matrix | None = None
 
 
@@ -99,13 +100,13 @@ class Loads:
         Displacements from which undetermined motions are least; empty for those of zero.
     """
 
-    forces: tuple[NDArray[np.float64], ...]
-    lifting: tuple[NDArray[np.float64], ...]
-    c: NDArray[np.float64]
-    e: NDArray[np.float64]
-    thermal: tuple[NDArray[np.float64] | None, ...] = ()
-    lengths_before: NDArray[np.float64] | None = None
-    displacements_before: tuple[NDArray[np.float64], ...] = ()
+    forces: tuple[Array, ...]
+    lifting: tuple[Array, ...]
+    c: Array
+    e: Array
+    thermal: tuple[Array | None, ...] = ()
+    lengths_before: Array | None = None
+    displacements_before: tuple[Array, ...] = ()
 
 
 @dataclass(frozen=True, eq=False)
@@ -143,10 +144,10 @@ class ContactSystem:
 
     def with_loads(
         self,
-        forces: Sequence[NDArray[np.float64]],
-        lifting: Sequence[NDArray[np.float64]] | None = None,
-        c: NDArray[np.float64] | None = None,
-        thermal: Sequence[NDArray[np.float64] | None] = (),
+        forces: Sequence[Array],
+        lifting: Sequence[Array] | None = None,
+        c: Array | None = None,
+        thermal: Sequence[Array | None] = (),
     ) -> ContactSystem:
         """The system with other loads; parameters as in `Loads`.
 
@@ -165,10 +166,7 @@ class ContactSystem:
 
 
 def loads_on(
-    classes: Sequence[SubdomainClass],
-    forces: Sequence[NDArray[np.float64]],
-    lifting: Sequence[NDArray[np.float64]],
-    c: NDArray[np.float64],
+    classes: Sequence[SubdomainClass], forces: Sequence[Array], lifting: Sequence[Array], c: Array
 ) -> Loads:
     """The load case with these forces, and their work on the kernels of the classes."""
     works = [(cls.kernel.T @ f).T.ravel() for cls, f in zip(classes, forces, strict=True)]

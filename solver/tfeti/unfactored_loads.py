@@ -12,12 +12,10 @@ from collections.abc import Sequence
 
 import numpy as np
 from mpi4py import MPI
-from numpy.typing import NDArray
 
 from solver.contact.bodies import Bodies, largest
 from solver.tfeti.subdomain.classes import SubdomainClass
-
-Array = NDArray[np.float64]
+from solver.vectors import Array
 
 
 def loads_in_energy(

@@ -23,10 +23,9 @@ from dataclasses import dataclass
 
 import numpy as np
 from mpi4py import MPI
-from numpy.typing import NDArray
 
 from solver.tfeti.dual import DualProblem
-from solver.vectors import largest_magnitude
+from solver.vectors import Array, Mask, largest_magnitude
 
 FLAT = 1e-12
 """Gaps, over the largest coordinate, that count as zero."""
@@ -67,7 +66,7 @@ def gaps_are_zero(problem: DualProblem) -> bool:
     return not comm.allreduce(int((has_gap | overlaps).sum()))
 
 
-def contact_stiffness(problem: DualProblem) -> tuple[NDArray[np.float64], float]:
+def contact_stiffness(problem: DualProblem) -> tuple[Array, float]:
     """The stiffness against each contact row alone, and the largest one of an unknown (collective).
 
     Returns
@@ -81,9 +80,7 @@ def contact_stiffness(problem: DualProblem) -> tuple[NDArray[np.float64], float]
     return problem.row_stiffness(problem.inequality), top or 1.0
 
 
-def winkler_contact(
-    problem: DualProblem, options: WinklerOptions | None = None
-) -> NDArray[np.bool_]:
+def winkler_contact(problem: DualProblem, options: WinklerOptions | None = None) -> Mask:
     """Contact rows (dual,) with contact forces of rigid subdomains on a Winkler foundation."""
     coarse, comm, options = problem.coarse, problem.comm, options or WinklerOptions()
     assert coarse is not None
@@ -96,12 +93,12 @@ def winkler_contact(
     stiffness[problem.tangential] *= options.faint  # friction adds no foundation
     motion = np.empty(problem.size)
 
-    def force(alpha: NDArray[np.float64]) -> NDArray[np.float64]:
+    def force(alpha: Array) -> Array:
         coarse.extend(alpha, motion)
         pull = stiffness * (problem.d - motion)
         return np.where(contact, np.maximum(pull, 0.0), pull)
 
-    def cost(alpha: NDArray[np.float64], forces: NDArray[np.float64]) -> float:
+    def cost(alpha: Array, forces: Array) -> float:
         value = 0.5 * float(forces @ (forces / stiffness)) + float(problem.e @ alpha)
         return float(comm.allreduce(value))
 
@@ -132,5 +129,5 @@ def winkler_contact(
     return contact & (forces > 0.0)
 
 
-def _norm(comm: MPI.Intracomm, x: NDArray[np.float64]) -> float:
+def _norm(comm: MPI.Intracomm, x: Array) -> float:
     return float(np.sqrt(comm.allreduce(float(x @ x))))

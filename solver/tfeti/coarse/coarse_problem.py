@@ -27,7 +27,6 @@ from weakref import finalize
 
 import numpy as np
 from mpi4py import MPI
-from numpy.typing import NDArray
 from petsc4py import PETSc
 from scipy import sparse
 
@@ -36,7 +35,7 @@ from solver.tfeti.coarse.gram import Blocks, KernelRows
 from solver.tfeti.constraints.exchange import NodeExchange
 from solver.tfeti.constraints.matrix import ConstraintMatrix, petsc_rows
 from solver.tfeti.options import TotalFetiOptions
-from solver.vectors import largest_magnitude, on_arrays
+from solver.vectors import Array, Mask, largest_magnitude, on_arrays
 
 VANISHING = 1e-13
 """Largest entry of a block of G W Gᵀ, over that of the matrix, up to which the block is zero."""
@@ -71,9 +70,9 @@ class CoarseProblem:
     def __init__(
         self,
         B: ConstraintMatrix,
-        kernels: Sequence[tuple[int, NDArray[np.float64]]],
-        inequality: NDArray[np.bool_],
-        metric: NDArray[np.float64],
+        kernels: Sequence[tuple[int, Array]],
+        inequality: Mask,
+        metric: Array,
         options: TotalFetiOptions | None = None,
     ) -> None:
         self.options = options = options or TotalFetiOptions()
@@ -95,7 +94,7 @@ class CoarseProblem:
         self._coarse = np.empty(self._layout.rows)
         self._solution = np.empty(self._layout.rows)
 
-    def _gram(self, rows: KernelRows, metric: NDArray[np.float64]) -> _Gram:
+    def _gram(self, rows: KernelRows, metric: Array) -> _Gram:
         """G W Gᵀ without its contact rows, which are added from `_contact` (collective)."""
         single = np.flatnonzero(~self._inequality)
         others = self._layout.collected(Blocks.of(rows.row_sets(single), rows.motions, metric))
@@ -123,7 +122,7 @@ class CoarseProblem:
         """Stored entries of G W Gᵀ, over all ranks."""
         return self.factor.entries
 
-    def weighted(self, weights: NDArray[np.float64]) -> CoarseProblem:
+    def weighted(self, weights: Array) -> CoarseProblem:
         """The coarse problem of the rows of B times weights, with W the metric.
 
         Its factor is stored in that of an earlier coarse problem that is no longer in use.
@@ -157,7 +156,7 @@ class CoarseProblem:
         return result
 
     def _factored(
-        self, gram: _Gram, weights: NDArray[np.float64], factor: CoarseFactor | None = None
+        self, gram: _Gram, weights: Array, factor: CoarseFactor | None = None
     ) -> CoarseFactor:
         """The factor for some weights of contact rows; it replaces one of the same pattern."""
         contact = Blocks.of(self._contact, gram.others.motions, weights)
@@ -166,52 +165,52 @@ class CoarseProblem:
         factor.take(values.ravel())
         return factor
 
-    def solve(self, rhs: NDArray[np.float64], out: NDArray[np.float64]) -> None:
+    def solve(self, rhs: Array, out: Array) -> None:
         """(G W Gᵀ)⁻¹ times a coarse vector."""
         self.factor.solve(self._layout.spread(rhs), self._solution)
         out[:] = self._solution[self._layout.of_rank]
 
-    def restrict(self, dual: NDArray[np.float64], out: NDArray[np.float64]) -> None:
+    def restrict(self, dual: Array, out: Array) -> None:
         """G times a dual vector."""
         self._product.restrict(dual, self._coarse, metric=False)
         out[:] = self._coarse[self._layout.of_rank]
 
-    def extend(self, coarse: NDArray[np.float64], out: NDArray[np.float64]) -> None:
+    def extend(self, coarse: Array, out: Array) -> None:
         """Gᵀ times a coarse vector."""
         self._product.extend(self._layout.spread(coarse), out, metric=False)
 
-    def least_multiplier(self, coarse: NDArray[np.float64], out: NDArray[np.float64]) -> None:
+    def least_multiplier(self, coarse: Array, out: Array) -> None:
         """W Gᵀ (G W Gᵀ)⁻¹ times a coarse vector e: the smallest multipliers with G λ = e."""
         self.factor.solve(self._layout.spread(coarse), self._solution)
         self._product.extend(self._solution, out, self._oblique)
 
-    def coefficients(self, dual: NDArray[np.float64]) -> NDArray[np.float64]:
+    def coefficients(self, dual: Array) -> Array:
         """(G W Gᵀ)⁻¹ G W times a dual vector: the α whose Gᵀ α is closest to it."""
         return self._solved(dual, self._oblique)[self._layout.of_rank].copy()
 
-    def apply(self, x: NDArray[np.float64], out: NDArray[np.float64]) -> None:
+    def apply(self, x: Array, out: Array) -> None:
         """Q x."""
         self._product.extend(self._solved(x, False), out, self._oblique)
 
-    def apply_transpose(self, x: NDArray[np.float64], out: NDArray[np.float64]) -> None:
+    def apply_transpose(self, x: Array, out: Array) -> None:
         """Qᵀ x."""
         self._product.extend(self._solved(x, self._oblique), out, metric=False)
 
-    def project(self, x: NDArray[np.float64], out: NDArray[np.float64]) -> None:
+    def project(self, x: Array, out: Array) -> None:
         """P x = x - Q x; `out` may be `x`."""
         motions = self._solved(x, False)
         if out is not x:
             np.copyto(out, x)
         self._product.remove(motions, out, self._oblique)
 
-    def project_transpose(self, x: NDArray[np.float64], out: NDArray[np.float64]) -> None:
+    def project_transpose(self, x: Array, out: Array) -> None:
         """Pᵀ x = x - Qᵀ x; `out` may be `x`."""
         motions = self._solved(x, self._oblique)
         if out is not x:
             np.copyto(out, x)
         self._product.remove(motions, out, metric=False)
 
-    def is_regular(self, probe: NDArray[np.float64]) -> bool:
+    def is_regular(self, probe: Array) -> bool:
         """Whether G W Gᵀ is regular, which its factor may not show (collective).
 
         Then Q is a projection, and the rows resist every motion by more than rounding errors.
@@ -242,7 +241,7 @@ class CoarseProblem:
             resistance.append(math.sqrt(forces / size) if size > 0.0 else 1.0)
         return resistance[1] / (resistance[0] or 1.0)
 
-    def _solved(self, dual: NDArray[np.float64], metric: bool) -> NDArray[np.float64]:
+    def _solved(self, dual: Array, metric: bool) -> Array:
         """(G W Gᵀ)⁻¹ times G (or G W) times a dual vector; the next call overwrites the result."""
         self._product.restrict(dual, self._coarse, metric)
         self.factor.solve(self._coarse, self._solution)
@@ -276,7 +275,7 @@ class _Layout:
         self._first, self.rows = (0, self.total) if self.gathered else (first, kernels)
         self.of_rank = slice(first, last) if self.gathered else slice(0, kernels)
 
-    def spread(self, local: NDArray[np.float64]) -> NDArray[np.float64]:
+    def spread(self, local: Array) -> Array:
         """The vector in this layout, from this rank's part (collective)."""
         if not self.gathered:
             return local
@@ -331,7 +330,7 @@ class CoarseFactor:
         """Stored entries, over all ranks."""
         return int(self._matrix.getInfo(PETSc.Mat.InfoType.GLOBAL_SUM)["nz_used"])
 
-    def take(self, values: NDArray[np.float64]) -> None:
+    def take(self, values: Array) -> None:
         """Factorise with these values; the symbolic factorisation is computed the first time only.
 
         A distributed factor can be computed only once.
@@ -354,7 +353,7 @@ class CoarseFactor:
                 "the coarse problem G Gᵀ is singular: no constraint resists some rigid motion"
             ) from error
 
-    def solve(self, rhs: NDArray[np.float64], out: NDArray[np.float64]) -> None:
+    def solve(self, rhs: Array, out: Array) -> None:
         """(G Gᵀ)⁻¹ times a coarse vector, both distributed as in the layout."""
         on_arrays(self._pc.apply, self._source, rhs, self._target, out)
 
@@ -369,9 +368,9 @@ class _Restriction:
     def __init__(
         self,
         B: ConstraintMatrix,
-        kernels: Sequence[tuple[int, NDArray[np.float64]]],
+        kernels: Sequence[tuple[int, Array]],
         layout: _Layout,
-        metric: NDArray[np.float64],
+        metric: Array,
     ) -> None:
         self._B, self._layout, self._metric = B, layout, metric
         self._weights = np.ones(B.rows), metric
@@ -380,13 +379,13 @@ class _Restriction:
         self._coarse = np.empty(layout.counts[layout.comm.rank])
         self._dual = np.empty(B.rows)
 
-    def weighted(self, weights: NDArray[np.float64]) -> _Restriction:
+    def weighted(self, weights: Array) -> _Restriction:
         """The restriction for the rows of B times weights; these are one except on contact rows."""
         result = copy(self)
         result._weights = weights, weights * self._metric
         return result
 
-    def restrict(self, dual: NDArray[np.float64], out: NDArray[np.float64], metric: bool) -> None:
+    def restrict(self, dual: Array, out: Array, metric: bool) -> None:
         """G, or G W, times a dual vector (collective)."""
         np.multiply(self._weights[metric], dual, out=self._dual)
         self._B.apply_transpose(self._dual, self._interface)
@@ -396,7 +395,7 @@ class _Restriction:
             self._coarse[coarse].reshape(members, -1)[:] = (R.T @ forces.T).T
         out[:] = self._layout.spread(self._coarse)
 
-    def extend(self, coarse: NDArray[np.float64], out: NDArray[np.float64], metric: bool) -> None:
+    def extend(self, coarse: Array, out: Array, metric: bool) -> None:
         """Gᵀ, or W Gᵀ, times a coarse vector (collective)."""
         local = coarse[self._layout.of_rank]
         for interface, part, members, R in self._classes:
@@ -405,15 +404,13 @@ class _Restriction:
         self._B.apply(self._interface, out)
         out *= self._weights[metric]
 
-    def remove(self, coarse: NDArray[np.float64], x: NDArray[np.float64], metric: bool) -> None:
+    def remove(self, coarse: Array, x: Array, metric: bool) -> None:
         """Subtract Gᵀ, or W Gᵀ, times a coarse vector from x (collective)."""
         self.extend(coarse, self._dual, metric)
         x -= self._dual
 
 
-def _kernel_parts(
-    kernels: Sequence[tuple[int, NDArray[np.float64]]],
-) -> list[tuple[slice, slice, int, NDArray[np.float64]]]:
+def _kernel_parts(kernels: Sequence[tuple[int, Array]]) -> list[tuple[slice, slice, int, Array]]:
     """Places in interface and coarse vectors, members and kernel of each class."""
     parts = []
     interface = coarse = 0

@@ -22,9 +22,9 @@ from scipy import sparse
 from solver.tfeti.constraints.exchange import NodeExchange
 from solver.tfeti.constraints.matrix import ConstraintMatrix
 from solver.tfeti.options import TotalFetiOptions
-from solver.vectors import runs
+from solver.vectors import Array, Ints, runs
 
-Places = tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.int64]]
+Places = tuple[Ints, Ints, Ints]
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,10 +42,10 @@ class RowSets:
         Entries, for each subdomain as many as rigid motions, zero beyond its width.
     """
 
-    rows: NDArray[np.int64]
-    starts: NDArray[np.int64]
-    widths: NDArray[np.int64]
-    values: NDArray[np.float64]
+    rows: Ints
+    starts: Ints
+    widths: Ints
+    values: Array
 
 
 @dataclass(frozen=True, eq=False)
@@ -59,9 +59,9 @@ class Blocks:
     values : (n, motions, motions)
     """
 
-    starts: NDArray[np.int64]
-    widths: NDArray[np.int64]
-    values: NDArray[np.float64]
+    starts: Ints
+    widths: Ints
+    values: Array
 
     @property
     def motions(self) -> int:
@@ -69,9 +69,7 @@ class Blocks:
         return self.values.shape[1]
 
     @classmethod
-    def of(
-        cls, row_sets: Iterable[RowSets], motions: int, weights: NDArray[np.float64] | None = None
-    ) -> Blocks:
+    def of(cls, row_sets: Iterable[RowSets], motions: int, weights: Array | None = None) -> Blocks:
         """Vᵀ W V of all sets, with a weight for each local row of B (one unless given)."""
         parts = [cls(*(np.empty((0, 2), np.int64),) * 2, np.empty((0, motions, motions)))]
         for rows in row_sets:
@@ -97,7 +95,7 @@ class Blocks:
         return cls(starts, widths, values)
 
     @property
-    def _keys(self) -> NDArray[np.int64]:
+    def _keys(self) -> Ints:
         return self.starts[:, 0] << 32 | self.starts[:, 1]
 
     def summed(self) -> Blocks:
@@ -176,7 +174,7 @@ class KernelRows:
     def __init__(
         self,
         B: ConstraintMatrix,
-        kernels: Sequence[tuple[int, NDArray[np.float64]]],
+        kernels: Sequence[tuple[int, Array]],
         chunk: int = TotalFetiOptions.chunk,
     ) -> None:
         self.comm, self._at_once = B.comm, chunk
@@ -197,7 +195,7 @@ class KernelRows:
         if self.comm.size > 1:
             self._distant = self._ask(B.local.shape[1])
 
-    def _ask(self, total: int) -> tuple[NDArray[np.int64], Places]:
+    def _ask(self, total: int) -> tuple[Ints, Places]:
         """Columns of other ranks in rows of this rank, with the data of their owners.
 
         The kernels of these columns follow those of this rank in the table.
@@ -212,12 +210,12 @@ class KernelRows:
         self._table = np.concatenate([self._table, kernel])
         return columns, (start, width, place)
 
-    def _local_places(self, columns: NDArray[np.int64]) -> Places:
+    def _local_places(self, columns: Ints) -> Places:
         """First coarse unknown, width and place in the table of local columns (n,)."""
         cls = np.searchsorted(self._ends, columns, side="right")
         begins = self._ends[cls - 1] * (cls > 0) if len(self._ends) else columns
         member, at = np.divmod(columns - begins, self._sizes[cls])
-        start: NDArray[np.int64] = self._coarse[cls] + member * self._widths[cls]
+        start: Ints = self._coarse[cls] + member * self._widths[cls]
         return start, self._widths[cls], self._offsets[cls] + at
 
     def _places_of(self, columns: NDArray[np.int32]) -> Places:
@@ -233,7 +231,7 @@ class KernelRows:
             part[here], part[~here] = near, distant[at]
         return result[0], result[1], result[2]
 
-    def row_sets(self, rows: NDArray[np.int64]) -> Iterator[RowSets]:
+    def row_sets(self, rows: Ints) -> Iterator[RowSets]:
         """Some local rows, grouped by their subdomains.
 
         Rows without floating subdomains are left out.
@@ -243,7 +241,7 @@ class KernelRows:
         for chunk in np.split(rows, cuts):
             yield from self._chunk(chunk)
 
-    def entries_of(self, rows: NDArray[np.int64]) -> tuple[NDArray[Any], ...]:
+    def entries_of(self, rows: Ints) -> tuple[NDArray[Any], ...]:
         """Entries of some rows of B, with their subdomains and kernels.
 
         Returns
@@ -256,7 +254,7 @@ class KernelRows:
         entry = runs(self._begins[rows], counts)
         return (begins, *self._places_of(self._columns[entry]), self._values[entry])
 
-    def _chunk(self, rows: NDArray[np.int64]) -> Iterator[RowSets]:
+    def _chunk(self, rows: Ints) -> Iterator[RowSets]:
         begins, start, width, place, value = self.entries_of(rows)
         row = np.repeat(np.arange(len(rows)), np.diff(begins))
         floating = width > 0

@@ -7,8 +7,9 @@ from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import sparse
+
+from solver.vectors import Array, Ints, Mask
 
 
 class ContradictionError(ValueError):
@@ -47,18 +48,18 @@ class NodeConditions:
         along it (k,), and index of the contact (k,).
     """
 
-    held_nodes: NDArray[np.int64]
-    held_points: NDArray[np.float64]
-    held: NDArray[np.bool_]
-    values: NDArray[np.float64]
-    held_source: NDArray[np.int64]
-    contact_nodes: NDArray[np.int64]
-    contact_points: NDArray[np.float64]
-    directions: NDArray[np.float64]
-    gaps: NDArray[np.float64]
-    contact_source: NDArray[np.int64]
+    held_nodes: Ints
+    held_points: Array
+    held: Mask
+    values: Array
+    held_source: Ints
+    contact_nodes: Ints
+    contact_points: Array
+    directions: Array
+    gaps: Array
+    contact_source: Ints
 
-    def of_contacts(self, some: NDArray[np.bool_]) -> NodeConditions:
+    def of_contacts(self, some: Mask) -> NodeConditions:
         """The conditions with some of the contact rows (k,) only."""
         names = ("contact_nodes", "contact_points", "directions", "gaps", "contact_source")
         return replace(self, **{name: getattr(self, name)[some] for name in names})
@@ -76,10 +77,10 @@ class HeldRows:
         Mask of held components, and their displacements; 0 for other components.
     """
 
-    nodes: NDArray[np.int64]
-    points: NDArray[np.float64]
-    held: NDArray[np.bool_]
-    values: NDArray[np.float64]
+    nodes: Ints
+    points: Array
+    held: Mask
+    values: Array
 
 
 @dataclass(frozen=True, eq=False)
@@ -94,11 +95,11 @@ class ContactEntries:
         Node, its coordinates, component of the displacement and coefficient.
     """
 
-    row: NDArray[np.int64]
-    node: NDArray[np.int64]
-    points: NDArray[np.float64]
-    component: NDArray[np.int64]
-    value: NDArray[np.float64]
+    row: Ints
+    node: Ints
+    points: Array
+    component: Ints
+    value: Array
 
     @classmethod
     def none(cls) -> ContactEntries:
@@ -116,11 +117,11 @@ class ContactEntries:
         fields = [{**p.__dict__, "row": p.row + s} for p, s in zip(parts, starts, strict=True)]
         return cls(**{name: np.concatenate([f[name] for f in fields]) for name in fields[0]})
 
-    def some(self, chosen: NDArray[np.bool_]) -> ContactEntries:
+    def some(self, chosen: Mask) -> ContactEntries:
         """Some of the entries (entries,)."""
         return ContactEntries(**{name: values[chosen] for name, values in self.__dict__.items()})
 
-    def of_rows(self, keep: NDArray[np.bool_]) -> ContactEntries:
+    def of_rows(self, keep: Mask) -> ContactEntries:
         """The entries of some rows (rows,), renumbered."""
         entries = self.some(keep[self.row])
         return replace(entries, row=(np.cumsum(keep) - 1)[entries.row])
@@ -160,14 +161,14 @@ class ContactRows:
         The coefficients of nodes that are tied to rigid bodies, which those in `rigid` replace.
     """
 
-    nodes: NDArray[np.int64]
-    points: NDArray[np.float64]
-    sources: NDArray[np.int64]
-    gaps: NDArray[np.float64]
-    normals: NDArray[np.float64]
-    moments: NDArray[np.float64]
-    areas: NDArray[np.float64]
-    spread: NDArray[np.float64]
+    nodes: Ints
+    points: Array
+    sources: Ints
+    gaps: Array
+    normals: Array
+    moments: Array
+    areas: Array
+    spread: Array
     entries: ContactEntries
     held: ContactEntries = field(default_factory=ContactEntries.none)
     rigid: ContactEntries = field(default_factory=ContactEntries.none)
@@ -184,14 +185,14 @@ class ContactRows:
         )  # fmt: skip
 
     @property
-    def on_rigid(self) -> NDArray[np.bool_]:
+    def on_rigid(self) -> Mask:
         """Mask (k,) of the rows with entries at a rigid body."""
         result = np.zeros(len(self.nodes), bool)
         result[self.rigid.row] = True
         return result
 
     @property
-    def wide(self) -> NDArray[np.bool_]:
+    def wide(self) -> Mask:
         """Mask (k,) of the rows with entries at several nodes."""
         row, node = self.entries.row, self.entries.node
         of_row = np.zeros(len(self.nodes), np.int64)
@@ -217,7 +218,7 @@ class ContactRows:
             **{name: replace(of_name, row=place[of_name.row]) for name, of_name in entries.items()},
         )
 
-    def of(self, keep: NDArray[np.bool_]) -> ContactRows:
+    def of(self, keep: Mask) -> ContactRows:
         """Some of the rows, (k,)."""
         fields = {
             name: v.of_rows(keep) if name in ENTRIES else v[keep]
@@ -230,15 +231,13 @@ class ContactRows:
         return self.of(np.zeros(len(self.nodes), bool))
 
 
-def points_of(rows: ContactRows) -> NDArray[np.int64]:
+def points_of(rows: ContactRows) -> Ints:
     """Number of the contact point of each row, (rows,): rows of one node and contact share it."""
     new = (np.diff(rows.nodes) != 0) | (np.diff(rows.sources) != 0)
     return np.cumsum(np.concatenate([np.zeros(min(len(rows.nodes), 1), bool), new]))
 
 
-def pairs_at_nodes(
-    node: NDArray[np.int64],
-) -> Iterator[tuple[NDArray[np.int64], NDArray[np.int64]]]:
+def pairs_at_nodes(node: Ints) -> Iterator[tuple[Ints, Ints]]:
     """Pairs of rows that share a node, the rows sorted by node; each pair once."""
     if len(node) == 0:
         return
@@ -249,7 +248,7 @@ def pairs_at_nodes(
             yield both + b, both + a
 
 
-def unit_rows(rows: ContactRows) -> tuple[sparse.csr_matrix, NDArray[np.float64]]:
+def unit_rows(rows: ContactRows) -> tuple[sparse.csr_matrix, Array]:
     """Contact rows scaled to unit length, and their lengths before scaling.
 
     The nodes may belong to any rank: columns are numbered over all nodes.

@@ -22,19 +22,18 @@ from collections.abc import Iterator
 
 import numpy as np
 from mpi4py import MPI
-from numpy.typing import NDArray
 from scipy.sparse.csgraph import connected_components
 
+from solver.vectors import Array, Ints, Mask
 
-def coarse_solves_matter(
-    comm: MPI.Intracomm, subdomains: NDArray[np.int64], dimension: int, many: int
-) -> bool:
+
+def coarse_solves_matter(comm: MPI.Intracomm, subdomains: Ints, dimension: int, many: int) -> bool:
     """Whether the time of a coarse solve matters beside an operator application (collective).
 
     Parameters
     ----------
     subdomains
-        Numbers of the subdomains of this rank's copies of nodes.
+        Ints of the subdomains of this rank's copies of nodes.
     many
         Number of subdomains from which on it matters in space; in the plane it never matters.
     """
@@ -42,7 +41,7 @@ def coarse_solves_matter(
     return dimension == 3 and count >= many
 
 
-def helmert(m: int) -> NDArray[np.float64]:
+def helmert(m: int) -> Array:
     """Orthonormal rows (m - 1, m) that span the complement of (1, …, 1)."""
     rows = np.zeros((m - 1, m))
     for k in range(1, m):
@@ -52,7 +51,7 @@ def helmert(m: int) -> NDArray[np.float64]:
     return rows
 
 
-def joining(adjacent: NDArray[np.bool_]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def joining(adjacent: Mask) -> tuple[Array, Array]:
     """Gluing rows of the copies of a node and their weights.
 
     Parameters
@@ -84,15 +83,15 @@ class Neighbours:
         Pairs of subdomains that are alone at some node of this rank; pairs may repeat.
     """
 
-    def __init__(self, comm: MPI.Intracomm, pairs: NDArray[np.int64]) -> None:
+    def __init__(self, comm: MPI.Intracomm, pairs: Ints) -> None:
         keys = np.unique(self._keys(pairs[:, 0], pairs[:, 1]))
         self._of_all_ranks = np.unique(np.concatenate(comm.allgather(keys)))
 
     @staticmethod
-    def _keys(a: NDArray[np.int64], b: NDArray[np.int64]) -> NDArray[np.int64]:
+    def _keys(a: Ints, b: Ints) -> Ints:
         return np.minimum(a, b) << 32 | np.maximum(a, b)
 
-    def adjacent(self, subdomains: NDArray[np.int64]) -> NDArray[np.bool_]:
+    def adjacent(self, subdomains: Ints) -> Mask:
         """Masks (n, m, m) of neighbours among the subdomains (n, m) at each node."""
         keys = self._keys(subdomains[:, :, None], subdomains[:, None])
         if len(self._of_all_ranks) == 0:
@@ -100,9 +99,7 @@ class Neighbours:
         at = np.minimum(np.searchsorted(self._of_all_ranks, keys), len(self._of_all_ranks) - 1)
         return np.asarray(self._of_all_ranks[at] == keys)
 
-    def patterns(
-        self, subdomains: NDArray[np.int64]
-    ) -> Iterator[tuple[NDArray[np.int64], NDArray[np.float64], NDArray[np.float64]]]:
+    def patterns(self, subdomains: Ints) -> Iterator[tuple[Ints, Array, Array]]:
         """Places of the nodes with the same graph, and the rows and weights of `joining` for it."""
         n, m = subdomains.shape
         if m == 2:

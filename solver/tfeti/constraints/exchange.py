@@ -11,6 +11,8 @@ import numpy as np
 from mpi4py import MPI
 from numpy.typing import NDArray
 
+from solver.vectors import Ints
+
 
 class NodeExchange:
     """Two-way exchange between copies of nodes and the owners of the nodes.
@@ -39,11 +41,7 @@ class NodeExchange:
     """
 
     def __init__(
-        self,
-        comm: MPI.Intracomm,
-        nodes: NDArray[np.int64],
-        total: int,
-        starts: NDArray[np.int64] | None = None,
+        self, comm: MPI.Intracomm, nodes: Ints, total: int, starts: Ints | None = None
     ) -> None:
         self.comm = comm
         self.total = total
@@ -54,15 +52,15 @@ class NodeExchange:
         self.first, self.last = int(starts[comm.rank]), int(starts[comm.rank + 1])
         self._copies = len(nodes)
         self._of_rank = [np.flatnonzero(owner == rank) for rank in range(comm.size)]
-        self.local: NDArray[np.int64] = self._of_rank[comm.rank]
+        self.local: Ints = self._of_rank[comm.rank]
         self._of_rank[comm.rank] = self.local[:0]  # most copies stay on their rank
         arrived = comm.alltoall([nodes[copies] for copies in self._of_rank])
         arrived[comm.rank] = nodes[self.local]
         self._ends = np.cumsum([0, *map(len, arrived)])
         self.local_part = slice(*map(int, self._ends[comm.rank : comm.rank + 2]))
-        self.nodes: NDArray[np.int64] = np.concatenate(arrived)
+        self.nodes: Ints = np.concatenate(arrived)
 
-    def among(self, nodes: NDArray[np.int64]) -> NodeExchange:
+    def among(self, nodes: Ints) -> NodeExchange:
         """An exchange for other copies of the same nodes, with the same owners (collective)."""
         return NodeExchange(self.comm, nodes, self.total, self.starts)
 

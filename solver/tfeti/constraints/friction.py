@@ -15,13 +15,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from solver.contact.friction_points import FrictionPoints
 from solver.tfeti.constraints.conditions import ContactRows, points_of
-from solver.vectors import runs
-
-Array = NDArray[np.float64]
+from solver.vectors import Array, Ints, Mask, runs
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,7 +47,7 @@ class FrictionRows:
         """No rows, of contacts without friction."""
         return cls(contact.none(), np.zeros(0), np.zeros(0), acts=False)
 
-    def of(self, keep: NDArray[np.bool_]) -> FrictionRows:
+    def of(self, keep: Mask) -> FrictionRows:
         """Some of the rows, (rows,)."""
         chosen = self.coefficients[keep], self.limits[keep]
         return FrictionRows(self.rows.of(keep), *chosen, self.acts)
@@ -59,7 +56,7 @@ class FrictionRows:
         """The rows of points whose normal row is one of some contact rows."""
         return self.of(self.places(contact) >= 0)
 
-    def places(self, contact: ContactRows) -> NDArray[np.int64]:
+    def places(self, contact: ContactRows) -> Ints:
         """Number (rows,) of the contact row of each row's point; -1 without a contact row."""
         count = len(contact.nodes)
         keys = [np.stack([part.nodes, part.sources]) for part in (contact, self.rows)]
@@ -71,10 +68,7 @@ class FrictionRows:
 
 
 def friction_points(
-    friction: FrictionRows,
-    contact: ContactRows,
-    tangential: NDArray[np.bool_],
-    inequality: NDArray[np.bool_],
+    friction: FrictionRows, contact: ContactRows, tangential: Mask, inequality: Mask
 ) -> FrictionPoints:
     """Contact points with friction: the normal row of each tangential row is found.
 

@@ -17,11 +17,11 @@ from __future__ import annotations
 
 import numpy as np
 from mpi4py import MPI
-from numpy.typing import NDArray
 
 from solver.backend import ConstraintHierarchy
 from solver.tfeti.decomposed import DecomposedProblem
 from solver.tfeti.dual_operator import interface_slices
+from solver.vectors import Ints, Mask
 
 FEWEST = 8
 """Rows of the coarsest level, for each contact."""
@@ -38,7 +38,7 @@ def constraint_hierarchy(problem: DecomposedProblem, coarsened: bool) -> Constra
     return ConstraintHierarchy(problem.inequality, tuple(_levels(problem)) if coarsened else ())
 
 
-def _thickness(problem: DecomposedProblem, rows: NDArray[np.int64]) -> float:
+def _thickness(problem: DecomposedProblem, rows: Ints) -> float:
     """Thickness of the bodies in distances between their contact rows (collective)."""
     comm, d = problem.comm, problem.dimension
     if d == 1:  # without other nodes the thickness is one
@@ -58,7 +58,7 @@ def _thickness(problem: DecomposedProblem, rows: NDArray[np.int64]) -> float:
     return float(count / max(touched, 1) / max(spacing, 1.0))
 
 
-def _levels(problem: DecomposedProblem) -> list[NDArray[np.bool_]]:
+def _levels(problem: DecomposedProblem) -> list[Mask]:
     """Masks (dual,), coarsest first: in each cell of a grid the row next to its centre."""
     comm, contact = problem.comm, problem.contact
     rows = np.flatnonzero(problem.inequality)
@@ -72,7 +72,7 @@ def _levels(problem: DecomposedProblem) -> list[NDArray[np.bool_]]:
     extent = float((upper - lower).max())
     thickness = _thickness(problem, rows)
     contacts = 1 + comm.allreduce(int(contact.sources.max(initial=-1)), op=MPI.MAX)
-    result: list[NDArray[np.bool_]] = []
+    result: list[Mask] = []
     mask = np.zeros(problem.size, bool)
     for halvings in range(HALVINGS):
         if not extent > 0.0:

@@ -8,16 +8,15 @@ from functools import cached_property
 
 import numpy as np
 from mpi4py import MPI
-from numpy.typing import NDArray
 from petsc4py import PETSc
 from scipy import sparse
 
 from solver.backend import Turn
-from solver.vectors import on_arrays
+from solver.vectors import Array, Mask, on_arrays
 
 
 @contextmanager
-def lent(comm: MPI.Intracomm, *arrays: NDArray[np.float64]) -> Iterator[list[PETSc.Vec]]:
+def lent(comm: MPI.Intracomm, *arrays: Array) -> Iterator[list[PETSc.Vec]]:
     """Context manager of distributed PETSc vectors on the memory of local parts.
 
     The vectors are destroyed at the end of the block. Left to Python's garbage collector they would
@@ -96,17 +95,17 @@ class ConstraintMatrix:
         )
         return dual, interface
 
-    def apply(self, x: NDArray[np.float64], out: NDArray[np.float64]) -> None:
+    def apply(self, x: Array, out: Array) -> None:
         """Put B x into out: (interface,) to (dual,)."""
         dual, interface = self._vectors
         on_arrays(self.matrix.mult, interface, x, dual, out)
 
-    def apply_transpose(self, x: NDArray[np.float64], out: NDArray[np.float64]) -> None:
+    def apply_transpose(self, x: Array, out: Array) -> None:
         """Put Bᵀ x into out: (dual,) to (interface,)."""
         dual, interface = self._vectors
         on_arrays(self._transpose.mult, dual, x, interface, out)
 
-    def scaled(self, weights: NDArray[np.float64]) -> ScaledConstraintMatrix:
+    def scaled(self, weights: Array) -> ScaledConstraintMatrix:
         """W B, for weights (dual,) of the rows."""
         return ScaledConstraintMatrix(self, weights)
 
@@ -137,12 +136,12 @@ class TurnedConstraintMatrix(ConstraintMatrix):
         result.sort_indices()
         return result
 
-    def apply(self, x: NDArray[np.float64], out: NDArray[np.float64]) -> None:
+    def apply(self, x: Array, out: Array) -> None:
         """Put the product with x into out."""
         self._B.apply(x, out)
         out[:] = self._turn.turned(out)
 
-    def apply_transpose(self, x: NDArray[np.float64], out: NDArray[np.float64]) -> None:
+    def apply_transpose(self, x: Array, out: Array) -> None:
         """Put the product of the transpose with x into out."""
         self._B.apply_transpose(self._turn.back(x), out)
 
@@ -150,7 +149,7 @@ class TurnedConstraintMatrix(ConstraintMatrix):
 class ScaledConstraintMatrix(ConstraintMatrix):
     """W B, applied as a product of two factors: it is used too few times for a copy to pay."""
 
-    def __init__(self, B: ConstraintMatrix, weights: NDArray[np.float64]) -> None:
+    def __init__(self, B: ConstraintMatrix, weights: Array) -> None:
         self._B, self._weights = B, weights
         self.comm, self.rows, self.columns, self.first = B.comm, B.rows, B.columns, B.first
         self._room = np.empty(B.rows)
@@ -166,17 +165,17 @@ class ScaledConstraintMatrix(ConstraintMatrix):
         local.eliminate_zeros()
         return local
 
-    def apply(self, x: NDArray[np.float64], out: NDArray[np.float64]) -> None:
+    def apply(self, x: Array, out: Array) -> None:
         """Put W B x into out."""
         self._B.apply(x, out)
         out *= self._weights
 
-    def apply_transpose(self, x: NDArray[np.float64], out: NDArray[np.float64]) -> None:
+    def apply_transpose(self, x: Array, out: Array) -> None:
         """Put Bᵀ W x into out."""
         self._B.apply_transpose(np.multiply(self._weights, x, out=self._room), out)
 
 
-def without_columns(B: ConstraintMatrix, removed: NDArray[np.bool_]) -> ConstraintMatrix:
+def without_columns(B: ConstraintMatrix, removed: Mask) -> ConstraintMatrix:
     """B without some columns of this rank (interface,).
 
     B itself if no rank names any (collective).

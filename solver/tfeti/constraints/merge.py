@@ -10,7 +10,6 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from solver.tfeti.constraints.conditions import (
     ContactEntries,
@@ -22,6 +21,7 @@ from solver.tfeti.constraints.conditions import (
     unit_rows,
 )
 from solver.tfeti.constraints.exchange import NodeExchange
+from solver.vectors import Array, Ints, Mask
 
 MOSTLY_HELD = 0.1
 """Sum of the coefficients of free components of a row in the mean, over that of all, below which
@@ -227,9 +227,7 @@ def cut_held(
     return replace(rows, gaps=gaps, entries=free, held=cut).of(~decided)
 
 
-def _squeezed(
-    rows: ContactRows, direction: NDArray[np.float64], gap: NDArray[np.float64], least: float
-) -> tuple | None:
+def _squeezed(rows: ContactRows, direction: Array, gap: Array, least: float) -> tuple | None:
     """The worst node that two rows in opposite directions leave no room, as a contradiction.
 
     If a node is free to move in one direction only, any two obstacles can leave it no room.
@@ -248,9 +246,7 @@ def _squeezed(
     return problem
 
 
-def tightest_of_each_node(
-    node: NDArray[np.int64], direction: NDArray[np.float64], gap: NDArray[np.float64]
-) -> NDArray[np.bool_]:
+def tightest_of_each_node(node: Ints, direction: Array, gap: Array) -> Mask:
     """Mark, of the rows of one node in one direction, the one with the smallest gap."""
     keep = np.ones(len(node), bool)
     for i, j in pairs_at_nodes(node):

@@ -47,6 +47,7 @@ from solver.tfeti.constraints.cross_points import Neighbours, coarse_solves_matt
 from solver.tfeti.constraints.exchange import NodeExchange
 from solver.tfeti.constraints.friction import FrictionRows
 from solver.tfeti.options import TotalFetiOptions
+from solver.vectors import Array, Ints, Mask
 
 MOST_COMPONENTS = 3
 """Largest number of components of a node."""
@@ -117,28 +118,28 @@ class Rows:
     """
 
     kind: NDArray[np.int8]
-    node: NDArray[np.int64]
-    rhs: NDArray[np.float64]
-    weight: NDArray[np.float64]
-    row: NDArray[np.int64]
-    copy: NDArray[np.int64]
-    component: NDArray[np.int64]
-    value: NDArray[np.float64]
+    node: Ints
+    rhs: Array
+    weight: Array
+    row: Ints
+    copy: Ints
+    component: Ints
+    value: Array
     shared: SharedEntries
 
     @property
-    def _shared(self) -> NDArray[np.int64]:
+    def _shared(self) -> Ints:
         """Places of the rows of `SHARED`, kind by kind."""
         return np.concatenate([np.flatnonzero(self.kind == kind) for kind in SHARED])
 
-    def touched(self, arrived: int, dimension: int) -> NDArray[np.bool_]:
+    def touched(self, arrived: int, dimension: int) -> Mask:
         """Mask (arrived, dimension) of the components with an entry in some row (collective)."""
         touched = np.zeros((arrived, dimension), bool)
         touched[self.copy, self.component] = True
         self.shared.mark(touched)
         return touched
 
-    def held_unknowns(self, dimension: int) -> NDArray[np.int64]:
+    def held_unknowns(self, dimension: int) -> Ints:
         """Unknown of each held row, node · dimension + component, (rows,); -1 for other rows."""
         result = np.full(len(self.kind), -1, np.int64)
         held = self.kind[self.row] == RowKind.DIRICHLET  # each has one entry
@@ -146,9 +147,7 @@ class Rows:
         result[row] = self.node[row] * dimension + self.component[held]
         return result
 
-    def entries(
-        self, columns: NDArray[np.int64]
-    ) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.float64]]:
+    def entries(self, columns: Ints) -> tuple[Ints, Ints, Array]:
         """Row, column and value of all entries of B (collective).
 
         Parameters
@@ -174,7 +173,7 @@ class SharedEntries:
     entries
         Entries of this rank's rows. Rows may have any length; in B they have unit length.
     together : (rows,)
-        Numbers from 0 on, equal for rows that are scaled together: by the length of the longest
+        Ints from 0 on, equal for rows that are scaled together: by the length of the longest
         row.
     rigid
         Entries at rigid bodies. They count for the length of a row only if it has no other entries.
@@ -187,11 +186,7 @@ class SharedEntries:
     """
 
     def __init__(
-        self,
-        exchange: NodeExchange,
-        entries: ContactEntries,
-        together: NDArray[np.int64],
-        rigid: ContactEntries,
+        self, exchange: NodeExchange, entries: ContactEntries, together: Ints, rigid: ContactEntries
     ) -> None:
         local, rows = len(entries.row), len(together)
         entries = ContactEntries.join([entries, rigid], [0, 0])
@@ -212,16 +207,14 @@ class SharedEntries:
         )
         longest = np.zeros(int(together.max(initial=-1)) + 1)
         np.maximum.at(longest, together, np.where(square > 0.0, square, of_rigid))
-        self.lengths: NDArray[np.float64] = np.sqrt(longest)[together]
+        self.lengths: Array = np.sqrt(longest)[together]
 
-    def mark(self, touched: NDArray[np.bool_]) -> None:
+    def mark(self, touched: Mask) -> None:
         """Mark the components (arrived, dimension) of arrived copies that have entries."""
         copy, nth = self._requested_copies()
         touched[copy, self._components[nth]] = True
 
-    def spread_over(
-        self, columns: NDArray[np.int64]
-    ) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.float64]]:
+    def spread_over(self, columns: Ints) -> tuple[Ints, Ints, Array]:
         """Row, column and value on the copies, rows of unit length; `columns` as in `Rows`."""
         comm = self._query.comm
         most = comm.allreduce(int(self._count.max(initial=0)), op=MPI.MAX)
@@ -234,22 +227,22 @@ class SharedEntries:
         value = (self._entries.value / self.copies)[entry] / self.lengths[row]
         return row, places[entry, place], value
 
-    def _requested_copies(self) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    def _requested_copies(self) -> tuple[Ints, Ints]:
         """Arrived copies of the requested nodes, and the request of each copy."""
         requested = np.repeat(np.arange(len(self._count)), self._count)
         return self._order[self._start[requested] + self._nth(requested)], requested
 
-    def _nth(self, requested: NDArray[np.int64]) -> NDArray[np.int64]:
+    def _nth(self, requested: Ints) -> Ints:
         """Number of each copy among the copies of its request."""
         return np.arange(len(requested)) - (np.cumsum(self._count) - self._count)[requested]
 
 
 def write_rows(
     exchange: NodeExchange,
-    subdomains: NDArray[np.int64],
+    subdomains: Ints,
     held: HeldRows,
     shared: SharedRows,
-    eliminated: NDArray[np.bool_],
+    eliminated: Mask,
     options: TotalFetiOptions | None = None,
 ) -> tuple[Rows, SharedRows]:
     """Write the rows of the owned nodes (collective).
@@ -334,14 +327,14 @@ class _Part:
     """Rows of one kind before sorting; `nth` orders the rows of a node."""
 
     kind: RowKind
-    node: NDArray[np.int64]
-    nth: NDArray[np.int64]
-    rhs: NDArray[np.float64]
-    weight: NDArray[np.float64]
-    row: NDArray[np.int64]
-    copy: NDArray[np.int64]
-    component: NDArray[np.int64]
-    value: NDArray[np.float64]
+    node: Ints
+    nth: Ints
+    rhs: Array
+    weight: Array
+    row: Ints
+    copy: Ints
+    component: Ints
+    value: Array
 
     @classmethod
     def shared(cls, kind: RowKind, rows: ContactRows) -> _Part:
@@ -354,12 +347,12 @@ class _Part:
     def of(
         cls,
         kind: RowKind,
-        nodes: NDArray[np.int64],
-        stencil: NDArray[np.float64],
-        copies: NDArray[np.int64],
+        nodes: Ints,
+        stencil: Array,
+        copies: Ints,
         component: int,
-        rhs: NDArray[np.float64],
-        weight: NDArray[np.float64] | None = None,
+        rhs: Array,
+        weight: Array | None = None,
     ) -> _Part:
         """The same stencil (rows, m) and weights (rows,) on the copies (nodes, m) of each node.
 

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
-import numpy as np
-from numpy.typing import NDArray
+from solver.vectors import Array, Ints
 
 
 @dataclass(frozen=True, eq=False)
@@ -20,10 +19,10 @@ class SupportRows:
         Coefficients.
     """
 
-    copies: list[NDArray[np.int64]] = field(default_factory=list)
-    values: list[NDArray[np.float64]] = field(default_factory=list)
+    copies: list[Ints] = field(default_factory=list)
+    values: list[Array] = field(default_factory=list)
 
-    def add(self, copies: NDArray[np.int64], values: NDArray[np.float64]) -> None:
+    def add(self, copies: Ints, values: Array) -> None:
         """Add a row with its copies (k,) and coefficients (k, dimension)."""
         self.copies.append(copies)
         self.values.append(values)

@@ -9,16 +9,16 @@ from __future__ import annotations
 
 import numpy as np
 from mpi4py import MPI
-from numpy.typing import NDArray
 from scipy import sparse
 
 from solver.tfeti.constraints.conditions import ContactRows
+from solver.vectors import Array, Ints, Mask
 
 SAME = 1e-10
 """Squared sine of the angle between a row and the tied rows of a node that contain it."""
 
 
-def undecided(comm: MPI.Intracomm, contact: ContactRows, tied: ContactRows) -> NDArray[np.bool_]:
+def undecided(comm: MPI.Intracomm, contact: ContactRows, tied: ContactRows) -> Mask:
     """Mask (contact rows,) of rows that the tied rows of a node do not determine (collective).
 
     Surfaces are small beside bodies: every rank compares its contact rows with all tied rows.
@@ -45,16 +45,12 @@ def undecided(comm: MPI.Intracomm, contact: ContactRows, tied: ContactRows) -> N
     return np.asarray(largest < 1.0 - SAME)
 
 
-def _columns(rows: ContactRows) -> NDArray[np.int64]:
+def _columns(rows: ContactRows) -> Ints:
     return rows.entries.node * rows.normals.shape[1] + rows.entries.component
 
 
 def _unit(
-    columns: NDArray[np.int64],
-    rows: NDArray[np.int64],
-    values: NDArray[np.float64],
-    count: int,
-    all_columns: NDArray[np.int64],
+    columns: Ints, rows: Ints, values: Array, count: int, all_columns: Ints
 ) -> sparse.csr_matrix:
     """Rows of unit length over the known columns."""
     place = np.searchsorted(all_columns, columns)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from solver.contact.solution import Solution
 from solver.contact.stopping import StoppingRule
@@ -14,13 +13,11 @@ from solver.tfeti.dual import DualProblem
 from solver.tfeti.feasible import feasible_multiplier
 from solver.tfeti.recovery import displacements as recover
 from solver.tfeti.recovery import kernel_coefficients
+from solver.vectors import Array
 
 
 def answer_of_iterate(
-    problem: DualProblem,
-    rule: StoppingRule,
-    x: NDArray[np.float64],
-    equality_force: NDArray[np.float64] | None,
+    problem: DualProblem, rule: StoppingRule, x: Array, equality_force: Array | None
 ) -> Solution:
     """The `certified_answer` of an iterate, judged by a stopping rule."""
     return certified_answer(problem, x, equality_force, rule.tolerance)
@@ -33,10 +30,7 @@ def answer_of_state(problem: DualProblem, rule: StoppingRule, state: State) -> S
 
 
 def certified_answer(
-    problem: DualProblem,
-    x: NDArray[np.float64],
-    equality_force: NDArray[np.float64] | None,
-    tolerance: float,
+    problem: DualProblem, x: Array, equality_force: Array | None, tolerance: float
 ) -> Solution:
     """Recover the displacements of an iterate of the solver and certify them (collective).
 
@@ -59,12 +53,7 @@ def certified_answer(
     return _certified(problem, multiplier, alpha, tolerance)
 
 
-def _certified(
-    problem: DualProblem,
-    multiplier: NDArray[np.float64],
-    alpha: NDArray[np.float64],
-    tolerance: float,
-) -> Solution:
+def _certified(problem: DualProblem, multiplier: Array, alpha: Array, tolerance: float) -> Solution:
     u = recover(problem, multiplier, alpha)
     certificate, measures = certify(problem, multiplier, u, tolerance)
     return Solution(multiplier, u, certificate, measures, Counts(), Reason.CONVERGED, tolerance)

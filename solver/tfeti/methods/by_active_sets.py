@@ -6,7 +6,6 @@ from dataclasses import replace
 from functools import partial
 
 import numpy as np
-from numpy.typing import NDArray
 
 from solver.contact.active_set import Start
 from solver.contact.checkpoint import Saver
@@ -25,6 +24,7 @@ from solver.tfeti.duality_gap import duality_gap
 from solver.tfeti.methods.answers import answer_of_state
 from solver.tfeti.methods.task import Task, saved_by
 from solver.tfeti.winkler import gaps_are_zero, winkler_contact
+from solver.vectors import Array
 
 METHOD = "active-set"
 
@@ -36,7 +36,7 @@ LOOSE = 1e-2
 
 
 def solve_from_first_set(
-    task: Task, restart: Restart | None, saver: Saver, guess: NDArray[np.float64] | None
+    task: Task, restart: Restart | None, saver: Saver, guess: Array | None
 ) -> tuple[Outcome[State], Solution | None]:
     """Solve by active sets, from an initial set or the state of an interrupted solve (collective).
 
@@ -68,7 +68,7 @@ def solve_from_first_set(
     return outcome, answer
 
 
-def initial_active_set(problem: DualProblem, guess: NDArray[np.float64] | None) -> Start:
+def initial_active_set(problem: DualProblem, guess: Array | None) -> Start:
     """The initial data of the loop (collective).
 
     Parameters

@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from solver.contact.checkpoint import Saver, without_outer_iterations
 from solver.contact.solution import Solution
@@ -15,6 +14,7 @@ from solver.qp.result import Counts, Reason
 from solver.tfeti.columns import on_columns
 from solver.tfeti.methods.answers import answer_of_iterate
 from solver.tfeti.methods.task import Task
+from solver.vectors import Array
 
 METHOD = "mprgp"
 
@@ -23,9 +23,7 @@ STEPS_PER_ROW, FEWEST_STEPS = 2, 1000
 MPRGP takes fewer on random scenes, and does not end on a body 500 times as long as thick."""
 
 
-def solve_by_mprgp(
-    task: Task, start: NDArray[np.float64] | None, accelerated: bool = True
-) -> Solution:
+def solve_by_mprgp(task: Task, start: Array | None, accelerated: bool = True) -> Solution:
     """Solve by MPRGP; without contact rows it is the conjugate gradient method (collective).
 
     Parameters
@@ -55,7 +53,7 @@ def solve_by_mprgp(
         problem.coarse.project(start, start)
     answer: Solution | None = None
 
-    def certify(x: NDArray[np.float64]) -> Solution:
+    def certify(x: Array) -> Solution:
         nonlocal answer
         answer = rule.judge(answer_of_iterate(problem, rule, x, None))
         return answer

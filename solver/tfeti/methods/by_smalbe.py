@@ -22,7 +22,6 @@ from dataclasses import replace
 
 import numpy as np
 from mpi4py import MPI
-from numpy.typing import NDArray
 
 from solver.contact.active_set import Start
 from solver.contact.bodies import body_lengths
@@ -44,6 +43,7 @@ from solver.tfeti.methods.task import Task
 from solver.tfeti.preconditioner import DualPreconditioner
 from solver.tfeti.projected import ProjectorEquality
 from solver.tfeti.recovery import interface_displacements, kernel_coefficients
+from solver.vectors import Array
 
 METHOD = "smalbe"
 
@@ -140,10 +140,7 @@ class _Frozen:
         self._limits: SlipLimits | None = None
 
     def begin(
-        self,
-        x0: NDArray[np.float64] | None,
-        multiplier0: NDArray[np.float64] | None,
-        restart: Restart | None,
+        self, x0: Array | None, multiplier0: Array | None, restart: Restart | None
     ) -> OuterIterations:
         """Outer iterations from an initial iterate, whose contact forces give the slip limits."""
         problem = self._problem
@@ -167,10 +164,7 @@ class _Frozen:
         return self._program(None, None, iterations.with_another_set())
 
     def _program(
-        self,
-        x0: NDArray[np.float64] | None,
-        multiplier0: NDArray[np.float64] | None,
-        restart: Restart | None,
+        self, x0: Array | None, multiplier0: Array | None, restart: Restart | None
     ) -> OuterIterations:
         problem, limits = self._problem, self._limits
         feasible = admissible_set(problem, None if limits is None else limits.values)
@@ -230,10 +224,10 @@ class _Judge:
     def __init__(self, task: Task) -> None:
         self.answer: Solution | None = None
         self._problem, self._rule = task.problem, task.rule
-        self._lengths: NDArray[np.float64] | None = None
+        self._lengths: Array | None = None
         self._next_certificate = self._failures = 0
 
-    def certify(self, x: NDArray[np.float64], force: NDArray[np.float64]) -> Solution:
+    def certify(self, x: Array, force: Array) -> Solution:
         """The certified answer of an iterate and its force Cᵀ μ."""
         answer = answer_of_iterate(self._problem, self._rule, x, force)
         self._lengths = body_lengths(
@@ -312,7 +306,7 @@ class _ActiveSetsBetween:
         return outcome, answer
 
 
-def _lengths(problem: DualProblem, state: OuterState) -> NDArray[np.float64]:
+def _lengths(problem: DualProblem, state: OuterState) -> Array:
     """Estimate of the displacement of each body, (bodies,), from an iterate far from the answer."""
     multiplier = problem.offset + state.x
     alpha = kernel_coefficients(problem, multiplier, state.transposed_multiplier)

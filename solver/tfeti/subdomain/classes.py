@@ -13,7 +13,6 @@ from functools import cached_property
 
 import numpy as np
 from mpi4py import MPI
-from numpy.typing import NDArray
 from scipy import sparse
 
 from solver.tfeti.subdomain.costs import block_pays
@@ -31,6 +30,7 @@ from solver.tfeti.subdomain.kernels import (
 )
 from solver.tfeti.subdomain.reflections import find_symmetry
 from solver.tfeti.subdomain.rigid import ZeroInverse
+from solver.vectors import Array, Ints
 
 MEMBERS_AT_ONCE = 128
 """Number of members whose full vectors are processed together."""
@@ -61,10 +61,10 @@ class SubdomainClass:
     """
 
     stiffness: sparse.csr_matrix
-    kernel: NDArray[np.float64]
-    motions: NDArray[np.float64]
-    free: NDArray[np.int64]
-    interface: NDArray[np.int64]
+    kernel: Array
+    motions: Array
+    free: Ints
+    interface: Ints
     members: int
     inverse: Inverse | None
     block: Block | None
@@ -80,7 +80,7 @@ class SubdomainClass:
         return self.stiffness.nnz == 0
 
     @cached_property
-    def resistance(self) -> NDArray[np.float64]:
+    def resistance(self) -> Array:
         """Diagonal of K, (n,); infinite for rigid bodies, which no force strains."""
         if self.rigid:
             return np.full(self.unknowns, np.inf)
@@ -92,7 +92,7 @@ class SubdomainClass:
         return self.stiffness[self.interface][:, self.interface].tocsr()
 
     @cached_property
-    def row_sums(self) -> NDArray[np.float64]:
+    def row_sums(self) -> Array:
         """Σ_j |K_ij| of each unknown, (n,)."""
         return np.asarray(abs(self.stiffness).sum(axis=1)).ravel()
 
@@ -116,7 +116,7 @@ class SubdomainClass:
         for begin in range(0, self.members, MEMBERS_AT_ONCE):
             yield slice(begin, min(begin + MEMBERS_AT_ONCE, self.members))
 
-    def solve(self, loads: NDArray[np.float64]) -> NDArray[np.float64]:
+    def solve(self, loads: Array) -> Array:
         """K⁺ on full vectors, (n, s) to (n, s); held unknowns stay zero."""
         assert self.inverse is not None
         if len(self.free) == self.unknowns:
@@ -125,7 +125,7 @@ class SubdomainClass:
         result[self.free] = self.inverse.solve(loads[self.free])
         return result
 
-    def apply_interface(self, loads: NDArray[np.float64], out: NDArray[np.float64]) -> None:
+    def apply_interface(self, loads: Array, out: Array) -> None:
         """K⁺ on interface vectors, one row per member: (s, i) to (s, i)."""
         if self.block is not None:
             self.block.apply(loads, out)
@@ -136,7 +136,7 @@ class SubdomainClass:
         out[:] = self.inverse.solve(full)[self._place].T
 
     @cached_property
-    def _place(self) -> NDArray[np.int64]:
+    def _place(self) -> Ints:
         """Places of the interface unknowns among the free unknowns."""
         return np.searchsorted(self.free, self.interface)
 
@@ -162,12 +162,12 @@ class ClassData:
     """
 
     stiffness: sparse.csr_matrix
-    points: NDArray[np.float64]
+    points: Array
     dimension: int
-    touched: NDArray[np.int64]
+    touched: Ints
     members: int
-    eliminated: NDArray[np.int64] | None
-    kernel: NDArray[np.float64] | None = None
+    eliminated: Ints | None
+    kernel: Array | None = None
 
     @property
     def is_rigid(self) -> bool:
@@ -175,18 +175,18 @@ class ClassData:
         return bool(self.stiffness.nnz == 0)
 
     @property
-    def every(self) -> NDArray[np.int64]:
+    def every(self) -> Ints:
         """All unknowns, (n,)."""
         return np.arange(self.stiffness.shape[0])
 
     @property
-    def free(self) -> NDArray[np.int64]:
+    def free(self) -> Ints:
         """The unknowns that are not eliminated, (m,)."""
         if self.eliminated is None:
             return self.every
         return np.setdiff1d(self.every, self.eliminated)
 
-    def motions(self) -> NDArray[np.float64]:
+    def motions(self) -> Array:
         """Orthonormal basis of the kernel, (n, k).
 
         Raises
@@ -229,9 +229,9 @@ class _Inverse:
     """
 
     stiffness: sparse.csr_matrix
-    kernel: NDArray[np.float64]
-    free: NDArray[np.int64]
-    interface: NDArray[np.int64]
+    kernel: Array
+    free: Ints
+    interface: Ints
     inverse: GeneralisedInverse | SymmetricInverse
     block_pays: bool
 
@@ -276,9 +276,7 @@ def _held(data: ClassData, most: int) -> _Inverse:
     return _Inverse(data.stiffness, moves, free, data.touched, inverse, pays)
 
 
-def _floating(
-    data: ClassData, rigid: NDArray[np.float64], most: int, sharing: MPI.Intracomm | None
-) -> _Inverse:
+def _floating(data: ClassData, rigid: Array, most: int, sharing: MPI.Intracomm | None) -> _Inverse:
     """The inverse of floating subdomains; mirror images of touched unknowns join the interface."""
     stiffness, points, d = data.stiffness, data.points, data.dimension
     symmetry = None

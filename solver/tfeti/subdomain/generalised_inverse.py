@@ -20,7 +20,6 @@ from typing import Protocol
 
 import numpy as np
 from mpi4py import MPI
-from numpy.typing import NDArray
 from petsc4py import PETSc
 from scipy import sparse
 from scipy.linalg import lapack
@@ -28,7 +27,7 @@ from scipy.linalg import lapack
 from solver.openmp import one_openmp_thread
 from solver.tfeti.subdomain.reflections import Split, Symmetry
 from solver.tfeti.subdomain.sharing import made_together
-from solver.vectors import on_arrays
+from solver.vectors import Array, Ints, on_arrays
 
 COLUMNS_AT_ONCE = 256
 """Number of right-hand sides of one sparse solve; more only cost memory."""
@@ -42,20 +41,20 @@ NO_FACTOR = (
 class Inverse(Protocol):
     """K⁺ of one class."""
 
-    def solve(self, loads: NDArray[np.float64]) -> NDArray[np.float64]:
+    def solve(self, loads: Array) -> Array:
         """K⁺ times each column: (n, columns) to (n, columns), both in Fortran order."""
 
 
 class Block(Protocol):
     """A dense part of K⁺, symmetric, applied to many members at once."""
 
-    def apply(self, loads: NDArray[np.float64], out: NDArray[np.float64]) -> None:
+    def apply(self, loads: Array, out: Array) -> None:
         """Apply the block to vectors, one row per member: (s, m) to (s, m)."""
 
-    def toarray(self) -> NDArray[np.float64]:
+    def toarray(self) -> Array:
         """The block as one matrix, (m, m)."""
 
-    def schur_complement(self, kernel: NDArray[np.float64]) -> Block:
+    def schur_complement(self, kernel: Array) -> Block:
         """The Schur complement of the stiffness on the same unknowns, (m, m).
 
         Parameters
@@ -106,7 +105,7 @@ class CholeskyFactor:
             PETSc.Vec().createWithArray(np.empty(self.size), comm=PETSc.COMM_SELF) for _ in range(2)
         )
 
-    def solve(self, loads: NDArray[np.float64]) -> NDArray[np.float64]:
+    def solve(self, loads: Array) -> Array:
         """The inverse times each column: (n, columns) to (n, columns), both in Fortran order."""
         result = np.empty(loads.shape, order="F")
         loads = np.asfortranarray(loads)
@@ -127,7 +126,7 @@ class CholeskyFactor:
             x.destroy()
         return result
 
-    def restricted(self, unknowns: NDArray[np.int64]) -> NDArray[np.float64]:
+    def restricted(self, unknowns: Ints) -> Array:
         """The inverse between some unknowns, (m, m), symmetric."""
         block = np.empty((len(unknowns), len(unknowns)))
         for begin in range(0, len(unknowns), COLUMNS_AT_ONCE):
@@ -158,19 +157,14 @@ class GeneralisedInverse:
         The matrix has a larger null space than the kernel, or is not positive semidefinite.
     """
 
-    def __init__(
-        self,
-        stiffness: sparse.csr_matrix,
-        kernel: NDArray[np.float64],
-        fixing: NDArray[np.int64],
-    ) -> None:
+    def __init__(self, stiffness: sparse.csr_matrix, kernel: Array, fixing: Ints) -> None:
         self._factor = CholeskyFactor(_regularised(stiffness, kernel, fixing))
 
-    def solve(self, loads: NDArray[np.float64]) -> NDArray[np.float64]:
+    def solve(self, loads: Array) -> Array:
         """K⁺ times each column: (n, columns) to (n, columns), both in Fortran order."""
         return self._factor.solve(loads)
 
-    def restricted(self, unknowns: NDArray[np.int64]) -> DenseBlock:
+    def restricted(self, unknowns: Ints) -> DenseBlock:
         """K⁺ between some unknowns."""
         return DenseBlock(self._factor.restricted(unknowns))
 
@@ -185,8 +179,8 @@ class SymmetricInverse:
     def __init__(
         self,
         stiffness: sparse.csr_matrix,
-        kernel: NDArray[np.float64],
-        fixing: NDArray[np.int64],
+        kernel: Array,
+        fixing: Ints,
         symmetry: Symmetry,
         comm: MPI.Intracomm | None = None,
     ) -> None:
@@ -201,7 +195,7 @@ class SymmetricInverse:
             for V, (first, orbit) in zip(bases, self._split.orbits, strict=True)
         ]
 
-    def solve(self, loads: NDArray[np.float64]) -> NDArray[np.float64]:
+    def solve(self, loads: Array) -> Array:
         """K⁺ times each column: (n, columns) to (n, columns), both in Fortran order."""
         result = np.empty(loads.shape, order="F")
         order = self._split.unknowns
@@ -216,7 +210,7 @@ class SymmetricInverse:
             result.T[part] = rows[:, back]
         return result
 
-    def restricted(self, unknowns: NDArray[np.int64]) -> SymmetricBlock:
+    def restricted(self, unknowns: Ints) -> SymmetricBlock:
         """K⁺ between some unknowns, in the order of a split."""
         inside = np.zeros(len(self._split.unknowns), bool)
         inside[unknowns] = True
@@ -232,18 +226,18 @@ class SymmetricInverse:
 class DenseBlock:
     """A dense part of K⁺ as one matrix (protocol `Block`)."""
 
-    def __init__(self, matrix: NDArray[np.float64]) -> None:
+    def __init__(self, matrix: Array) -> None:
         self.matrix = matrix
 
-    def apply(self, loads: NDArray[np.float64], out: NDArray[np.float64]) -> None:
+    def apply(self, loads: Array, out: Array) -> None:
         """Apply the block to vectors, one row per member: (s, m) to (s, m)."""
         np.matmul(loads, self.matrix, out=out)
 
-    def toarray(self) -> NDArray[np.float64]:
+    def toarray(self) -> Array:
         """The block as one matrix, (m, m)."""
         return self.matrix
 
-    def schur_complement(self, kernel: NDArray[np.float64]) -> DenseBlock:
+    def schur_complement(self, kernel: Array) -> DenseBlock:
         """The Schur complement of the stiffness on the same unknowns, (m, m)."""
         return DenseBlock(_relaxed(self.matrix, _range(kernel, np.linalg.norm(kernel))))
 
@@ -268,15 +262,12 @@ class SymmetricBlock:
     """
 
     def __init__(
-        self,
-        blocks: Sequence[NDArray[np.float64]],
-        split: Split,
-        comm: MPI.Intracomm | None = None,
+        self, blocks: Sequence[Array], split: Split, comm: MPI.Intracomm | None = None
     ) -> None:
         self.blocks, self.split = blocks, split
         self._comm = comm
 
-    def apply(self, loads: NDArray[np.float64], out: NDArray[np.float64]) -> None:
+    def apply(self, loads: Array, out: Array) -> None:
         """Apply the block to vectors, one row per member: (s, m) to (s, m)."""
         for begin in range(0, len(loads), self.MEMBERS_AT_ONCE):
             members = slice(begin, begin + self.MEMBERS_AT_ONCE)
@@ -286,14 +277,14 @@ class SymmetricBlock:
                 np.matmul(coordinates[:, place], block, out=solved[:, place])
             self.split.backward(solved, out[members])
 
-    def toarray(self) -> NDArray[np.float64]:
+    def toarray(self) -> Array:
         """The block as one matrix, (m, m)."""
         identity = np.eye(len(self.split.unknowns))
         result = np.empty_like(identity)
         self.apply(identity, result)
         return result
 
-    def schur_complement(self, kernel: NDArray[np.float64]) -> SymmetricBlock:
+    def schur_complement(self, kernel: Array) -> SymmetricBlock:
         """The Schur complement of the stiffness on the same unknowns, (m, m)."""
         coordinates = self.split.forward(np.ascontiguousarray(kernel.T))
         makers = []
@@ -307,17 +298,13 @@ class SymmetricBlock:
         return SymmetricBlock(made_together(self._comm, makers, shapes), self.split, self._comm)
 
 
-def _scaled_rows(matrix: sparse.csr_matrix, factors: NDArray[np.int64]) -> sparse.csr_matrix:
+def _scaled_rows(matrix: sparse.csr_matrix, factors: Ints) -> sparse.csr_matrix:
     """The matrix, its rows multiplied in place, without the calls of a sparse product."""
     matrix.data *= np.repeat(factors, np.diff(matrix.indptr))
     return matrix
 
 
-def _relaxed(
-    block: NDArray[np.float64],
-    kernel: NDArray[np.float64],
-    weights: NDArray[np.float64] | None = None,
-) -> NDArray[np.float64]:
+def _relaxed(block: Array, kernel: Array, weights: Array | None = None) -> Array:
     """S = A⁻¹ - Y (Rᵀ Y)⁻¹ Yᵀ with Y = A⁻¹ R, from A = K⁺ on the interface; its kernel is R.
 
     A force g = S w does no work on R, and A g = w + R c for some c; so A⁻¹ (w + R c) = g, and what
@@ -344,15 +331,13 @@ def _relaxed(
     return np.ascontiguousarray(inverse)
 
 
-def _range(motions: NDArray[np.float64], size: np.floating) -> NDArray[np.float64]:
+def _range(motions: Array, size: np.floating) -> Array:
     """Orthonormal basis of the columns' span but for rounding, (m, k) to (m, rank)."""
     basis, sizes, _ = np.linalg.svd(motions, full_matrices=False)
     return basis[:, sizes > 1e-10 * size]
 
 
-def _regularised(
-    stiffness: sparse.csr_matrix, kernel: NDArray[np.float64], fixing: NDArray[np.int64]
-) -> sparse.csr_matrix:
+def _regularised(stiffness: sparse.csr_matrix, kernel: Array, fixing: Ints) -> sparse.csr_matrix:
     """K + ρ N (Nᵀ N)⁻¹ Nᵀ; K itself where there is no kernel."""
     if not kernel.shape[1]:
         return stiffness

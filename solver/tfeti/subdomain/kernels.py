@@ -9,16 +9,15 @@ from it (Dostál, Horák, Kučera, Total FETI, 2006).
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import linalg, sparse
+
+from solver.vectors import Array, Ints
 
 MOTIONS = {2: 3, 3: 6}
 """Rigid motions by dimension."""
 
 
-def rigid_motions(
-    points: NDArray[np.float64], dimension: int, centre: NDArray[np.float64], length: float
-) -> NDArray[np.float64]:
+def rigid_motions(points: Array, dimension: int, centre: Array, length: float) -> Array:
     """Displacements of points under each rigid motion.
 
     Parameters
@@ -46,7 +45,7 @@ def rigid_motions(
     return motions
 
 
-def orthonormal_kernel(points: NDArray[np.float64], dimension: int) -> NDArray[np.float64]:
+def orthonormal_kernel(points: Array, dimension: int) -> Array:
     """Orthonormal basis R of the rigid motions of a set of nodes, (n · dimension, motions)."""
     centre = points.mean(axis=0)
     length = float(np.ptp(points, axis=0).max())
@@ -54,7 +53,7 @@ def orthonormal_kernel(points: NDArray[np.float64], dimension: int) -> NDArray[n
     return np.linalg.qr(motions.reshape(len(points) * dimension, -1))[0]
 
 
-def check_kernel(stiffness: sparse.csr_matrix, kernel: NDArray[np.float64]) -> None:
+def check_kernel(stiffness: sparse.csr_matrix, kernel: Array) -> None:
     """Check that the kernel is one: K R vanishes to round-off.
 
     Raises
@@ -71,7 +70,7 @@ def check_kernel(stiffness: sparse.csr_matrix, kernel: NDArray[np.float64]) -> N
         )
 
 
-def fixing_nodes(points: NDArray[np.float64], dimension: int) -> NDArray[np.int64]:
+def fixing_nodes(points: Array, dimension: int) -> Ints:
     """Nodes far apart that determine a rigid motion: two in the plane, three in space.
 
     The first is the farthest from the centre, each next the one whose distance to the point or
@@ -89,7 +88,7 @@ def fixing_nodes(points: NDArray[np.float64], dimension: int) -> NDArray[np.int6
     return np.array(chosen)
 
 
-def fixing_unknowns(kernel: NDArray[np.float64]) -> NDArray[np.int64]:
+def fixing_unknowns(kernel: Array) -> Ints:
     """Unknowns that determine any motion of a kernel (n, k), by QR with column pivoting, (k,)."""
     pivots = linalg.qr(kernel.T, mode="r", pivoting=True)[1]
     return np.sort(pivots[: kernel.shape[1]]).astype(np.int64)

@@ -21,7 +21,7 @@ from scipy import sparse
 from scipy.linalg import hadamard
 from scipy.spatial import cKDTree
 
-from solver.vectors import runs
+from solver.vectors import Array, Ints, runs
 
 TOLERANCE = 1e-10
 """Relative difference up to which two coordinates, or two products with K, count as equal."""
@@ -42,7 +42,7 @@ class Symmetry:
         Number of unknowns of a node.
     """
 
-    images: NDArray[np.int64]
+    images: Ints
     signs: NDArray[np.int8]
     dimension: int
 
@@ -51,7 +51,7 @@ class Symmetry:
         """Number of elements of the group."""
         return len(self.images)
 
-    def closure(self, unknowns: NDArray[np.int64]) -> NDArray[np.int64]:
+    def closure(self, unknowns: Ints) -> Ints:
         """The unknowns and their mirror images, in increasing order."""
         return np.unique(self.images[:, unknowns])
 
@@ -89,7 +89,7 @@ class Symmetry:
         result.sort_indices()
         return result
 
-    def split(self, unknowns: NDArray[np.int64]) -> Split:
+    def split(self, unknowns: Ints) -> Split:
         """The split into characters of vectors on unknowns that are closed under reflection."""
         inside = np.zeros(self.images.shape[1], bool)
         inside[unknowns] = True
@@ -102,7 +102,7 @@ class Symmetry:
         families.sort(key=lambda family: len(family.unknowns))
         return Split(tuple(families), self.order)
 
-    def _family(self, first: NDArray[np.int64]) -> Family:
+    def _family(self, first: Ints) -> Family:
         """Orbits on which the group acts alike, from their first unknowns."""
         one = first[0]
         stays = tuple((self.images[:, one] == one).tolist())
@@ -122,8 +122,8 @@ class Family:
         Character of Σ_β (-1)^{β·γ} u_β, for each γ.
     """
 
-    unknowns: NDArray[np.int64]
-    characters: NDArray[np.int64]
+    unknowns: Ints
+    characters: Ints
 
 
 @dataclass(frozen=True, eq=False)
@@ -146,7 +146,7 @@ class Split:
     order: int
 
     @cached_property
-    def unknowns(self) -> NDArray[np.int64]:
+    def unknowns(self) -> Ints:
         """The unknowns in the order of the vectors, (m,).
 
         If all components of a node are in the vectors, they follow one another.
@@ -154,7 +154,7 @@ class Split:
         return np.concatenate([unknowns.ravel() for _, unknowns, _ in self._groups])
 
     @cached_property
-    def _groups(self) -> list[tuple[list[Family], NDArray[np.int64], NDArray[np.int64]]]:
+    def _groups(self) -> list[tuple[list[Family], Ints, Ints]]:
         """Families with orbits of one size, their unknowns (2^k, orbits), and places of the orbits.
 
         Orbits are sorted by their first unknowns, across families.
@@ -168,7 +168,7 @@ class Split:
         return result
 
     @cached_property
-    def _transforms(self) -> list[tuple[slice, NDArray[np.float64]]]:
+    def _transforms(self) -> list[tuple[slice, Array]]:
         """Place of each group in a vector, and its Hadamard matrix (cosets, cosets)."""
         result, begin = [], 0
         for _, unknowns, _ in self._groups:
@@ -178,9 +178,9 @@ class Split:
         return result
 
     @cached_property
-    def _gather(self) -> NDArray[np.int64]:
+    def _gather(self) -> Ints:
         """Place after the transforms of each coordinate in the order of the characters, (m,)."""
-        parts: list[list[NDArray[np.int64]]] = [[] for _ in range(self.order)]
+        parts: list[list[Ints]] = [[] for _ in range(self.order)]
         begin = 0
         for families, unknowns, place in self._groups:
             width, first = unknowns.shape[1], 0
@@ -193,7 +193,7 @@ class Split:
         return np.concatenate([np.zeros(0, np.int64), *(a for part in parts for a in part)])
 
     @cached_property
-    def _scatter(self) -> NDArray[np.int64]:
+    def _scatter(self) -> Ints:
         """The inverse of `_gather`."""
         return np.argsort(self._gather)
 
@@ -213,9 +213,9 @@ class Split:
         return sizes
 
     @cached_property
-    def orbits(self) -> list[NDArray[np.int64]]:
+    def orbits(self) -> list[Ints]:
         """First unknown and size of the orbit of each coordinate, (2, m_χ) for each character."""
-        parts: list[list[NDArray[np.int64]]] = [[] for _ in range(self.order)]
+        parts: list[list[Ints]] = [[] for _ in range(self.order)]
         for family in self.families:
             first = family.unknowns[0]
             part = np.stack([first, np.full_like(first, len(family.unknowns))])
@@ -241,22 +241,20 @@ class Split:
             result.append(sparse.csr_matrix(entries, shape=(size, columns)))
         return result
 
-    def forward(self, vectors: NDArray[np.float64]) -> NDArray[np.float64]:
+    def forward(self, vectors: Array) -> Array:
         """Coordinates of vectors in the order of `unknowns`, character after character: (s, m)."""
         result = np.empty_like(vectors)
         np.take(self._transformed(vectors, np.empty_like(vectors)), self._gather, 1, out=result,
                 mode="clip")  # fmt: skip
         return result
 
-    def backward(self, coordinates: NDArray[np.float64], out: NDArray[np.float64]) -> None:
+    def backward(self, coordinates: Array, out: Array) -> None:
         """Σ V_χ times coordinates: (s, m) to (s, m) in the order of `unknowns`."""
         gathered = np.empty_like(coordinates)
         np.take(coordinates, self._scatter, 1, out=gathered, mode="clip")
         self._transformed(gathered, out)
 
-    def _transformed(
-        self, vectors: NDArray[np.float64], out: NDArray[np.float64]
-    ) -> NDArray[np.float64]:
+    def _transformed(self, vectors: Array, out: Array) -> Array:
         """Sums Σ_β (-1)^{β·γ} x_β over the cosets of each group, (s, m)."""
         for place, matrix in self._transforms:
             shape = (len(vectors), len(matrix), -1)
@@ -264,9 +262,7 @@ class Split:
         return out
 
 
-def find_symmetry(
-    points: NDArray[np.float64], dimension: int, stiffness: sparse.csr_matrix
-) -> Symmetry | None:
+def find_symmetry(points: Array, dimension: int, stiffness: sparse.csr_matrix) -> Symmetry | None:
     """Reflections along the axes, and their products, that leave a stiffness unchanged.
 
     They are sought about the centre of the nodes, and tested on the stiffness with random
@@ -286,7 +282,7 @@ def find_symmetry(
     force = stiffness @ probe
     scale = float(np.abs(force).max())
 
-    generators: list[tuple[NDArray[np.int64], NDArray[np.int8]]] = []
+    generators: list[tuple[Ints, NDArray[np.int8]]] = []
     spanned = {(False,) * dimension}
     flips = sorted(product((False, True), repeat=dimension), key=sum)
     for flip in flips[1:]:
@@ -320,7 +316,7 @@ def find_symmetry(
 
 
 @cache
-def _action(stays: tuple[bool, ...], signs: tuple[int, ...]) -> tuple[list[int], NDArray[np.int64]]:
+def _action(stays: tuple[bool, ...], signs: tuple[int, ...]) -> tuple[list[int], Ints]:
     """How a group acts on an unknown: the images of an orbit, and the characters of its sums.
 
     Parameters
@@ -348,6 +344,6 @@ def _action(stays: tuple[bool, ...], signs: tuple[int, ...]) -> tuple[list[int],
 
 
 @cache
-def _characters(order: int) -> NDArray[np.float64]:
+def _characters(order: int) -> Array:
     """Value, -1 or 1, of each character (rows) on each element (columns) of a group."""
     return np.asarray(hadamard(order, dtype=float))

@@ -13,18 +13,19 @@ prescribed are eliminated.
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import sparse
+
+from solver.vectors import Array, Ints
 
 
 class ZeroInverse:
     """K⁺ of a rigid body (protocol `Inverse`)."""
 
-    def solve(self, loads: NDArray[np.float64]) -> NDArray[np.float64]:
+    def solve(self, loads: Array) -> Array:
         """Zeros: no load strains a rigid body."""
         return np.zeros(loads.shape, order="F")
 
-    def restricted(self, unknowns: NDArray[np.int64]) -> ZeroBlock:
+    def restricted(self, unknowns: Ints) -> ZeroBlock:
         """K⁺ between some unknowns."""
         return ZeroBlock(len(unknowns))
 
@@ -37,15 +38,15 @@ class ZeroBlock:
     def __init__(self, size: int) -> None:
         self._size = size
 
-    def apply(self, loads: NDArray[np.float64], out: NDArray[np.float64]) -> None:
+    def apply(self, loads: Array, out: Array) -> None:
         """Put zeros into out."""
         out[:] = 0.0
 
-    def toarray(self) -> NDArray[np.float64]:
+    def toarray(self) -> Array:
         """The block as one matrix."""
         return np.zeros((self._size, self._size))
 
-    def schur_complement(self, kernel: NDArray[np.float64]) -> ZeroBlock:
+    def schur_complement(self, kernel: Array) -> ZeroBlock:
         """A rigid body has no stiffness."""
         return self
 

@@ -6,14 +6,15 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 from mpi4py import MPI
-from numpy.typing import NDArray
 
-Make = Callable[[], NDArray[np.float64]]
+from solver.vectors import Array
+
+Make = Callable[[], Array]
 
 
 def made_together(
     comm: MPI.Intracomm | None, makers: Sequence[Make], shapes: Sequence[tuple[int, ...]]
-) -> list[NDArray[np.float64]]:
+) -> list[Array]:
     """Arrays that are equal on all ranks, each computed by one rank in turn (collective).
 
     Parameters
@@ -30,7 +31,7 @@ def made_together(
     """
     if comm is None or comm.size == 1:
         return [make() for make in makers]
-    made: dict[int, NDArray[np.float64]] = {}
+    made: dict[int, Array] = {}
     failure: Exception | None = None
     try:
         for k in range(comm.rank, len(makers), comm.size):
