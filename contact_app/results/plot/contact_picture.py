@@ -178,19 +178,25 @@ class Patch:
         Triangles that are shown, and those in contact among them.
     names
         Names of the coordinates.
+    middle : (3,)
+        Middle of the triangles in contact.
     """
 
     across: NDArray[np.float64]
     seen: NDArray[np.int64]
     pressed: NDArray[np.int64]
     names: tuple[str, str]
+    middle: NDArray[np.float64]
 
     @classmethod
     def of(cls, stored: Stored, piece: NDArray[np.int64], acting: NDArray[np.float64]) -> Patch:
         """A piece (m, 3), in contact where a field (n,) is positive."""
         pressed = (acting[piece] > 0.0).any(axis=1)
         across, shown, names = flattened(stored.points, piece, pressed)
-        return cls(across, piece[shown], piece[pressed & shown], names)
+        some = piece[pressed & shown]
+        size = float(np.ptp(stored.points, axis=0).max())
+        middle = np.round(stored.points[np.unique(some)].mean(axis=0) / size, 6) * size
+        return cls(across, piece[shown], some, names, middle + 0.0)
 
     @property
     def box(self) -> NDArray[np.float64]:
@@ -204,7 +210,10 @@ class Patch:
 def flat_patches(
     stored: Stored, acting: NDArray[np.float64]
 ) -> tuple[Any, list[tuple[Any, Patch]]]:
-    """A figure with axes for each patch that is partly in contact, zoomed to that part."""
+    """A figure with axes for each patch that is partly in contact, zoomed to that part.
+
+    Several patches have titles with their places.
+    """
     from matplotlib.figure import Figure
 
     flat = [Patch.of(stored, piece, acting) for piece in patches(stored, acting)]
@@ -216,6 +225,9 @@ def flat_patches(
     for axes, patch in zip(places, flat, strict=False):
         axes.set(xlim=patch.box[:, 0], ylim=patch.box[:, 1], aspect="equal")
         axes.set(xlabel=patch.names[0], ylabel=patch.names[1])
+        if len(flat) > 1:
+            place = ", ".join(f"{value:.3g}" for value in patch.middle)
+            axes.set_title(f"middle at ({place})", fontsize=9)
     return figure, list(zip(places, flat, strict=False))
 
 

@@ -152,8 +152,10 @@ def _zones(stored: Stored, status: NDArray[np.float64]) -> Any:
             some = patch.pressed[:: max(len(patch.pressed) // ARROWS, 1)]
             arrows = laid_flat(stored.points, patch.across, some, traction)
             middle = patch.across[some].mean(axis=1)
-            axes.quiver(*middle.T, *arrows.T, color="black", pivot="mid", width=0.003)
-            axes.set_title("arrows: friction traction", fontsize=9)
+            if arrows.any():
+                axes.quiver(*middle.T, *arrows.T, color="black", pivot="mid", width=0.003)
+                titles = filter(None, (axes.get_title(), "arrows: friction traction"))
+                axes.set_title("; ".join(titles), fontsize=9)
     return figure
 
 

@@ -15,6 +15,7 @@ from contact_app.results.plot.arrangement import columns, of_patches
 from contact_app.results.plot.contact_picture import (
     NothingPressedError,
     draw_contact,
+    flat_patches,
     flattened,
     pressure_lines,
     profiles,
@@ -326,6 +327,21 @@ def test_patches_fill_their_picture(tmp_path: Path) -> None:
     assert inked[0] < 0.1 * image.shape[1]
     assert inked[-1] > 0.9 * image.shape[1]
     assert of_patches([np.array([1.0, 4.0])])[1][0] < 5.0
+
+
+def test_several_patches_have_titles_with_their_places(tmp_path: Path) -> None:
+    block(tmp_path)
+    stored = read(tmp_path)
+    low, high = stored.points.min(axis=0), stored.points.max(axis=0)
+    for places in ([low[0]], [low[0], high[0]]):
+        ends = np.isin(stored.points[:, 0], places)
+        stored.point_data["gap"][:] = np.where(ends, 0.0, np.nan)
+        figure, flat = flat_patches(stored, np.where(ends, 3.0, 0.0))
+        titles = sorted(axes.get_title() for axes, _ in flat)
+        middle = 0.5 * (low + high)[1:]
+        named = [f"middle at ({x:.3g}, {middle[0]:.3g}, {middle[1]:.3g})" for x in places]
+        assert titles == (sorted(named) if len(places) > 1 else [""])
+        assert len(figure.axes) == len(places)
 
 
 def test_the_line_of_the_pressure_shows_the_part_in_contact(tmp_path: Path) -> None:
