@@ -18,14 +18,12 @@ from dataclasses import replace
 from itertools import combinations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from meshes.arrays import Ints
 from meshes.unstructured import CellMesh, Topology, matching_rows
 
 ALIKE = 1e-9
 """Relative difference up to which lengths count as equal."""
-
-Ints = NDArray[np.int64]
 
 
 def bisected(mesh: CellMesh, marked: Ints) -> CellMesh:

@@ -18,6 +18,7 @@ from dolfinx import mesh as dmesh
 from mpi4py import MPI
 from numpy.typing import NDArray
 
+from meshes.arrays import Array, Ints
 from meshes.subdomains import Reference, Subdomain
 from meshes.unstructured import CellMesh, Topology
 
@@ -58,7 +59,7 @@ class BoxShape:
         return len(self.cells)
 
     @cached_property
-    def strides(self) -> NDArray[np.int64]:
+    def strides(self) -> Ints:
         """Difference in node number between neighbours along each axis; x runs fastest."""
         return np.cumprod([1, *(self.degree * n + 1 for n in self.cells[:-1])], dtype=np.int64)
 
@@ -73,7 +74,7 @@ class BoxShape:
         return int(np.prod(self.cells, dtype=np.int64)) * CELLS_PER_CUBE[self.cell]
 
     @property
-    def spacing(self) -> NDArray[np.float64]:
+    def spacing(self) -> Array:
         """Edge lengths of one cell."""
         return (np.array(self.upper) - np.array(self.lower)) / np.array(self.cells)
 
@@ -112,21 +113,19 @@ class BoxShape:
             degree=self.degree,
         )
 
-    def lattice(self, points: NDArray[np.float64]) -> NDArray[np.int64]:
+    def lattice(self, points: Array) -> Ints:
         """Lattice indices (n, dimension) of points (n, 3) measured from the lower corner."""
         places = points[:, : self.dimension] * (self.degree / self.spacing)
         return np.rint(places).astype(np.int64)
 
 
-def lattice_places(counts: Sequence[int]) -> NDArray[np.int64]:
+def lattice_places(counts: Sequence[int]) -> Ints:
     """All places of a lattice, (n, dimension), the first axis fastest."""
     axes = np.indices(tuple(counts)[::-1]).reshape(len(counts), -1)
     return axes[::-1].T.astype(np.int64)
 
 
-def sides_of(
-    box: BoxShape, lattice: NDArray[np.int64], facets: NDArray[Any]
-) -> dict[str, NDArray[np.int32]]:
+def sides_of(box: BoxShape, lattice: Ints, facets: NDArray[Any]) -> dict[str, NDArray[np.int32]]:
     """Rows of `facets` (nodes each) on each side of a box, given the lattice index of nodes."""
     sides = {}
     for name, axis, end in SIDES[: 2 * box.dimension]:
@@ -135,7 +134,7 @@ def sides_of(
     return sides
 
 
-def split_points(cells: int, parts: int) -> NDArray[np.int64]:
+def split_points(cells: int, parts: int) -> Ints:
     """Cut points of `cells` cells in `parts` runs whose lengths differ by at most one cell."""
     return np.arange(parts + 1, dtype=np.int64) * cells // parts
 
@@ -147,7 +146,7 @@ def split_regularly(
     first_number: int,
     first_node: int,
     numbers: range,
-    references: dict[Any, tuple[Reference, dict[str, NDArray[np.int32]], NDArray[np.int64]]],
+    references: dict[Any, tuple[Reference, dict[str, NDArray[np.int32]], Ints]],
 ) -> list[Subdomain]:
     """The sub-boxes of a regular split that have the given numbers.
 
@@ -158,7 +157,7 @@ def split_regularly(
     first_number
         Number of this body's first subdomain; sub-boxes are numbered with x fastest.
     numbers
-        Numbers of the wanted subdomains (of this rank).
+        Ints of the wanted subdomains (of this rank).
     references
         Shapes already meshed, by key; new ones are added, so that bodies share them.
     """
@@ -196,7 +195,7 @@ def split_regularly(
 
 def _reference(
     box: BoxShape, size: tuple[int, ...]
-) -> tuple[Reference, dict[str, NDArray[np.int32]], NDArray[np.int64]]:
+) -> tuple[Reference, dict[str, NDArray[np.int32]], Ints]:
     """Mesh a sub-box of `size` cells; with its sides and the lattice indices of its nodes."""
     lower, upper = (0.0,) * box.dimension, tuple(box.spacing * size)
     block = BoxShape(lower, upper, size, box.cell, box.degree)

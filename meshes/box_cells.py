@@ -9,11 +9,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from meshes.arrays import Array, Ints, Mask
 from meshes.box import SIDES, BoxShape, lattice_places
 from meshes.cells import Choose, Skin
 from meshes.unstructured import CellMesh
-
-Ints = NDArray[np.int64]
 
 
 class BoxCells:
@@ -74,7 +73,7 @@ class BoxCells:
         offsets = self._places[self._brick.cells] @ self.box.strides
         return self._first_nodes(bricks)[:, None] + offsets[which]
 
-    def points_at(self, nodes: Ints) -> NDArray[np.float64]:
+    def points_at(self, nodes: Ints) -> Array:
         """Coordinates of nodes, (nodes, dimension)."""
         box = self.box
         ends = np.array([self.degree * n + 1 for n in box.cells])
@@ -82,7 +81,7 @@ class BoxCells:
         return place * (box.spacing / self.degree) + np.array(box.lower)
 
     def tags_at(self, rows: NDArray[Any]) -> NDArray[np.int32]:
-        """Numbers of materials: zero, since a box has one material."""
+        """Ints of materials: zero, since a box has one material."""
         return np.zeros(len(rows), np.int32)
 
     def neighbours(self, label: NDArray[Any], choose: Choose) -> tuple[NDArray, NDArray]:
@@ -127,7 +126,7 @@ class BoxCells:
             result += [(cell, others[facet], axis) for facet, cell in cell_of.items()]
         return result
 
-    def skin(self, chosen: NDArray[np.bool_]) -> Skin:
+    def skin(self, chosen: Mask) -> Skin:
         """Facets on the surface of the chosen cells (cells,), ordered by their cells."""
         topology, each, d = self._brick.topology, self._each, self.box.dimension
         offsets = self._places[topology.facets] @ self.box.strides

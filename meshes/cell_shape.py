@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from meshes.arrays import Array, Ints, Mask
 from meshes.quadratic import EDGES
 from meshes.subdomains import vtk_shapes
 
@@ -29,9 +29,7 @@ CORNERS = {
 """Vertices and their neighbours along the axes, at which the Jacobian of a cell is evaluated."""
 
 
-def cell_sizes(
-    points: NDArray[np.float64], cells: NDArray[np.int64], cell: str
-) -> NDArray[np.float64]:
+def cell_sizes(points: Array, cells: Ints, cell: str) -> Array:
     """Area or volume of each cell with straight edges, (cells,); of hexahedra nearly."""
     corners = np.array(CORNERS[cell])
     axes = points[cells[:, corners[:, 1:]]] - points[cells[:, corners[:, :1]]]
@@ -39,9 +37,7 @@ def cell_sizes(
     return np.asarray(mean / {"triangle": 2.0, "tetrahedron": 6.0}.get(cell, 1.0))
 
 
-def folded_inside(
-    points: NDArray[np.float64], cells: NDArray[np.int64], cell: str, degree: int
-) -> NDArray[np.bool_]:
+def folded_inside(points: Array, cells: Ints, cell: str, degree: int) -> Mask:
     """Mask (cells,) of the cells whose Jacobian is not positive at some point of a grid."""
     slopes = vtk_shapes(cell, degree, _samples(cell))[1]
     folded = np.zeros(len(cells), bool)
@@ -52,7 +48,7 @@ def folded_inside(
     return folded
 
 
-def _determinants(columns: NDArray[np.float64]) -> NDArray[np.float64]:
+def _determinants(columns: Array) -> Array:
     """Determinants of small matrices (points, d, cells, d); faster than by factorisation."""
     if columns.shape[1] == 2:
         a, b = columns[:, 0], columns[:, 1]
@@ -61,7 +57,7 @@ def _determinants(columns: NDArray[np.float64]) -> NDArray[np.float64]:
     return np.asarray(a * (e * i - f * h) - b * (d * i - f * g) + c * (d * h - e * g))
 
 
-def warped(points: NDArray[np.float64], cells: NDArray[np.int64]) -> NDArray[np.bool_]:
+def warped(points: Array, cells: Ints) -> Mask:
     """Mask of hexahedra whose corners do not decide the sign of the Jacobian inside.
 
     With m the mean of the four edges along each axis and d the largest deviation from it, the
@@ -78,7 +74,7 @@ def warped(points: NDArray[np.float64], cells: NDArray[np.int64]) -> NDArray[np.
     return np.asarray(room <= FOLDED * length.prod(axis=1))
 
 
-def _samples(cell: str) -> NDArray[np.float64]:
+def _samples(cell: str) -> Array:
     """Points of a reference cell, its corners among them, (points, dimension)."""
     n, d = SAMPLES[cell], 2 if cell in ("triangle", "quadrilateral") else 3
     axes = np.meshgrid(*[np.arange(n + 1)] * d, indexing="ij")
@@ -88,7 +84,7 @@ def _samples(cell: str) -> NDArray[np.float64]:
     return points / n
 
 
-def at_vertices(points: NDArray[np.float64], cells: NDArray[np.int64]) -> NDArray[np.float64]:
+def at_vertices(points: Array, cells: Ints) -> Array:
     """Coordinates of the vertices of cells, (d, vertices, cells).
 
     Cells are contiguous in memory.
@@ -96,7 +92,7 @@ def at_vertices(points: NDArray[np.float64], cells: NDArray[np.int64]) -> NDArra
     return np.take(np.ascontiguousarray(points.T), cells.T, axis=1)
 
 
-def edge_lengths(vertices: NDArray[np.float64], cell: str) -> NDArray[np.float64]:
+def edge_lengths(vertices: Array, cell: str) -> Array:
     """Lengths (edges, cells) of the edges of cells with vertices (d, vertices, cells)."""
     result = np.empty((len(EDGES[cell]), vertices.shape[2]))
     for lengths, (first, second) in zip(result, EDGES[cell], strict=True):
@@ -105,7 +101,7 @@ def edge_lengths(vertices: NDArray[np.float64], cell: str) -> NDArray[np.float64
     return result
 
 
-def corner_jacobians(vertices: NDArray[np.float64], cell: str) -> NDArray[np.float64]:
+def corner_jacobians(vertices: Array, cell: str) -> Array:
     """Jacobians (corners, cells) of cells with vertices (d, vertices, cells)."""
     result = np.empty((len(CORNERS[cell]), vertices.shape[2]))
     for jacobian, (origin, *others) in zip(result, CORNERS[cell], strict=True):

@@ -9,7 +9,9 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-Choose = Callable[[NDArray[Any], NDArray[Any]], NDArray[np.bool_]]
+from meshes.arrays import Array, Ints, Mask
+
+Choose = Callable[[NDArray[Any], NDArray[Any]], Mask]
 """Mask of wanted pairs of cells, given the labels of the first and of the second cells."""
 
 
@@ -27,9 +29,9 @@ class Skin:
         Masks (facets,) of the facets on each named boundary.
     """
 
-    facets: NDArray[np.int64]
-    cells: NDArray[np.int64]
-    sides: Mapping[str, NDArray[np.bool_]]
+    facets: Ints
+    cells: Ints
+    sides: Mapping[str, Mask]
 
 
 class Cells(Protocol):
@@ -57,17 +59,17 @@ class Cells(Protocol):
         None if the cells differ much in size.
         """
 
-    def nodes_at(self, rows: NDArray[Any]) -> NDArray[np.int64]:
+    def nodes_at(self, rows: NDArray[Any]) -> Ints:
         """Nodes of cells in VTK order, (rows, nodes per cell)."""
 
-    def points_at(self, nodes: NDArray[np.int64]) -> NDArray[np.float64]:
+    def points_at(self, nodes: Ints) -> Array:
         """Coordinates of nodes, (nodes, dimension)."""
 
     def tags_at(self, rows: NDArray[Any]) -> NDArray[np.int32]:
-        """Numbers of the materials of cells, (rows,)."""
+        """Ints of the materials of cells, (rows,)."""
 
     def neighbours(self, label: NDArray[Any], choose: Choose) -> tuple[NDArray, NDArray]:
         """Pairs of cells that share a facet, chosen by the labels (cells,) of the two."""
 
-    def skin(self, chosen: NDArray[np.bool_]) -> Skin:
+    def skin(self, chosen: Mask) -> Skin:
         """Facets on the surface of the chosen cells (cells,), ordered by their cells."""

@@ -17,9 +17,9 @@ from dataclasses import dataclass
 from functools import cache
 
 import numpy as np
-from numpy.typing import NDArray
 
 from meshes import dolfinx_compat
+from meshes.arrays import Array, Ints, Mask
 from meshes.connected import connected
 from meshes.quadratic import (
     CENTRED,
@@ -56,19 +56,15 @@ class Chords:
         its cell over it.
     """
 
-    places: NDArray[np.float64]
-    simplices: NDArray[np.int64]
-    facet: NDArray[np.int64]
-    deviation: NDArray[np.float64]
-    size: NDArray[np.float64]
+    places: Array
+    simplices: Ints
+    facet: Ints
+    deviation: Array
+    size: Array
 
 
 def chords(
-    points: NDArray[np.float64],
-    cells: NDArray[np.int64],
-    cell: str,
-    topology: Topology,
-    middles: NDArray[np.float64] | None,
+    points: Array, cells: Ints, cell: str, topology: Topology, middles: Array | None
 ) -> Chords:
     """Divide the surface of a mesh into simplices.
 
@@ -100,20 +96,18 @@ def chords(
     return Chords(places, simplices, facet, bend / n**2, size)
 
 
-def local_facets(cells: NDArray[np.int64], cell: str, topology: Topology) -> NDArray[np.int64]:
+def local_facets(cells: Ints, cell: str, topology: Topology) -> Ints:
     """Local number, within its cell, of each facet on the surface, (facets,)."""
     facets = cells[topology.facet_cells][:, np.array(FACETS[cell])]
     return np.asarray(np.argmax((facets == topology.facets[:, None]).all(axis=2), axis=1))
 
 
-def reference_vertices(cell: str) -> NDArray[np.float64]:
+def reference_vertices(cell: str) -> Array:
     """Vertices of the reference cell in VTK order, (vertices, d)."""
     return dolfinx_compat.lagrange_nodes(cell, 1)[1][list(VTK_ORDER[cell])]
 
 
-def _sizes(
-    points: NDArray[np.float64], cells: NDArray[np.int64], cell: str, topology: Topology
-) -> NDArray[np.float64]:
+def _sizes(points: Array, cells: Ints, cell: str, topology: Topology) -> Array:
     """Sizes (facets,) as in `Chords.size`."""
     x = points[topology.facets]
     corners = x.shape[1]
@@ -127,9 +121,7 @@ def _sizes(
     return np.minimum(size, layers * away)
 
 
-def _normals(
-    x: NDArray[np.float64],
-) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+def _normals(x: Array) -> tuple[Array, Array, Array]:
     """Length (in 3D unused), area (length) and unit normal of facets (facets, corners, d)."""
     if x.shape[1] == 2:
         along = x[:, 1] - x[:, 0]
@@ -143,7 +135,7 @@ def _normals(
     return double, 0.5 * double, normal / double[:, None]
 
 
-def _twists(x: NDArray[np.float64]) -> NDArray[np.float64]:
+def _twists(x: Array) -> Array:
     """Distance of quadrilaterals (facets, 4, 3) from their two triangles; 0 for other facets."""
     if x.shape[1] < 4:
         return np.zeros(len(x))
@@ -151,12 +143,8 @@ def _twists(x: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def _bulges(
-    points: NDArray[np.float64],
-    middles: NDArray[np.float64],
-    cell: str,
-    topology: Topology,
-    local: NDArray[np.int64],
-) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
+    points: Array, middles: Array, cell: str, topology: Topology, local: Ints
+) -> tuple[Array, Mask]:
     """Distance of second-order nodes from the middle of their vertices, and the curved edges.
 
     Returns the largest distance (facets,) and the mask of curved edges (facets, edges).
@@ -181,9 +169,7 @@ def _bulges(
     return bulge, curved
 
 
-def _joined(
-    n: NDArray[np.int64], facets: NDArray[np.int64], curved: NDArray[np.bool_]
-) -> NDArray[np.int64]:
+def _joined(n: Ints, facets: Ints, curved: Mask) -> Ints:
     """The largest n of all facets joined to one another by curved edges, (facets,)."""
     if facets.shape[1] == 2 or not curved.any():
         return n
@@ -198,7 +184,7 @@ def _joined(
 
 
 @cache
-def _split(corners: int, n: int) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+def _split(corners: int, n: int) -> tuple[Ints, Ints]:
     """A facet divided into n along each edge: weights of its corners and simplices.
 
     Weights are whole numbers (points, corners) over n (over n² for quadrilaterals); the simplices
@@ -223,12 +209,8 @@ def _split(corners: int, n: int) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
 
 
 def _divided(
-    nodes: NDArray[np.float64],
-    cell: str,
-    topology: Topology,
-    local: NDArray[np.int64],
-    n: NDArray[np.int64],
-) -> tuple[NDArray[np.float64], NDArray[np.int64], NDArray[np.int64]]:
+    nodes: Array, cell: str, topology: Topology, local: Ints, n: Ints
+) -> tuple[Array, Ints, Ints]:
     """Places, simplices and their facets; facet f is divided into n[f] along each edge."""
     corners = len(FACETS[cell][0])
     vertices = reference_vertices(cell)
@@ -255,9 +237,7 @@ def _divided(
     )
 
 
-def _keys(
-    facets: NDArray[np.int64], rows: NDArray[np.int64], weights: NDArray[np.int64]
-) -> NDArray[np.int64]:
+def _keys(facets: Ints, rows: Ints, weights: Ints) -> Ints:
     """Four numbers for each point of facets, equal where two facets share the point.
 
     A corner has (node, -1, 0, 0); a point of an edge the two nodes of the edge, the lower one

@@ -5,14 +5,13 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import sparse
 from scipy.sparse.csgraph import connected_components
 
+from meshes.arrays import Ints
 
-def connected(
-    ends: Sequence[NDArray[np.int64]] | NDArray[np.int64], count: int
-) -> NDArray[np.int64]:
+
+def connected(ends: Sequence[Ints] | Ints, count: int) -> Ints:
     """Number of the connected component of each vertex of a graph, (count,).
 
     Parameters

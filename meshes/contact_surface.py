@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from meshes.arrays import Array, Ints
 from meshes.quadratic import FACETS
 from meshes.smooth_surface import bulges
 
@@ -36,19 +36,13 @@ class Surface:
     """
 
     dimension: int
-    nodes: NDArray[np.int64]
-    points: NDArray[np.float64]
-    normals: NDArray[np.float64]
-    bulge: NDArray[np.float64] | None = None
+    nodes: Ints
+    points: Array
+    normals: Array
+    bulge: Array | None = None
 
     @classmethod
-    def of(
-        cls,
-        dimension: int,
-        nodes: NDArray[np.int64],
-        points: NDArray[np.float64],
-        inside: NDArray[np.float64],
-    ) -> Surface:
+    def of(cls, dimension: int, nodes: Ints, points: Array, inside: Array) -> Surface:
         """Order and orient facets.
 
         Parameters
@@ -85,17 +79,13 @@ class Surface:
             return self
         return replace(self, bulge=bulges(self.nodes[:, :v], self.vertices, self.normals))
 
-    def height(
-        self, facets: NDArray[np.int64], hats: NDArray[np.float64]
-    ) -> NDArray[np.float64] | float:
+    def height(self, facets: Ints, hats: Array) -> Array | float:
         """Height of the smooth surface over points of facets (q,) with hats (q, v)."""
         if self.bulge is None:
             return 0.0
         return 0.5 * np.einsum("qa,qab,qb->q", hats, self.bulge[facets], hats)
 
-    def bulge_over(
-        self, facets: NDArray[np.int64], corners: NDArray[np.float64]
-    ) -> NDArray[np.float64]:
+    def bulge_over(self, facets: Ints, corners: Array) -> Array:
         """Bulges of the smooth surface at facets (q,) over other facets near them, (q, v, v).
 
         Parameters
@@ -113,23 +103,23 @@ class Surface:
         return np.einsum("qabi,qij,qabj->qab", other, curvatures.reshape(-1, 3, 3)[place], other)
 
     @property
-    def vertices(self) -> NDArray[np.float64]:
+    def vertices(self) -> Array:
         """Coordinates of the vertices, (facets, vertices, 3)."""
         return self.points[:, : FACETS[self.dimension, self.nodes.shape[1]].vertices]
 
     @property
-    def centres(self) -> NDArray[np.float64]:
+    def centres(self) -> Array:
         """Mean of the vertices of each facet, (facets, 3)."""
         return self.vertices.mean(axis=1)
 
     @property
-    def radii(self) -> NDArray[np.float64]:
+    def radii(self) -> Array:
         """Largest distance of a vertex from the centre, (facets,)."""
         away = self.vertices - self.centres[:, None]
         return np.linalg.norm(away, axis=2).max(axis=1)
 
 
-def frames(surface: Surface) -> NDArray[np.float64]:
+def frames(surface: Surface) -> Array:
     """Orthonormal axes of each facet, tangents first, the normal last, (facets, d, 3)."""
     normals = surface.normals
     along = surface.vertices[:, 1] - surface.vertices[:, 0]
@@ -140,7 +130,7 @@ def frames(surface: Surface) -> NDArray[np.float64]:
     return np.stack([along, np.cross(normals, along), normals], axis=1)
 
 
-def is_curved(nodes: NDArray[np.float64], v: int) -> bool:
+def is_curved(nodes: Array, v: int) -> bool:
     """Whether any facet (n, nodes, d) with v vertices has a node off its middle."""
     if nodes.shape[1] == v:
         return False
@@ -151,7 +141,7 @@ def is_curved(nodes: NDArray[np.float64], v: int) -> bool:
     return bool(np.abs(nodes[:, v:] - straight).max(initial=0.0) > STRAIGHT * size)
 
 
-def _around(points: NDArray[np.float64]) -> NDArray[np.int64]:
+def _around(points: Array) -> Ints:
     """Cyclic order of the vertices (n, 4): the order whose diagonals span the largest area."""
     orders = np.array([[0, 1, 2, 3], [0, 1, 3, 2], [0, 2, 1, 3]])
     turned = points[:, orders]
@@ -160,15 +150,15 @@ def _around(points: NDArray[np.float64]) -> NDArray[np.int64]:
     return orders[np.argmax(area, axis=1)]
 
 
-def _middles(vertices: NDArray[np.float64], points: NDArray[np.float64]) -> NDArray[np.int64]:
-    """Numbers of the further nodes (n, m, 3) in the middle of each edge, and of the facet."""
+def _middles(vertices: Array, points: Array) -> Ints:
+    """Ints of the further nodes (n, m, 3) in the middle of each edge, and of the facet."""
     targets = 0.5 * (vertices + np.roll(vertices, -1, axis=1))
     targets = np.concatenate([targets, vertices.mean(axis=1, keepdims=True)], axis=1)
     targets = targets[:, [0] if vertices.shape[1] == 2 else range(points.shape[1])]
     return np.linalg.norm(targets[:, :, None] - points[:, None], axis=3).argmin(axis=2)
 
 
-def _normals(vertices: NDArray[np.float64]) -> NDArray[np.float64]:
+def _normals(vertices: Array) -> Array:
     """Unit normals of facets (n, v, 3)."""
     if vertices.shape[1] == 2:
         along = vertices[:, 1] - vertices[:, 0]

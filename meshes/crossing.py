@@ -27,6 +27,7 @@ from mpi4py import MPI
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
+from meshes.arrays import Array, Ints, Mask
 from meshes.shares import joined, share
 
 TURN = {
@@ -51,7 +52,7 @@ SOME = 200
 EACH_OTHER = 200_000
 """Largest number of boxes whose pairs are found all at once; limits the memory."""
 
-Pairs = tuple[NDArray[np.int64], NDArray[np.int64]]
+Pairs = tuple[Ints, Ints]
 
 
 @dataclass(frozen=True, eq=False)
@@ -69,12 +70,12 @@ class ClosedSurface:
         Largest distance from the true surface; the sum of the two values applies.
     """
 
-    places: NDArray[np.float64]
-    simplices: NDArray[np.int64]
-    touch: NDArray[np.float64]
-    deviation: NDArray[np.float64]
+    places: Array
+    simplices: Ints
+    touch: Array
+    deviation: Array
 
-    def depth(self, i: NDArray[np.int64], j: NDArray[np.int64]) -> NDArray[np.float64]:
+    def depth(self, i: Ints, j: Ints) -> Array:
         """Depth (pairs,) from which on two simplices count as crossing."""
         deviation = self.deviation[i] + self.deviation[j]
         return np.asarray(np.minimum(self.touch[i], self.touch[j]) + deviation)
@@ -89,11 +90,11 @@ class Boxes:
     lower, upper : (boxes, d)
     """
 
-    lower: NDArray[np.float64]
-    upper: NDArray[np.float64]
+    lower: Array
+    upper: Array
 
     @classmethod
-    def of(cls, places: NDArray[np.float64], simplices: NDArray[np.integer]) -> Boxes:
+    def of(cls, places: Array, simplices: NDArray[np.integer]) -> Boxes:
         """Boxes of simplices (simplices, nodes) with coordinates (nodes, d)."""
         lower = upper = places[simplices[:, 0]]
         for k in range(1, simplices.shape[1]):
@@ -119,7 +120,7 @@ def meeting(a: Boxes, b: Boxes) -> Iterator[Pairs]:
         yield from _near(a, b, below[0][level[0][below[0]] < top], at[1])
 
 
-def meeting_each_other(boxes: Boxes, rows: NDArray[np.int64]) -> Iterator[Pairs]:
+def meeting_each_other(boxes: Boxes, rows: Ints) -> Iterator[Pairs]:
     """Iterate over the pairs of boxes that meet, each pair once.
 
     Only pairs that belong to some rows; those of disjoint sets of rows are disjoint.
@@ -142,13 +143,13 @@ def meeting_each_other(boxes: Boxes, rows: NDArray[np.int64]) -> Iterator[Pairs]
             yield i[ordered], j[ordered]
 
 
-def _reach(*some: tuple[Boxes, NDArray[np.int64], NDArray[np.float64]]) -> float:
+def _reach(*some: tuple[Boxes, Ints, Array]) -> float:
     """Largest distance of the centres of two boxes that meet; some rows of boxes with centres."""
     sizes = [0.5 * float((box.upper - box.lower)[k].max()) for box, k, _ in some]
     return sum(sizes) * (1.0 + 1e-9) + 1e-15 * max(float(np.abs(c).max()) for *_, c in some)
 
 
-def _met(a: Boxes, b: Boxes, i: NDArray[np.int64], j: NDArray[np.int64]) -> Pairs:
+def _met(a: Boxes, b: Boxes, i: Ints, j: Ints) -> Pairs:
     """The pairs whose boxes meet."""
     for axis in range(a.lower.shape[1]):
         lower, upper = (np.ascontiguousarray(x[:, axis]) for x in (a.lower, a.upper))
@@ -158,9 +159,7 @@ def _met(a: Boxes, b: Boxes, i: NDArray[np.int64], j: NDArray[np.int64]) -> Pair
     return i, j
 
 
-def _near(
-    a: Boxes, b: Boxes, rows: NDArray[np.int64], others: NDArray[np.int64]
-) -> Iterator[Pairs]:
+def _near(a: Boxes, b: Boxes, rows: Ints, others: Ints) -> Iterator[Pairs]:
     """Pairs among some rows of a and b with centres nearer than half the sum of their sizes."""
     if len(rows) == 0 or len(others) == 0:
         return
@@ -175,7 +174,7 @@ def _near(
         yield _met(a, b, rows[chosen[table["i"]]], others[table["j"]])
 
 
-def segment_crossings(surface: ClosedSurface) -> NDArray[np.int64]:
+def segment_crossings(surface: ClosedSurface) -> Ints:
     """Pairs of segments in the plane that cross, (pairs, 2).
 
     The ends of both are farther from the line of the other than `ClosedSurface.depth`.
@@ -195,23 +194,19 @@ def segment_crossings(surface: ClosedSurface) -> NDArray[np.int64]:
     return np.concatenate(crossing_pairs)
 
 
-def _signed_distance(
-    a: NDArray[np.float64], b: NDArray[np.float64], x: NDArray[np.float64]
-) -> NDArray[np.float64]:
+def _signed_distance(a: Array, b: Array, x: Array) -> Array:
     """Distance of points to lines, positive on the left."""
     along = b - a
     length = np.maximum(np.hypot(along[:, 0], along[:, 1]), np.finfo(float).tiny)
     return (along[:, 0] * (x - a)[:, 1] - along[:, 1] * (x - a)[:, 0]) / length
 
 
-def _separated(
-    first: NDArray[np.float64], second: NDArray[np.float64], least: NDArray[np.float64]
-) -> NDArray[np.bool_]:
+def _separated(first: Array, second: Array, least: Array) -> Mask:
     """Mask of pairs of distances with different signs and magnitudes above `least`."""
     return np.asarray((first * second < 0.0) & (np.minimum(abs(first), abs(second)) > least))
 
 
-def triangle_crossings(surface: ClosedSurface, comm: MPI.Intracomm) -> NDArray[np.int64]:
+def triangle_crossings(surface: ClosedSurface, comm: MPI.Intracomm) -> Ints:
     """Pairs of triangles of which one has an edge that pierces the other, (pairs, 2).
 
     Ranks that have the same surface share the pairs (collective).
@@ -241,12 +236,7 @@ def triangle_crossings(surface: ClosedSurface, comm: MPI.Intracomm) -> NDArray[n
     return joined(comm, np.stack([s[pierced], t[pierced]], axis=1))
 
 
-def _pierces(
-    places: NDArray[np.float64],
-    edges: NDArray[np.int64],
-    triangles: NDArray[np.int64],
-    least: NDArray[np.float64],
-) -> NDArray[np.bool_]:
+def _pierces(places: Array, edges: Ints, triangles: Ints, least: Array) -> Mask:
     """Mask (pairs,) of edges (pairs, 2) that pierce triangles (pairs, 3) deeper than `least`."""
     pierced = np.zeros(len(edges), bool)
     a = places[triangles[:, 0]]
@@ -273,7 +263,7 @@ def _pierces(
     return pierced
 
 
-def winding(x: NDArray[np.float64], surface: ClosedSurface) -> NDArray[np.int64]:
+def winding(x: Array, surface: ClosedSurface) -> Ints:
     """Winding numbers of a surface about points x (points, d), (points,)."""
     d, simplices = x.shape[1], surface.simplices
     centre = surface.places.mean(axis=0)
@@ -286,9 +276,7 @@ def winding(x: NDArray[np.float64], surface: ClosedSurface) -> NDArray[np.int64]
     return total
 
 
-def _above(
-    x: NDArray[np.float64], places: NDArray[np.float64], simplices: NDArray[np.int64]
-) -> NDArray[np.float64]:
+def _above(x: Array, places: Array, simplices: Ints) -> Array:
     """1 or -1 for a simplex above a point whose normal points up or down, 0 for none, (points,)."""
     if x.shape[1] == 2:
         a, b = (places[simplices[:, k]] for k in range(2))
@@ -305,12 +293,7 @@ def _above(
     return hit
 
 
-def _left(
-    x: NDArray[np.float64],
-    places: NDArray[np.float64],
-    first: NDArray[np.int64],
-    second: NDArray[np.int64],
-) -> NDArray[np.bool_]:
+def _left(x: Array, places: Array, first: Ints, second: Ints) -> Mask:
     """Mask (points,) of points left of an edge in the projection along the last axis.
 
     The decision for both directions of an edge is made with one number.

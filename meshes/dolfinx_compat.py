@@ -20,6 +20,8 @@ from dolfinx import fem, geometry
 from mpi4py import MPI
 from numpy.typing import NDArray
 
+from meshes.arrays import Array, Ints
+
 _MODERN = hasattr(fem, "functionspace")
 
 _compiled: dict[Hashable, Any] = {}
@@ -88,11 +90,7 @@ def coordinate_element(cell: str, dimension: int, degree: int = 1) -> Any:
 
 
 def create_mesh(
-    cells: NDArray[np.int64],
-    points: NDArray[np.float64],
-    cell: str,
-    degree: int = 1,
-    comm: MPI.Intracomm = MPI.COMM_SELF,
+    cells: Ints, points: Array, cell: str, degree: int = 1, comm: MPI.Intracomm = MPI.COMM_SELF
 ) -> Any:
     """Mesh of given cells (nodes in dolfinx's order), on this process alone unless told otherwise.
 
@@ -154,17 +152,17 @@ def quadrature(cell: str, degree: int) -> tuple[NDArray, NDArray]:
     return np.asarray(points), np.asarray(weights)
 
 
-def lagrange_values(cell: str, degree: int, points: NDArray[np.float64]) -> NDArray:
+def lagrange_values(cell: str, degree: int, points: Array) -> NDArray:
     """Shape functions of a Lagrange cell at reference points, (points, nodes)."""
     return _lagrange(cell, degree).tabulate(0, points)[0, ..., 0]
 
 
-def lagrange_slopes(cell: str, degree: int, points: NDArray[np.float64]) -> NDArray:
+def lagrange_slopes(cell: str, degree: int, points: Array) -> NDArray:
     """Derivatives of the shape functions at reference points, (points, dimension, nodes)."""
     return lagrange_shapes(cell, degree, points)[1]
 
 
-def lagrange_shapes(cell: str, degree: int, points: NDArray[np.float64]) -> tuple[NDArray, NDArray]:
+def lagrange_shapes(cell: str, degree: int, points: Array) -> tuple[NDArray, NDArray]:
     """Values (points, nodes) and derivatives (points, dimension, nodes) of the shape functions."""
     some = points if len(points) else np.zeros((1, points.shape[1]))  # basix aborts without points
     table = _lagrange(cell, degree).tabulate(1, some)[:, : len(points), :, 0]
@@ -219,7 +217,7 @@ def torn_space(space: Any, blocks: NDArray[np.int32], count: int) -> Any:
     return fem.FunctionSpace(space.mesh, space.ufl_element(), torn)
 
 
-def set_values(conditions: Sequence[Any], values: NDArray[np.float64]) -> None:
+def set_values(conditions: Sequence[Any], values: Array) -> None:
     """Write the values of Dirichlet conditions into an array of all unknowns, (unknowns,)."""
     if _MODERN:
         for condition in conditions:
@@ -269,7 +267,7 @@ def scotch_parts(graph: tuple[NDArray, NDArray], parts: int) -> NDArray[np.int32
     return np.asarray(destinations.array, dtype=np.int32)
 
 
-def cells_at(mesh: Any, points: NDArray[np.float64]) -> NDArray[np.int32]:
+def cells_at(mesh: Any, points: Array) -> NDArray[np.int32]:
     """Cell of a mesh on this process that contains each point (n, 3), or the nearest cell, (n,)."""
     d = mesh.topology.dim
     points = np.ascontiguousarray(points, dtype=np.float64)

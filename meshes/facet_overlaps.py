@@ -10,9 +10,9 @@ from dataclasses import dataclass
 
 import numpy as np
 from mpi4py import MPI
-from numpy.typing import NDArray
 
 from meshes import dolfinx_compat
+from meshes.arrays import Array, Ints, Mask
 from meshes.connected import connected
 from meshes.contact_surface import Surface, frames, is_curved
 from meshes.quadratic import FACETS
@@ -63,24 +63,17 @@ class Overlaps:
         ∫ φ_k g ∂_a N_l along the axes of the `on` facet; without axes if not requested.
     """
 
-    i: NDArray[np.int64]
-    j: NDArray[np.int64]
-    area: NDArray[np.float64]
-    mass: NDArray[np.float64]
-    shared: NDArray[np.float64]
-    weight: NDArray[np.float64]
-    gap: NDArray[np.float64]
-    tilt: NDArray[np.float64]
+    i: Ints
+    j: Ints
+    area: Array
+    mass: Array
+    shared: Array
+    weight: Array
+    gap: Array
+    tilt: Array
 
     @classmethod
-    def of(
-        cls,
-        on: Surface,
-        against: Surface,
-        i: NDArray[np.int64],
-        j: NDArray[np.int64],
-        tilted: bool = False,
-    ) -> Overlaps:
+    def of(cls, on: Surface, against: Surface, i: Ints, j: Ints, tilted: bool = False) -> Overlaps:
         """The overlaps among pairs of facets (n,), (n,), sorted by i; pairs apart are left out."""
         parts = np.array_split(np.arange(len(i)), len(i) // PAIRS + 1)
         groups = [cls._some(on, against, i[part], j[part], tilted) for part in parts]
@@ -88,14 +81,7 @@ class Overlaps:
         return cls(*(np.concatenate(values) for values in joined))
 
     @classmethod
-    def _some(
-        cls,
-        on: Surface,
-        against: Surface,
-        i: NDArray[np.int64],
-        j: NDArray[np.int64],
-        tilted: bool,
-    ) -> Overlaps:
+    def _some(cls, on: Surface, against: Surface, i: Ints, j: Ints, tilted: bool) -> Overlaps:
         """Project, intersect, integrate."""
         axes = np.ascontiguousarray(frames(on).transpose(0, 2, 1))
         here = (on.points - on.centres[:, None]) @ axes
@@ -125,7 +111,7 @@ class Overlaps:
             slopes = np.linalg.solve(slopes @ plane, slopes)
         distinct, start = np.unique(pair, return_index=True)
 
-        def integrate(values: NDArray[np.float64]) -> NDArray[np.float64]:
+        def integrate(values: Array) -> Array:
             weighted = values * weights.reshape(-1, *(1,) * (values.ndim - 1))
             return np.add.reduceat(weighted, start) if len(start) else weighted[:0]
 
@@ -148,7 +134,7 @@ class Overlaps:
         return Overlaps(**{name: joined(comm, values) for name, values in self.__dict__.items()})
 
     @property
-    def distance(self) -> NDArray[np.float64]:
+    def distance(self) -> Array:
         """Mean gap of each pair, negative where the bodies overlap, (pairs,)."""
         return self.gap.sum(axis=1) / self.area
 
@@ -169,12 +155,12 @@ class Overlaps:
         of_layer = smallest(layer, np.abs(near.distance), layer.max() + 1)
         return near.some(~several[near.i] | (of_layer[layer] <= nearest[near.i]))
 
-    def on_several_layers(self, on: Surface) -> NDArray[np.bool_]:
+    def on_several_layers(self, on: Surface) -> Mask:
         """Mask of the `on` facets that meet several layers, (facets,)."""
         covered = np.bincount(self.i, self.area, minlength=len(on.nodes))
         return np.asarray(covered > COVERED_ONCE * facet_areas(on))
 
-    def _layers(self, against: Surface, several: NDArray[np.bool_]) -> NDArray[np.int64]:
+    def _layers(self, against: Surface, several: Mask) -> Ints:
         """Number of the layer of each overlap on the facets `several` (facets,), (pairs,).
 
         Overlaps on other facets have the number 0.
@@ -188,19 +174,14 @@ class Overlaps:
         layer[pairs] = 1 + connected(ends, len(pairs) + len(distinct))[: len(pairs)]
         return layer
 
-    def some(self, chosen: NDArray[np.bool_]) -> Overlaps:
+    def some(self, chosen: Mask) -> Overlaps:
         """The overlaps that a mask (pairs,) chooses."""
         return Overlaps(**{name: values[chosen] for name, values in self.__dict__.items()})
 
 
 def _own_height(
-    on: Surface,
-    against: Surface,
-    i: NDArray[np.int64],
-    j: NDArray[np.int64],
-    pair: NDArray[np.int64],
-    phi: NDArray[np.float64],
-) -> NDArray[np.float64] | float:
+    on: Surface, against: Surface, i: Ints, j: Ints, pair: Ints, phi: Array
+) -> Array | float:
     """Height to take from the gap at points of `on` facets (q,) with hats φ (q, v).
 
     Displacements of first order are linear on the facet, so the gap must be, too: the mean of a
@@ -218,16 +199,14 @@ def _own_height(
     return 0.5 * np.einsum("qa,qab,qb->q", phi, (both[0] - curved)[pair], phi)
 
 
-def smallest(
-    index: NDArray[np.int64], values: NDArray[np.float64], count: int
-) -> NDArray[np.float64]:
+def smallest(index: Ints, values: Array, count: int) -> Array:
     """The smallest value with each index, (count,); infinite without one."""
     result = np.full(count, np.inf)
     np.minimum.at(result, index, values)
     return result
 
 
-def facet_areas(surface: Surface) -> NDArray[np.float64]:
+def facet_areas(surface: Surface) -> Array:
     """Area of each facet in its own plane, (facets,)."""
     flat = np.einsum(
         "pvk,pdk->pvd", surface.vertices - surface.centres[:, None], frames(surface)
@@ -238,9 +217,7 @@ def facet_areas(surface: Surface) -> NDArray[np.float64]:
     return 0.5 * np.abs((x * np.roll(y, -1, axis=1) - y * np.roll(x, -1, axis=1)).sum(axis=1))
 
 
-def _segments(
-    flat: NDArray[np.float64], other: NDArray[np.float64], linear: bool, curved: bool
-) -> tuple[NDArray[np.int64], NDArray[np.float64], NDArray[np.float64]]:
+def _segments(flat: Array, other: Array, linear: bool, curved: bool) -> tuple[Ints, Array, Array]:
     """Gauss points of the overlap of segments (n, 2, 1): pair, coordinate (q, 1), weight.
 
     Two points (exact for degree 3) are enough also for straight facets of second order.
@@ -255,7 +232,7 @@ def _segments(
     return np.repeat(pair, len(at)), x.reshape(-1, 1), (half[:, None] * share).ravel()
 
 
-def _upright(polygons: NDArray[np.float64]) -> bool:
+def _upright(polygons: Array) -> bool:
     """Mask (n,) of polygons (n, v, d - 1) that are rectangles along the axes."""
     if polygons.shape[1:] != (4, 2) or not len(polygons):
         return False
@@ -264,9 +241,7 @@ def _upright(polygons: NDArray[np.float64]) -> bool:
     return bool((off <= UPRIGHT * (upper - lower)[:, None]).all())
 
 
-def _rectangles(
-    flat: NDArray[np.float64], other: NDArray[np.float64], linear: bool, curved: bool
-) -> tuple[NDArray[np.int64], NDArray[np.float64], NDArray[np.float64]]:
+def _rectangles(flat: Array, other: Array, linear: bool, curved: bool) -> tuple[Ints, Array, Array]:
     """Like `_polygons` for rectangles along the axes, with a third of the points."""
     at, share = np.polynomial.legendre.leggauss(5 if curved else 2 if linear else 3)
     lower = np.maximum(flat.min(axis=1), other.min(axis=1))
@@ -279,9 +254,7 @@ def _rectangles(
     return np.repeat(pair, len(at)), x.reshape(-1, 2), weights.ravel()
 
 
-def _polygons(
-    flat: NDArray[np.float64], other: NDArray[np.float64], linear: bool, curved: bool
-) -> tuple[NDArray[np.int64], NDArray[np.float64], NDArray[np.float64]]:
+def _polygons(flat: Array, other: Array, linear: bool, curved: bool) -> tuple[Ints, Array, Array]:
     """Gauss points of the overlap of convex polygons (n, v, 2): pair, coordinates, weight."""
     polygon, count = clip(flat, other)
     pairs, parts = [], []
@@ -304,7 +277,7 @@ def _polygons(
     return np.repeat(pair, len(weights)), x.reshape(-1, 2), w.ravel()
 
 
-def _degree(linear: bool, *polygons: NDArray[np.float64]) -> int:
+def _degree(linear: bool, *polygons: Array) -> int:
     """Degree of the product of shape functions of both sides."""
     if all(p.shape[1] == 3 for p in polygons):
         return 2 if linear else 4
@@ -316,9 +289,7 @@ def _degree(linear: bool, *polygons: NDArray[np.float64]) -> int:
     return 4 if linear else 8
 
 
-def clip(
-    window: NDArray[np.float64], subject: NDArray[np.float64]
-) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
+def clip(window: Array, subject: Array) -> tuple[Array, Ints]:
     """Intersect convex polygons pair by pair (Sutherland, Hodgman, CACM 17 (1974)).
 
     Parameters
@@ -357,9 +328,7 @@ def clip(
     return polygon, count
 
 
-def on_facets(
-    nodes: NDArray[np.float64], x: NDArray[np.float64], curved: bool
-) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+def on_facets(nodes: Array, x: Array, curved: bool) -> tuple[Array, Array, Array]:
     """Shape functions of the vertices (linear) and of all nodes, at points of the plane.
 
     Parameters

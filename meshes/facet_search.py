@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
+from meshes.arrays import Array, Ints
 from meshes.contact_surface import Surface
 
 QUERIES = 50_000
@@ -15,11 +15,8 @@ QUERIES = 50_000
 
 
 def facets_along_normals(
-    on: Surface,
-    against: Surface,
-    chosen: NDArray[np.int64],
-    reach: NDArray[np.float64] | None = None,
-) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    on: Surface, against: Surface, chosen: Ints, reach: Array | None = None
+) -> tuple[Ints, Ints]:
     """Pairs of facets (`chosen` of on, against) whose projections may overlap, sorted.
 
     The facets lie along the normal of an `on` facet, on both of its sides, at distances up to
@@ -35,11 +32,8 @@ def facets_along_normals(
 
 
 def points_along_normals(
-    on: Surface,
-    points: NDArray[np.float64],
-    chosen: NDArray[np.int64],
-    reach: NDArray[np.float64],
-) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    on: Surface, points: Array, chosen: Ints, reach: Array
+) -> tuple[Ints, Ints]:
     """Pairs of a facet (`chosen` of on) and a point (points, 3) that may project onto it, sorted.
 
     The points lie along the normal of the facet, on both of its sides, at distances up to `reach`
@@ -53,12 +47,12 @@ def points_along_normals(
 
 def _along_normals(
     on: Surface,
-    chosen: NDArray[np.int64],
-    middles: NDArray[np.float64],
-    sizes: NDArray[np.float64],
-    groups: Sequence[NDArray[np.int64]],
-    reach: NDArray[np.float64] | None,
-) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    chosen: Ints,
+    middles: Array,
+    sizes: Array,
+    groups: Sequence[Ints],
+    reach: Array | None,
+) -> tuple[Ints, Ints]:
     """Pairs of some facets and balls near the lines along their normals, sorted.
 
     Search trees of the middles of the balls are queried at points along the normals. So the work
@@ -93,8 +87,8 @@ def _along_normals(
     return chosen[i[near]], j[near]
 
 
-def _of_like_size(radius: NDArray[np.float64]) -> list[NDArray[np.int64]]:
-    """Numbers of balls whose radii differ by less than a factor of two, in parts of `QUERIES`."""
+def _of_like_size(radius: Array) -> list[Ints]:
+    """Ints of balls whose radii differ by less than a factor of two, in parts of `QUERIES`."""
     level = np.floor(np.log2(radius))
     groups = [np.flatnonzero(level == k) for k in np.unique(level)]
     return [part for group in groups
@@ -102,12 +96,8 @@ def _of_like_size(radius: NDArray[np.float64]) -> list[NDArray[np.int64]]:
 
 
 def _filled(
-    centres: NDArray[np.float64],
-    normals: NDArray[np.float64],
-    tree: cKDTree,
-    reach: NDArray[np.float64],
-    across: NDArray[np.float64],
-) -> tuple[NDArray[np.int64], NDArray[np.float64], NDArray[np.float64]]:
+    centres: Array, normals: Array, tree: cKDTree, reach: Array, across: Array
+) -> tuple[Ints, Array, Array]:
     """Balls along the normals of facets that contain some point of a tree.
 
     Neighbouring balls are `across` (facets,) apart, with a radius of 1.2 times that, from -`reach`
@@ -119,7 +109,7 @@ def _filled(
     The facet of each ball, its centre and its radius.
     """
     last = np.ceil(2.0 * reach / across).astype(np.int64)
-    results: list[tuple[NDArray[np.int64], NDArray[np.float64]]] = []
+    results: list[tuple[Ints, Array]] = []
     facets, nth = np.arange(len(last)), np.zeros(len(last), np.int64)
     while len(facets):
         along = nth * across[facets] - reach[facets]

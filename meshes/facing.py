@@ -12,9 +12,9 @@ from __future__ import annotations
 
 import numpy as np
 from mpi4py import MPI
-from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
+from meshes.arrays import Array, Ints
 from meshes.contact_surface import Surface
 from meshes.facet_overlaps import Overlaps, smallest
 from meshes.facet_search import facets_along_normals
@@ -82,13 +82,7 @@ def overlaps(
     return pairs
 
 
-def _real(
-    on: Surface,
-    against: Surface,
-    pairs: Overlaps,
-    i: NDArray[np.int64],
-    j: NDArray[np.int64],
-) -> Overlaps:
+def _real(on: Surface, against: Surface, pairs: Overlaps, i: Ints, j: Ints) -> Overlaps:
     """The pairs without those between which one of the surfaces lies (module docstring).
 
     Parameters
@@ -114,9 +108,7 @@ def _real(
     return pairs.some(~deep | (AT_ITS_END * nearest[pairs.i] > depth))
 
 
-def _nearest_behind(
-    on: Surface, other: Surface, i: NDArray[np.int64], j: NDArray[np.int64], exits: bool
-) -> NDArray[np.float64]:
+def _nearest_behind(on: Surface, other: Surface, i: Ints, j: Ints, exits: bool) -> Array:
     """Depth behind each facet of `on` at which the other surface is crossed, (facets,); or inf.
 
     Parameters

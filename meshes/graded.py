@@ -10,13 +10,13 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from meshes.arrays import Array
 from meshes.box import BoxShape, lattice_places
 from meshes.unstructured import CellMesh
 
 
-def graded_box(cell: str, coordinates: Sequence[NDArray[np.float64]]) -> CellMesh:
+def graded_box(cell: str, coordinates: Sequence[Array]) -> CellMesh:
     """A box of equal cells whose grid lines are moved; nodes are numbered with x fastest.
 
     Parameters

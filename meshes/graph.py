@@ -24,6 +24,7 @@ from scipy import sparse
 from scipy.sparse.csgraph import connected_components
 
 from meshes import dolfinx_compat
+from meshes.arrays import Array, Ints, Mask
 from meshes.cells import Cells
 from meshes.quadratic import STRAIGHT, VERTICES, bulges
 from meshes.subdomains import VTK_ORDER, Reference, Subdomain, vtk_order
@@ -50,15 +51,15 @@ class Piece:
 
     cell: str
     degree: int
-    cells: NDArray[np.int64]
+    cells: Ints
     tags: NDArray[np.int32]
-    points: NDArray[np.float64]
-    nodes: NDArray[np.int64]
-    exterior: NDArray[np.int64]
-    boundaries: dict[str, NDArray[np.int64]]
+    points: Array
+    nodes: Ints
+    exterior: Ints
+    boundaries: dict[str, Ints]
 
     @property
-    def origin(self) -> NDArray[np.float64]:
+    def origin(self) -> Array:
         """Lower corner of the piece."""
         return self.points.min(axis=0)
 
@@ -128,7 +129,7 @@ def _longest(places: list[NDArray[np.floating]]) -> int:
     return int(np.flatnonzero(np.array(spread) >= (1.0 - ALIKE) * max(spread))[-1])
 
 
-def _lowest(x: NDArray[np.floating], count: int) -> NDArray[np.bool_]:
+def _lowest(x: NDArray[np.floating], count: int) -> Mask:
     """Mask of the `count` smallest numbers; of equal numbers the first ones."""
     cut = np.partition(x, count)[count]
     lowest = np.asarray(x < cut)
@@ -151,7 +152,7 @@ def rows_of(label: NDArray[np.int32], part_range: range) -> Rows:
     }
 
 
-def through_facets(cells: Cells, rows: Rows) -> tuple[NDArray[np.int32], NDArray[np.int64]]:
+def through_facets(cells: Cells, rows: Rows) -> tuple[NDArray[np.int32], Ints]:
     """The facet-connected pieces of some parts.
 
     Returns
@@ -177,7 +178,7 @@ def through_facets(cells: Cells, rows: Rows) -> tuple[NDArray[np.int32], NDArray
 
 
 def without_crumbs(
-    cells: Cells, label: NDArray[np.int32], part: NDArray[np.int64], parts: int
+    cells: Cells, label: NDArray[np.int32], part: Ints, parts: int
 ) -> NDArray[np.int32]:
     """Join small separate pieces of a part to the piece with most common facets.
 
@@ -249,7 +250,7 @@ def _labels(cells: Cells, rows: Rows) -> NDArray[np.int32]:
     return label
 
 
-def _all_pairs(cells: Cells) -> NDArray[np.int64]:
+def _all_pairs(cells: Cells) -> Ints:
     """Cells that share a facet, (pairs, 2)."""
     every = np.ones(cells.total_cells, bool)
     return np.stack(cells.neighbours(every, lambda a, b: a & b), axis=1)
@@ -303,7 +304,7 @@ def _curved(piece: Piece) -> bool:
     return bool(bulges(x[:, :v], x[:, v:], piece.cell).max() > STRAIGHT)
 
 
-def _symmetric(pairs: NDArray[np.int64], size: int) -> sparse.csr_matrix:
+def _symmetric(pairs: Ints, size: int) -> sparse.csr_matrix:
     both = np.concatenate([pairs, pairs[:, ::-1]])
     return _graph((both[:, 0], both[:, 1]), size)
 

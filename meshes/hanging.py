@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 from mpi4py import MPI
-from numpy.typing import NDArray
 
+from meshes.arrays import Array, Mask
 from meshes.crossing import Boxes, meeting
 from meshes.shares import joined, share
 from meshes.unstructured import MeshError, Topology
@@ -14,7 +14,7 @@ HANGING = 1e-6
 """Distance to a facet, over its size, below which a node of other cells counts as hanging on it."""
 
 
-def refuse_hanging(points: NDArray[np.float64], topology: Topology, comm: MPI.Intracomm) -> None:
+def refuse_hanging(points: Array, topology: Topology, comm: MPI.Intracomm) -> None:
     """Refuse nodes that lie on a facet of the surface without being one of its corners."""
     facets = topology.facets
     surface = np.unique(facets)
@@ -44,9 +44,7 @@ def refuse_hanging(points: NDArray[np.float64], topology: Topology, comm: MPI.In
         )
 
 
-def _lies_on(
-    x: NDArray[np.float64], simplex: NDArray[np.float64], size: NDArray[np.float64]
-) -> NDArray[np.bool_]:
+def _lies_on(x: Array, simplex: Array, size: Array) -> Mask:
     """Mask (n,) of points (n, d) on segments or triangles (n, d or less, d)."""
     origin, axes = simplex[:, 0], simplex[:, 1:] - simplex[:, :1]
     gram = axes @ np.swapaxes(axes, 1, 2)

@@ -9,17 +9,13 @@ has no sides.
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from meshes.arrays import Ints, Mask
 from meshes.connected import connected
 from meshes.unstructured import FACETS, CellMesh, Topology, row_places
 
-Bools = NDArray[np.bool_]
 
-
-def sides_of_facets(
-    facets: NDArray[np.int64], cells: NDArray[np.int64], cell: str, topology: Topology
-) -> Bools | None:
+def sides_of_facets(facets: Ints, cells: Ints, cell: str, topology: Topology) -> Mask | None:
     """Mask (cells,) of the cells on one side of some facets; None if they have no two sides.
 
     Parameters
@@ -37,7 +33,7 @@ def sides_of_facets(
     return sides_across(topology, across, len(cells))
 
 
-def sides_across(topology: Topology, across: Bools, count: int) -> Bools | None:
+def sides_across(topology: Topology, across: Mask, count: int) -> Mask | None:
     """Mask (count,) of the cells on one side of a surface; None if it has no two sides.
 
     Parameters
@@ -56,13 +52,13 @@ def sides_across(topology: Topology, across: Bools, count: int) -> Bools | None:
     return np.asarray((first < second)[part])
 
 
-def pair_vertices(cells: NDArray[np.int64], cell: str, topology: Topology) -> NDArray[np.int64]:
+def pair_vertices(cells: Ints, cell: str, topology: Topology) -> Ints:
     """Vertices of the facet between each pair of neighbours, (pairs, vertices)."""
     table = np.array(FACETS[cell])[topology.pair_facets[:, 0]]
     return np.take_along_axis(cells[topology.pairs[:, 0]], table, axis=1)
 
 
-def sides_where(mesh: CellMesh, on: Bools) -> Bools | None:
+def sides_where(mesh: CellMesh, on: Mask) -> Mask | None:
     """Mask (cells,) of the cells on one side of the inner facets all of whose vertices are `on`.
 
     None if these facets have no two sides.

@@ -43,6 +43,7 @@ from mpi4py import MPI
 from numpy.typing import NDArray
 from scipy import sparse
 
+from meshes.arrays import Array, Ints, Mask
 from meshes.contact_surface import Surface
 from meshes.facet_overlaps import Overlaps, facet_areas, smallest
 from meshes.facing import SurfacesApartError, overlaps
@@ -90,12 +91,12 @@ class BothSides:
         The vertices of the `on` facets.
     """
 
-    nodes: NDArray[np.int64]
-    places: NDArray[np.float64]
+    nodes: Ints
+    places: Array
     count: int
-    on: NDArray[np.int64]
-    against: NDArray[np.int64]
-    corners: NDArray[np.int64]
+    on: Ints
+    against: Ints
+    corners: Ints
 
     @classmethod
     def of(cls, on: Surface, against: Surface) -> BothSides:
@@ -135,26 +136,21 @@ class MeanGaps:
         Coordinates of the nodes.
     """
 
-    nodes: NDArray[np.int64]
-    points: NDArray[np.float64]
-    areas: NDArray[np.float64]
-    gaps: NDArray[np.float64]
-    normals: NDArray[np.float64]
-    moments: NDArray[np.float64]
-    row: NDArray[np.int64]
-    node: NDArray[np.int64]
-    component: NDArray[np.int64]
-    value: NDArray[np.float64]
-    entry_points: NDArray[np.float64]
+    nodes: Ints
+    points: Array
+    areas: Array
+    gaps: Array
+    normals: Array
+    moments: Array
+    row: Ints
+    node: Ints
+    component: Ints
+    value: Array
+    entry_points: Array
 
     @classmethod
     def of(
-        cls,
-        sides: BothSides,
-        matrix: sparse.csr_matrix,
-        chosen: NDArray[np.int64],
-        areas: NDArray[np.float64],
-        gaps: NDArray[np.float64],
+        cls, sides: BothSides, matrix: sparse.csr_matrix, chosen: Ints, areas: Array, gaps: Array
     ) -> MeanGaps:
         """Rows from a matrix (rows, (n + m) · dimension).
 
@@ -205,7 +201,7 @@ def mean_gaps(on: Surface, against: Surface, comm: MPI.Intracomm = MPI.COMM_SELF
     gap = np.einsum("pjk,pk->pj", functions, pairs.gap)
     gaps = np.bincount(sides.corners[i].ravel(), gap.ravel(), minlength=sides.count)
 
-    def along(blocks: NDArray[np.float64], facets: NDArray[np.int64]) -> NDArray[np.float64]:
+    def along(blocks: Array, facets: Ints) -> Array:
         """Blocks (k, v, w) times the normals of `on` facets, (k, v, w, d)."""
         return np.asarray(blocks[..., None] * normals[facets, None, None])
 
@@ -238,11 +234,11 @@ class Multipliers:
         Mask of the facets that the other side covers completely.
     """
 
-    functions: NDArray[np.float64]
-    mass: NDArray[np.float64]
-    weight: NDArray[np.float64]
-    sizes: NDArray[np.float64]
-    covered: NDArray[np.bool_]
+    functions: Array
+    mass: Array
+    weight: Array
+    sizes: Array
+    covered: Mask
 
     @classmethod
     def of(cls, on: Surface, pairs: Overlaps) -> Multipliers:
@@ -277,12 +273,12 @@ class Multipliers:
             mass = functions @ mass
         return cls(functions, mass, weight, sizes, covered)
 
-    def total(self, sides: BothSides) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
+    def total(self, sides: BothSides) -> tuple[Array, Mask]:
         """∫ ψ_j over all facets, and the mask of weak nodes, (n,) each."""
         weight, area = self._areas(sides)
         return weight, weight < WEAK * area
 
-    def narrow(self, sides: BothSides) -> NDArray[np.bool_]:
+    def narrow(self, sides: BothSides) -> Mask:
         """Mask (n,) of nodes beyond the edge of the other surface, which covers a narrow strip."""
         weight, area = self._areas(sides)
         inside, bordering = np.zeros((2, sides.count), bool)
@@ -292,7 +288,7 @@ class Multipliers:
         beyond = BEYOND[int(self.mass.shape[2] > self.weight.shape[1])]
         return np.asarray(bordering & ~inside & (weight < beyond * area))
 
-    def _areas(self, sides: BothSides) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    def _areas(self, sides: BothSides) -> tuple[Array, Array]:
         """∫ ψ_j over all facets, and the area about each node, covered or not, (n,) each."""
         v = self.weight.shape[1]
         weight, area = (
@@ -302,16 +298,14 @@ class Multipliers:
         return weight, area
 
 
-def _on_facets(pairs: Overlaps, facets: int, values: NDArray[np.float64]) -> NDArray[np.float64]:
+def _on_facets(pairs: Overlaps, facets: int, values: Array) -> Array:
     """Sums of values (pairs, …) over the overlaps of each `on` facet, (facets, …)."""
     count = len(values)
     pick = sparse.csr_matrix((np.ones(count), (pairs.i, np.arange(count))), shape=(facets, count))
     return np.asarray(pick @ values.reshape(count, -1)).reshape(facets, *values.shape[1:])
 
 
-def _dual_of_second_order(
-    mass: NDArray[np.float64], weight: NDArray[np.float64]
-) -> NDArray[np.float64]:
+def _dual_of_second_order(mass: Array, weight: Array) -> Array:
     """C (facets, v, v) of functions dual to the linear ones, on facets of second order."""
     v = weight.shape[1]
     corners = np.eye(v)
@@ -320,9 +314,7 @@ def _dual_of_second_order(
     return np.asarray(weight[..., None] * np.linalg.inv(mass @ linear))
 
 
-def _pointed(
-    vertices: NDArray[np.int64], covered: NDArray[np.bool_], rise: NDArray[np.float64]
-) -> NDArray[np.bool_]:
+def _pointed(vertices: Ints, covered: Mask, rise: Array) -> Mask:
     """Mask (facets, v) of vertices from which all covered facets rise steeply.
 
     Parameters
@@ -337,11 +329,7 @@ def _pointed(
 
 
 def jumps(
-    sides: BothSides,
-    pairs: Overlaps,
-    touched: NDArray[np.int64],
-    mass: NDArray[np.float64],
-    shared: NDArray[np.float64],
+    sides: BothSides, pairs: Overlaps, touched: Ints, mass: Array, shared: Array
 ) -> sparse.csr_matrix:
     """∫ ψ_j N of both sides, negative for the other side, (n, (n + m) · k).
 
@@ -369,10 +357,7 @@ def jumps(
 
 
 def scattered(
-    rows: NDArray[np.int64],
-    columns: NDArray[np.int64],
-    blocks: NDArray[np.float64],
-    shape: tuple[int, int],
+    rows: Ints, columns: Ints, blocks: Array, shape: tuple[int, int]
 ) -> sparse.csr_matrix:
     """Sum of blocks (n, v, w) at rows (n, v) and columns (n, w)."""
     row = np.broadcast_to(rows[:, :, None], blocks.shape)
@@ -380,12 +365,7 @@ def scattered(
     return sparse.csr_matrix((blocks.ravel(), (row.ravel(), column.ravel())), shape=shape)
 
 
-def _distributed(
-    local: NDArray[np.int64],
-    weight: NDArray[np.float64],
-    total: NDArray,
-    weak: NDArray[np.bool_],
-) -> sparse.csr_matrix:
+def _distributed(local: Ints, weight: Array, total: NDArray, weak: Mask) -> sparse.csr_matrix:
     """Matrix of `distribute`, also for weak nodes all of whose neighbours are weak themselves.
 
     The corner of a block may cover a small part of one facet, all of whose vertices lie beyond its
@@ -396,12 +376,7 @@ def _distributed(
     return (shares @ distribute(local, weight, total, isolated)).tocsr()
 
 
-def distribute(
-    local: NDArray[np.int64],
-    weight: NDArray[np.float64],
-    total: NDArray,
-    weak: NDArray[np.bool_],
-) -> sparse.csr_matrix:
+def distribute(local: Ints, weight: Array, total: NDArray, weak: Mask) -> sparse.csr_matrix:
     """Matrix that adds the rows of weak nodes to those of their neighbours, (nodes, nodes).
 
     The row of a weak node is distributed to the nodes of the same facets, in proportion to their

@@ -19,6 +19,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from meshes.arrays import Array, Ints, Mask
 from meshes.connected import connected
 from meshes.unstructured import FACETS, MeshError, Topology, first_of
 
@@ -26,9 +27,7 @@ BATCH = 200_000
 """Number of pairs of cells tested at once, which fit into the cache."""
 
 
-def refuse_crowded(
-    cells: NDArray[np.int64], cell: str, topology: Topology, number: NDArray[np.int64]
-) -> None:
+def refuse_crowded(cells: Ints, cell: str, topology: Topology, number: Ints) -> None:
     """Refuse facets that more than two cells have.
 
     Parameters
@@ -57,12 +56,7 @@ def refuse_crowded(
 
 
 def refuse_same_side(
-    points: NDArray[np.float64],
-    cells: NDArray[np.int64],
-    cell: str,
-    topology: Topology,
-    number: NDArray[np.int64],
-    turned: NDArray[np.bool_],
+    points: Array, cells: Ints, cell: str, topology: Topology, number: Ints, turned: Mask
 ) -> None:
     """Refuse cells that lie on the same side of a facet they share.
 
@@ -104,7 +98,7 @@ def refuse_same_side(
     )
 
 
-def _same_side(cells: NDArray[np.int64], cell: str, topology: Topology) -> NDArray[np.bool_]:
+def _same_side(cells: Ints, cell: str, topology: Topology) -> Mask:
     """Mask (pairs,) of neighbours that list the nodes of their facet in the same order."""
     table = np.array(FACETS[cell])
     if table.shape[1] <= 3:  # two orders of two or three nodes: even and odd
@@ -120,15 +114,13 @@ def _same_side(cells: NDArray[np.int64], cell: str, topology: Topology) -> NDArr
     )  # fmt: skip
 
 
-def _is_odd(nodes: NDArray[np.int64]) -> NDArray[np.bool_]:
+def _is_odd(nodes: Ints) -> Mask:
     """Mask (facets,) of two or three nodes that an odd number of swaps sorts."""
     a, b, c = nodes[:, 0], nodes[:, 1], nodes[:, -1]
     return np.asarray(a > b if nodes.shape[1] == 2 else (a > b) ^ (b > c) ^ (a > c))
 
 
-def _opposite(
-    cells: NDArray[np.int64], cell: str, pairs: NDArray[np.int64], facets: NDArray[np.int8]
-) -> NDArray[np.bool_]:
+def _opposite(cells: Ints, cell: str, pairs: Ints, facets: NDArray[np.int8]) -> Mask:
     """Mask (pairs,) of cells that list the nodes of their facet in opposite cyclic orders."""
     table = np.array(FACETS[cell])
     a, b = (np.take_along_axis(cells[pairs[:, k]], table[facets[:, k]], axis=1) for k in range(2))
@@ -141,9 +133,7 @@ def _opposite(
     return opposite
 
 
-def _suspects(
-    pairs: NDArray[np.int64], topology: Topology, turned: NDArray[np.bool_]
-) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+def _suspects(pairs: Ints, topology: Topology, turned: Mask) -> tuple[Ints, Ints]:
     """The cell to report and the other one of two cells on one side of a facet, (pairs,) each.
 
     The reported cell has the larger share of its inner facets in such pairs. If shares are equal,
@@ -160,7 +150,7 @@ def _suspects(
     return pairs[rows, second.astype(int)], pairs[rows, 1 - second]
 
 
-def _one_sided(cells: NDArray[np.int64], cell: str, topology: Topology) -> bool:
+def _one_sided(cells: Ints, cell: str, topology: Topology) -> bool:
     """Whether no orientation of the cells makes all neighbours list their facets oppositely.
 
     Each cell has two orientations; a facet links the orientations of its two cells that fit. If

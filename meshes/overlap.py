@@ -40,8 +40,8 @@ from dataclasses import dataclass
 
 import numpy as np
 from mpi4py import MPI
-from numpy.typing import NDArray
 
+from meshes.arrays import Array, Ints, Mask
 from meshes.chords import chords, local_facets, reference_vertices
 from meshes.crossing import (
     Boxes,
@@ -78,19 +78,19 @@ ADVICE = (
 class CheckedBody:
     """The data of a mesh for the tests; see `refuse_overlaps`."""
 
-    points: NDArray[np.float64]
-    cells: NDArray[np.int64]
+    points: Array
+    cells: Ints
     cell: str
     topology: Topology
-    middles: NDArray[np.float64] | None
-    number: NDArray[np.int64]
+    middles: Array | None
+    number: Ints
 
     @property
     def degree(self) -> int:
         """Degree of the edges."""
         return 1 if self.middles is None else 2
 
-    def nodes(self, rows: NDArray[np.int64]) -> NDArray[np.float64]:
+    def nodes(self, rows: Ints) -> Array:
         """Coordinates of the nodes of cells in VTK order, (rows, nodes, d)."""
         corners = self.points[self.cells[rows]]
         if self.middles is None:
@@ -99,12 +99,12 @@ class CheckedBody:
 
 
 def refuse_overlaps(
-    points: NDArray[np.float64],
-    cells: NDArray[np.int64],
+    points: Array,
+    cells: Ints,
     cell: str,
     topology: Topology,
-    middles: NDArray[np.float64] | None,
-    number: NDArray[np.int64],
+    middles: Array | None,
+    number: Ints,
     comm: MPI.Intracomm = MPI.COMM_SELF,
 ) -> None:
     """Refuse a body that covers some place twice (collective).
@@ -151,7 +151,7 @@ def refuse_overlaps(
         raise MeshError(_message(body, pairs, "s that lie in other cells", "in") + ADVICE)
 
 
-def _message(body: CheckedBody, pairs: NDArray[np.int64], fault: str, relation: str) -> str:
+def _message(body: CheckedBody, pairs: Ints, fault: str, relation: str) -> str:
     """Message with the number of cells in pairs (pairs, 2), and the first pair."""
     pairs = pairs[np.lexsort(np.sort(body.number[pairs], axis=1).T[::-1])]
     a, b = pairs[0][np.argsort(body.number[pairs[0]])]
@@ -166,7 +166,7 @@ def _message(body: CheckedBody, pairs: NDArray[np.int64], fault: str, relation: 
     return f"{message}, {relation} cell {body.number[b] + 1} of the file"
 
 
-def _covered(body: CheckedBody, surface: ClosedSurface, comm: MPI.Intracomm) -> NDArray[np.int64]:
+def _covered(body: CheckedBody, surface: ClosedSurface, comm: MPI.Intracomm) -> Ints:
     """Pairs of cells (collective).
 
     One on the surface, and another that contains a point just inside the first.
@@ -184,7 +184,7 @@ def _covered(body: CheckedBody, surface: ClosedSurface, comm: MPI.Intracomm) -> 
     return np.zeros((0, 2), np.int64)
 
 
-def _just_inside(body: CheckedBody) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
+def _just_inside(body: CheckedBody) -> tuple[Array, Ints]:
     """Points just inside the middles of facets, and one beside each node; with their cells."""
     facets, owner = body.topology.facets, body.topology.facet_cells
     corners = facets.shape[1]
@@ -206,9 +206,7 @@ def _just_inside(body: CheckedBody) -> tuple[NDArray[np.float64], NDArray[np.int
     return np.concatenate(points), np.concatenate(cells)
 
 
-def containing(
-    body: CheckedBody, x: NDArray[np.float64]
-) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+def containing(body: CheckedBody, x: Array) -> tuple[Ints, Ints]:
     """Pairs (row of x (points, d), cell that contains the point)."""
     nodes = body.nodes(np.arange(len(body.cells)))
     lower, upper = nodes.min(axis=1), nodes.max(axis=1)
@@ -223,9 +221,7 @@ def containing(
     return np.concatenate(points), np.concatenate(cells)
 
 
-def _lies_in(
-    body: CheckedBody, nodes: NDArray[np.float64], x: NDArray[np.float64]
-) -> NDArray[np.bool_]:
+def _lies_in(body: CheckedBody, nodes: Array, x: Array) -> Mask:
     """Mask (pairs,) of points (pairs, d) inside cells with nodes (pairs, nodes, d)."""
     if len(x) == 0:
         return np.zeros(0, bool)

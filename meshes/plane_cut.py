@@ -12,11 +12,9 @@ from functools import cache
 from itertools import combinations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from meshes.arrays import Array
 from meshes.quadratic import VERTICES, node_vertices
-
-Array = NDArray[np.float64]
 
 ON_PLANE = 1e-9
 """Distance of a node from the plane, over the size of the body, that counts as zero."""

@@ -8,10 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from meshes import dolfinx_compat
+from meshes.arrays import Array
 from meshes.quadratic import VERTICES
 from meshes.subdomains import Reference, vtk_order, vtk_places, vtk_shapes
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)

@@ -15,7 +15,8 @@ from functools import cache
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
+
+from meshes.arrays import Array, Ints
 
 EDGES = {
     "interval": ((0, 1),),
@@ -81,7 +82,7 @@ def node_vertices(cell: str) -> tuple[tuple[int, ...], ...]:
     return (*corners, *EDGES[cell], *FACES.get(cell, ()), *centre)
 
 
-def middles_of(x: NDArray[np.float64], cell: str) -> NDArray[np.float64]:
+def middles_of(x: Array, cell: str) -> Array:
     """Coordinates of the nodes that cells have besides vertices, (cells, further nodes, d).
 
     Parameters
@@ -104,7 +105,7 @@ def middles_of(x: NDArray[np.float64], cell: str) -> NDArray[np.float64]:
     return np.concatenate(middles, axis=1)
 
 
-def straight_middles(x: NDArray[np.float64], cell: str) -> NDArray[np.float64]:
+def straight_middles(x: Array, cell: str) -> Array:
     """Coordinates of the further nodes for straight edges.
 
     `x` as in `middles_of`, vertices first.
@@ -113,7 +114,7 @@ def straight_middles(x: NDArray[np.float64], cell: str) -> NDArray[np.float64]:
     return np.stack([x[:, list(vertices)].mean(axis=1) for vertices in on], axis=1)
 
 
-def bulges(x: NDArray[np.float64], middles: NDArray[np.float64], cell: str) -> NDArray[np.float64]:
+def bulges(x: Array, middles: Array, cell: str) -> Array:
     """Deviation of edges from straight ones, over the size of the cell, (cells,).
 
     Parameters
@@ -125,14 +126,14 @@ def bulges(x: NDArray[np.float64], middles: NDArray[np.float64], cell: str) -> N
     return away / np.ptp(x, axis=1).max(axis=1)
 
 
-def reordering(cell: str, order: tuple[int, ...]) -> NDArray[np.int64]:
+def reordering(cell: str, order: tuple[int, ...]) -> Ints:
     """New number of each node when the vertices of a second-order cell are reordered."""
     nodes = node_vertices(cell)
     place = {frozenset(on): k for k, on in enumerate(nodes)}
     return np.array([place[frozenset(order[i] for i in on)] for on in nodes])
 
 
-def facet_table(facets: tuple[tuple[int, ...], ...], cell: str) -> NDArray[np.int64]:
+def facet_table(facets: tuple[tuple[int, ...], ...], cell: str) -> Ints:
     """Nodes of each facet of a second-order cell, its vertices first, (facets, nodes)."""
     nodes = node_vertices(cell)
     table = []
@@ -144,9 +145,7 @@ def facet_table(facets: tuple[tuple[int, ...], ...], cell: str) -> NDArray[np.in
     return np.array(table)
 
 
-def with_middles(
-    points: NDArray[np.float64], cells: NDArray[np.int64], cell: str
-) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
+def with_middles(points: Array, cells: Ints, cell: str) -> tuple[Array, Ints]:
     """Points and cells of second order on the vertices of a mesh of straight edges.
 
     Parameters
@@ -176,7 +175,7 @@ def with_middles(
     return np.concatenate(added), np.concatenate(numbers, axis=1)
 
 
-def _distinct(rows: NDArray[np.int64]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+def _distinct(rows: Ints) -> tuple[Ints, Ints]:
     """First occurrence of each distinct row, and the number of each row among them."""
     order = np.lexsort(rows.T[::-1])
     new = np.ones(len(rows), bool)

@@ -19,8 +19,8 @@ from typing import Any
 
 import meshio
 import numpy as np
-from numpy.typing import NDArray
 
+from meshes.arrays import Array, Ints
 from meshes.unstructured import FACETS, MeshError
 from meshes.vtu_arrays import read_vtu
 
@@ -86,12 +86,12 @@ class FileContent:
     """
 
     kind: CellKind
-    points: NDArray[np.float64]
-    cells: NDArray[np.int64]
-    cell_groups: dict[str, NDArray[np.int64]]
-    facet_groups: dict[str, NDArray[np.int64]]
-    point_groups: dict[str, NDArray[np.int64]]
-    nodes: tuple[NDArray[np.int64], ...]
+    points: Array
+    cells: Ints
+    cell_groups: dict[str, Ints]
+    facet_groups: dict[str, Ints]
+    point_groups: dict[str, Ints]
+    nodes: tuple[Ints, ...]
     notes: tuple[str, ...]
 
     @property
@@ -133,8 +133,8 @@ def read_file(path: Path, dimension: int) -> FileContent:
         zip(own_blocks, np.cumsum([0, *(len(mesh.cells[i]) for i in own_blocks)]), strict=False)
     )
 
-    cell_groups: dict[str, list[NDArray[np.int64]]] = {}
-    facet_groups: dict[str, list[NDArray[np.int64]]] = {}
+    cell_groups: dict[str, list[Ints]] = {}
+    facet_groups: dict[str, list[Ints]] = {}
     lower = set()
     for name, block, rows in _groups(mesh, _gmsh_names(path)):
         if block in starts:
@@ -245,13 +245,11 @@ def _dimension(mesh: Any, name: str) -> int:
     return next(int(block.dim) for block in mesh.cells if block.type == name)
 
 
-def _corners(block: Any, corners: int) -> NDArray[np.int64]:
+def _corners(block: Any, corners: int) -> Ints:
     return np.asarray(block.data, dtype=np.int64)[:, :corners]
 
 
-def _groups(
-    mesh: Any, names: dict[tuple[int, int], str]
-) -> list[tuple[str, int, NDArray[np.int64]]]:
+def _groups(mesh: Any, names: dict[tuple[int, int], str]) -> list[tuple[str, int, Ints]]:
     """Name, block and rows of every group of cells; a group may occur more than once."""
     groups = []
     for name, blocks in (mesh.cell_sets or {}).items():

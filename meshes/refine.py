@@ -15,9 +15,9 @@ from dataclasses import replace
 from itertools import combinations, product
 
 import numpy as np
-from numpy.typing import NDArray
 
 from meshes import dolfinx_compat
+from meshes.arrays import Array, Ints
 from meshes.quadratic import VERTICES, node_vertices, straight_middles
 from meshes.subdomains import vtk_order
 from meshes.unstructured import CellMesh, Topology
@@ -99,16 +99,12 @@ def refined(mesh: CellMesh) -> CellMesh:
     )
 
 
-def _cell_parts(
-    groups: Mapping[str, NDArray[np.int64]], parts: int
-) -> dict[str, NDArray[np.int64]]:
+def _cell_parts(groups: Mapping[str, Ints], parts: int) -> dict[str, Ints]:
     """Groups of cells that are divided into so many parts each."""
     return {n: (rows[:, None] * parts + np.arange(parts)).ravel() for n, rows in groups.items()}
 
 
-def _inner_middles(
-    x: NDArray[np.float64], parts: NDArray[np.int64], cell: str
-) -> NDArray[np.float64]:
+def _inner_middles(x: Array, parts: Ints, cell: str) -> Array:
     """Coordinates of the further nodes of the parts of curved cells.
 
     Parameters
@@ -135,7 +131,7 @@ def _inner_middles(
     return middles.reshape(-1, *middles.shape[2:])
 
 
-def _facets_before(divided: Topology, parts: Topology, count: int) -> NDArray[np.int64]:
+def _facets_before(divided: Topology, parts: Topology, count: int) -> Ints:
     """The facet of a mesh of second order on which each facet of its parts lies, (facets,).
 
     Each cell has `count` parts.
@@ -150,7 +146,7 @@ def _facets_before(divided: Topology, parts: Topology, count: int) -> NDArray[np
     return result
 
 
-def _octahedra(points: NDArray[np.float64], nodes: NDArray[np.int64]) -> NDArray[np.int64]:
+def _octahedra(points: Array, nodes: Ints) -> Ints:
     """Nodes of each cell in the four parts about the shortest diagonal, (cells, 4, 4)."""
     ends = np.array([[_middle("tetrahedron", *edge) for edge in pair] for pair in OPPOSITE])
     # the middles around each diagonal, in an order that gives tetrahedra positive volumes

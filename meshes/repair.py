@@ -23,6 +23,7 @@ from mpi4py import MPI
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
+from meshes.arrays import Array, Ints, Mask
 from meshes.cell_shape import at_vertices, corner_jacobians, edge_lengths, folded_inside, warped
 from meshes.connected import connected
 from meshes.hanging import refuse_hanging
@@ -92,7 +93,7 @@ class Placement:
     angle: float = 0.0
     translation: tuple[float, float, float] = (0.0, 0.0, 0.0)
 
-    def __call__(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
+    def __call__(self, points: Array) -> Array:
         """Move points (n, 3); Rodrigues' formula."""
         placed = self.scale * points
         if self.angle:
@@ -182,12 +183,8 @@ def load_mesh(
 
 
 def _nodes_of(
-    points: NDArray[np.float64],
-    cells: NDArray[np.int64],
-    cell: str,
-    notes: list[str],
-    idle_is_usual: bool,
-) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
+    points: Array, cells: Ints, cell: str, notes: list[str], idle_is_usual: bool
+) -> tuple[Array, Ints]:
     """The points of the nodes of cells, merged at one place, and the number of each given node.
 
     Nodes of no cell have -1.
@@ -204,18 +201,14 @@ def _nodes_of(
     return points[used][np.unique(same, return_index=True)[1]], rename
 
 
-def _turned(
-    middles: NDArray[np.float64], turned: NDArray[np.bool_], cell: str
-) -> NDArray[np.float64]:
+def _turned(middles: Array, turned: Mask, cell: str) -> Array:
     """The further nodes of cells (changed in place), in the order of cells that were reversed."""
     order, v = reordering(cell, REVERSED[cell]), VERTICES[cell]
     middles[turned] = middles[turned][:, order[v:] - v]
     return middles
 
 
-def _middles(
-    content: FileContent, points: NDArray[np.float64], degree: int, notes: list[str]
-) -> NDArray[np.float64] | None:
+def _middles(content: FileContent, points: Array, degree: int, notes: list[str]) -> Array | None:
     """Coordinates of the further nodes of all cells, (cells, further nodes, dimension)."""
     if not content.second_order:
         return None
@@ -233,13 +226,7 @@ def _middles(
     return np.concatenate([middles_of(points[block], cell) for block in content.nodes])
 
 
-def _curved(
-    points: NDArray[np.float64],
-    cells: NDArray[np.int64],
-    middles: NDArray[np.float64],
-    cell: str,
-    number: NDArray[np.int64],
-) -> NDArray[np.float64] | None:
+def _curved(points: Array, cells: Ints, middles: Array, cell: str, number: Ints) -> Array | None:
     """The checked coordinates of further nodes, or None if all edges are straight."""
     v = VERTICES[cell]
     bulge = bulges(points[cells], middles, cell)
@@ -265,7 +252,7 @@ def _curved(
     return middles
 
 
-def _chosen(members: dict[str, NDArray[np.int64]], groups: tuple[str, ...]) -> NDArray[np.int64]:
+def _chosen(members: dict[str, Ints], groups: tuple[str, ...]) -> Ints:
     """Rows of the cells in any of the groups."""
     for name in groups:
         if name not in members:
@@ -274,9 +261,7 @@ def _chosen(members: dict[str, NDArray[np.int64]], groups: tuple[str, ...]) -> N
     return np.unique(np.concatenate([members[name] for name in groups]))
 
 
-def _in_the_plane(
-    points: NDArray[np.float64], cells: NDArray[np.int64], notes: list[str]
-) -> NDArray[np.float64]:
+def _in_the_plane(points: Array, cells: Ints, notes: list[str]) -> Array:
     """The points with z set to 0, if they all have the same z."""
     used = points[np.unique(cells)]
     size = np.ptp(used, axis=0).max()
@@ -292,12 +277,7 @@ def _in_the_plane(
     return flat
 
 
-def _same_place(
-    points: NDArray[np.float64],
-    cells: NDArray[np.int64],
-    used: NDArray[np.int64],
-    cell: str,
-) -> tuple[NDArray[np.int64], int]:
+def _same_place(points: Array, cells: Ints, used: Ints, cell: str) -> tuple[Ints, int]:
     """Number of each used node after merging nodes at one place, and the number of merged nodes."""
     count, size = len(points), float(np.ptp(points, axis=0).max())
     pairs = _pairs_within(points, SAME_PLACE * size)
@@ -317,7 +297,7 @@ def _same_place(
     return renumber[label], count - number
 
 
-def _pairs_within(points: NDArray[np.float64], reach: float) -> NDArray[np.int64]:
+def _pairs_within(points: Array, reach: float) -> Ints:
     """Pairs of points (points, d) no farther from each other than `reach`, (pairs, 2).
 
     Close points have close projections on any line. So only points with a close neighbour in the
@@ -332,9 +312,7 @@ def _pairs_within(points: NDArray[np.float64], reach: float) -> NDArray[np.int64
     return np.asarray(some[pairs], np.int64)
 
 
-def _distinct(
-    cells: NDArray[np.int64],
-) -> tuple[NDArray[np.int64], NDArray[np.int64], int]:
+def _distinct(cells: Ints) -> tuple[Ints, Ints, int]:
     """Cells without repetitions, the row of each given cell, the number of repetitions."""
     if _all_differ(cells):
         return cells, np.arange(len(cells)), 0
@@ -348,7 +326,7 @@ def _distinct(
     return cells[distinct], np.searchsorted(distinct, leader), len(cells) - len(distinct)
 
 
-def _all_differ(cells: NDArray[np.int64]) -> bool:
+def _all_differ(cells: Ints) -> bool:
     """Whether all cells differ in their nodes; may be False for some that do.
 
     Cells with the same nodes have the same sum of random numbers of the nodes.
@@ -359,12 +337,7 @@ def _all_differ(cells: NDArray[np.int64]) -> bool:
     return not bool((sums[1:] == sums[:-1]).any())
 
 
-def _turn(
-    points: NDArray[np.float64],
-    cells: NDArray[np.int64],
-    cell: str,
-    number: NDArray[np.int64],
-) -> NDArray[np.bool_]:
+def _turn(points: Array, cells: Ints, cell: str, number: Ints) -> Mask:
     """Reorder cells with negative volume (in place), return their mask.
 
     Refuse empty and folded cells.
@@ -398,29 +371,19 @@ def _turn(
     return inside_out
 
 
-def _refuse(
-    points: NDArray[np.float64],
-    cells: NDArray[np.int64],
-    bad: NDArray[np.bool_],
-    fault: str,
-    number: NDArray[np.int64],
-) -> None:
+def _refuse(points: Array, cells: Ints, bad: Mask, fault: str, number: Ints) -> None:
     """Refuse a mesh of which some cells are `bad` (cells,)."""
     if bad.any():
         raise MeshError(first_of(points, cells, bad, fault, number))
 
 
-def _pieces(cells: NDArray[np.int64], topology: Topology) -> NDArray[np.int64]:
+def _pieces(cells: Ints, topology: Topology) -> Ints:
     """Number of the piece of each cell, (cells,); pieces are connected through facets."""
     return connected(topology.pairs.T, len(cells))
 
 
 def _refuse_pieces(
-    points: NDArray[np.float64],
-    cells: NDArray[np.int64],
-    label: NDArray[np.int64],
-    groups: Collection[str],
-    chosen: Collection[str],
+    points: Array, cells: Ints, label: Ints, groups: Collection[str], chosen: Collection[str]
 ) -> None:
     """Refuse a body of more than one piece; `label` (cells,) numbers them.
 
@@ -450,12 +413,8 @@ def _refuse_pieces(
 
 
 def _sides(
-    content: FileContent,
-    rename: NDArray[np.int64],
-    cells: NDArray[np.int64],
-    topology: Topology,
-    notes: list[str],
-) -> tuple[dict[str, NDArray[np.int32]], dict[str, NDArray[np.int64]]]:
+    content: FileContent, rename: Ints, cells: Ints, topology: Topology, notes: list[str]
+) -> tuple[dict[str, NDArray[np.int32]], dict[str, Ints]]:
     """Rows of the surface facets in each group, and cells on one side of each inner surface.
 
     Groups without facets are left out.

@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
+from meshes.arrays import Array, Mask
 from meshes.cell_shape import at_vertices, corner_jacobians
 from meshes.contact_surface import Surface
 from meshes.smooth_surface import SMOOTH
@@ -31,8 +32,6 @@ SAME_PLACE = 1e-9
 
 KNIFE = 0.1
 """Sine of the angle between two facets below which no point is at the heights of both."""
-
-Array = NDArray[np.float64]
 
 
 def rounded(fine: CellMesh, coarse: CellMesh, facets: NDArray[np.integer]) -> CellMesh:
@@ -96,7 +95,7 @@ def _moves(mesh: CellMesh, facets: NDArray[np.integer]) -> tuple[Array, Array]:
     return np.concatenate(places)[:, :d], np.concatenate(moves)[:, :d]
 
 
-def _of_edges(skin: Surface, bulge: Array, is_round: NDArray[np.bool_]) -> tuple[Array, Array]:
+def _of_edges(skin: Surface, bulge: Array, is_round: Mask) -> tuple[Array, Array]:
     """Midpoints of the edges of round facets, and their ways to the smooth surface: (n, 3) each."""
     v = bulge.shape[1]
     first, second = np.arange(v), np.roll(np.arange(v), -1)

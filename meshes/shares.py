@@ -6,8 +6,10 @@ import numpy as np
 from mpi4py import MPI
 from numpy.typing import NDArray
 
+from meshes.arrays import Ints
 
-def share(comm: MPI.Intracomm, count: int) -> NDArray[np.int64]:
+
+def share(comm: MPI.Intracomm, count: int) -> Ints:
     """This rank's share of so many items: consecutive ones."""
     return np.array_split(np.arange(count), comm.size)[comm.rank]
 

@@ -25,8 +25,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.sparse import csr_matrix
+
+from meshes.arrays import Array, Ints
 
 SMOOTH = np.deg2rad(30.0)
 """Angle between facets above which their edge is not part of a round surface."""
@@ -48,16 +49,14 @@ AT_ONCE = 20_000
 """Corners of facets whose normals are fitted together: some 50 facets lie about each, so that their
 coordinates take 25 MB."""
 
-Array = NDArray[np.float64]
 
-
-def bulges(corners: NDArray[np.int64], points: Array, normals: Array) -> Array:
+def bulges(corners: Ints, points: Array, normals: Array) -> Array:
     """½ (x_b - x_a)·(n_b - n_a) of the vertices of each facet, (facets, v, v).
 
     Parameters
     ----------
     corners : (facets, v)
-        Numbers of the vertices.
+        Ints of the vertices.
     points : (facets, v, 3)
         Their coordinates.
     normals : (facets, 3)
@@ -69,7 +68,7 @@ def bulges(corners: NDArray[np.int64], points: Array, normals: Array) -> Array:
     return np.asarray(0.5 * np.einsum("fabi,fabi->fab", x, n))
 
 
-def _normals_at_vertices(corners: NDArray[np.int64], points: Array, normals: Array) -> Array:
+def _normals_at_vertices(corners: Ints, points: Array, normals: Array) -> Array:
     """Normals of the smooth surface at the vertices of each facet, (facets, v, 3)."""
     facets, v = corners.shape
     _, at, place = np.unique(corners, return_index=True, return_inverse=True)
@@ -107,7 +106,7 @@ class _Facets:
         Positive where two share a vertex.
     """
 
-    place: NDArray[np.int64]
+    place: Ints
     vertices: Array
     centres: Array
     normals: Array
@@ -116,9 +115,7 @@ class _Facets:
     neighbours: csr_matrix
 
     @classmethod
-    def of(
-        cls, place: NDArray[np.int64], vertices: Array, points: Array, normals: Array
-    ) -> _Facets:
+    def of(cls, place: Ints, vertices: Array, points: Array, normals: Array) -> _Facets:
         """Facets with corners at points (facets, v, 3)."""
         facets, v = place.shape
         starts = np.arange(0, facets * v + 1, v)
@@ -136,9 +133,7 @@ class _Facets:
         return self.vertices_of.T.tocsr()
 
 
-def _fit(
-    mesh: _Facets, corners: NDArray[np.int64], about: csr_matrix, result: Array, last: bool
-) -> NDArray[np.int64]:
+def _fit(mesh: _Facets, corners: Ints, about: csr_matrix, result: Array, last: bool) -> Ints:
     """Write the normals at corners (c,); return the corners with too few vertices, unless last.
 
     Parameters
@@ -171,7 +166,7 @@ def _fit(
     return np.asarray(corners[~enough[same]])
 
 
-def _of_one_side(about: csr_matrix, normals: Array, facets: NDArray[np.int64]) -> csr_matrix:
+def _of_one_side(about: csr_matrix, normals: Array, facets: Ints) -> csr_matrix:
     """Facets about each corner (c, facets) that no edge of the body parts from its own facet."""
     row = np.repeat(np.arange(about.shape[0]), np.diff(about.indptr))
     cosine = np.einsum("ri,ri->r", normals[about.indices], normals[facets[row]])
@@ -180,9 +175,7 @@ def _of_one_side(about: csr_matrix, normals: Array, facets: NDArray[np.int64]) -
     return csr_matrix(entries, shape=about.shape)
 
 
-def _distinct(
-    vertex: NDArray[np.int64], rings: csr_matrix
-) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+def _distinct(vertex: Ints, rings: csr_matrix) -> tuple[Ints, Ints]:
     """First of the corners with one vertex and one set of facets, and their number for each.
 
     Sets are compared by sums of random numbers of their facets, modulo 2⁶⁴.
@@ -194,7 +187,7 @@ def _distinct(
     return first, same.ravel()
 
 
-def _padded(rows: csr_matrix) -> tuple[NDArray[np.int64], Array]:
+def _padded(rows: csr_matrix) -> tuple[Ints, Array]:
     """Columns of the entries of each row, (rows, most), and 1 where there is one, else 0."""
     counts = np.diff(rows.indptr)
     filled = np.arange(counts.max(initial=0)) < counts[:, None]

@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 from scipy import sparse
 
 from meshes import dolfinx_compat
+from meshes.arrays import Array, Ints
 from meshes.quadratic import VERTICES, node_vertices
 
 VTK_ORDER = {
@@ -49,18 +50,14 @@ def vtk_order(cell: str, degree: int) -> tuple[int, ...]:
     return tuple(int(i) for i in away.argmin(axis=1))
 
 
-def vtk_shapes(
-    cell: str, degree: int, points: NDArray[np.float64]
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def vtk_shapes(cell: str, degree: int, points: Array) -> tuple[Array, Array]:
     """Shape functions (points, nodes), derivatives (points, dimension, nodes), in VTK order."""
     order = list(vtk_order(cell, degree))
     values, slopes = dolfinx_compat.lagrange_shapes(cell, degree, points)
     return values[:, order], slopes[..., order]
 
 
-def vtk_places(
-    cell: str, degree: int, nodes: NDArray[np.float64], points: NDArray[np.float64]
-) -> NDArray[np.float64]:
+def vtk_places(cell: str, degree: int, nodes: Array, points: Array) -> Array:
     """Coordinates of points in the reference cell, (points, dimension), by Newton's method.
 
     In simplices and parallelograms of degree 1 its first step is exact, and is taken from the first
@@ -93,7 +90,7 @@ def vtk_places(
     return places
 
 
-def _parallelograms(nodes: NDArray[np.float64]) -> bool:
+def _parallelograms(nodes: Array) -> bool:
     """Whether the opposite sides of all quadrilaterals (n, 4, d) are equal."""
     skew = nodes[:, 0] - nodes[:, 1] + nodes[:, 2] - nodes[:, 3]
     size = np.abs(nodes[:, 2] - nodes[:, 0]).max(axis=1, initial=0.0)
@@ -128,7 +125,7 @@ class Reference:
     mesh: Any
     cell: str
     degree: int
-    points: NDArray[np.float64]
+    points: Array
     cells: NDArray[np.int32]
     facets: NDArray[np.int32]
     facet_entities: NDArray[np.int32]
@@ -176,7 +173,7 @@ class Reference:
         degree
             Degree of the displacement.
         tags
-            Numbers of the materials of the cells given to `create_mesh`, in their order; all 0
+            Ints of the materials of the cells given to `create_mesh`, in their order; all 0
             unless given.
         """
         dimension = mesh.topology.dim
@@ -198,7 +195,7 @@ class Reference:
         )
 
 
-def _nodes(mesh: Any, cell: str, degree: int) -> tuple[NDArray[np.float64], NDArray[np.int32]]:
+def _nodes(mesh: Any, cell: str, degree: int) -> tuple[Array, NDArray[np.int32]]:
     """Coordinates of the nodes (geometry nodes first), and the nodes of cells.
 
     Returns (nodes, 3) and (cells, nodes per cell) in dolfinx's order.
@@ -217,9 +214,7 @@ def _nodes(mesh: Any, cell: str, degree: int) -> tuple[NDArray[np.float64], NDAr
     return np.concatenate([points, at[added]]), number[dofs]
 
 
-def _sides_of_facets(
-    mesh: Any, entities: NDArray[np.int32]
-) -> tuple[NDArray[np.int32], NDArray[np.int64]]:
+def _sides_of_facets(mesh: Any, entities: NDArray[np.int32]) -> tuple[NDArray[np.int32], Ints]:
     """The cell of each facet on the surface, and the local number of the facet in the cell."""
     d = mesh.topology.dim
     mesh.topology.create_connectivity(d, d - 1)
@@ -251,12 +246,12 @@ class Subdomain:
     number: int
     body: int
     reference: Reference
-    translation: NDArray[np.float64]
-    nodes: NDArray[np.int64]
+    translation: Array
+    nodes: Ints
     exterior: NDArray[np.int32]
     boundaries: Mapping[str, NDArray[np.int32]]
 
-    def points(self) -> NDArray[np.float64]:
+    def points(self) -> Array:
         """Coordinates of the nodes, (nodes, 3)."""
         return self.reference.points + self.translation
 
@@ -286,9 +281,9 @@ class Partition:
     subdomains: tuple[Subdomain, ...]
     count: int
     subdomains_of_body: tuple[int, ...]
-    first_node: NDArray[np.int64]
-    first_cell: NDArray[np.int64]
-    cell_starts: NDArray[np.int64]
+    first_node: Ints
+    first_cell: Ints
+    cell_starts: Ints
 
     @property
     def nodes(self) -> int:

@@ -19,13 +19,12 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
+from meshes.arrays import Array, Ints, Mask
 from meshes.box import SIDES, BoxShape, lattice_places
 from meshes.unstructured import CellMesh, Topology, row_places
 
 SAME = 1e-9
 """Distance over the size of a mesh below which a mirror image coincides with a node."""
-
-Bools = NDArray[np.bool_]
 
 
 class AsymmetryError(ValueError):
@@ -52,11 +51,11 @@ class HalfSurface:
         body, only one of the two is true.
     """
 
-    points: NDArray[np.float64]
-    images: NDArray[np.float64]
-    on_plane: Bools
-    facets: NDArray[np.int64]
-    sides: Mapping[str, tuple[Bools, Bools]]
+    points: Array
+    images: Array
+    on_plane: Mask
+    facets: Ints
+    sides: Mapping[str, tuple[Mask, Mask]]
     of: tuple[bool, bool] = (True, True)
 
 
@@ -103,7 +102,7 @@ def box_images(box: BoxShape, other: BoxShape, axis: int) -> tuple[HalfSurface, 
 
 def _box_surface(
     box: BoxShape, cells: tuple[int, ...], skipped: int = -1
-) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.int64]]:
+) -> tuple[Ints, Ints, Ints]:
     """Surface of the first cells of a box along each axis, all sides but one.
 
     Returns
@@ -127,7 +126,7 @@ def _box_surface(
     return place, facets.reshape(-1, faces[0].shape[1]), np.concatenate(of_side)
 
 
-def _places(box: BoxShape, lattice: NDArray[np.int64]) -> NDArray[np.float64]:
+def _places(box: BoxShape, lattice: Ints) -> Array:
     """Coordinates (n, 3) of places on the lattice of a box."""
     points = np.zeros((len(lattice), 3))
     points[:, : box.dimension] = np.array(box.lower) + lattice * (box.spacing / box.degree)
@@ -135,7 +134,7 @@ def _places(box: BoxShape, lattice: NDArray[np.int64]) -> NDArray[np.float64]:
 
 
 @cache
-def _brick_sides(cell: str, degree: int) -> list[NDArray[np.int64]]:
+def _brick_sides(cell: str, degree: int) -> list[Ints]:
     """Places on the lattice of the nodes of the facets on each side of a box of one brick."""
     d = 2 if cell in ("triangle", "quadrilateral") else 3
     brick = BoxShape((0.0,) * d, (1.0,) * d, (1,) * d, cell, degree)
@@ -144,7 +143,7 @@ def _brick_sides(cell: str, degree: int) -> list[NDArray[np.int64]]:
 
 
 def half_mesh(
-    mesh: CellMesh, degree: int, kinds: NDArray[np.int64], axis: int, at: float, cut: str
+    mesh: CellMesh, degree: int, kinds: Ints, axis: int, at: float, cut: str
 ) -> tuple[CellMesh, HalfSurface]:
     """The lower half of a mesh from a file, and its surface.
 
@@ -186,12 +185,7 @@ def half_mesh(
 
 
 def mesh_images(
-    mesh: CellMesh,
-    other: CellMesh,
-    degree: int,
-    kinds: tuple[NDArray[np.int64], NDArray[np.int64]],
-    axis: int,
-    at: float,
+    mesh: CellMesh, other: CellMesh, degree: int, kinds: tuple[Ints, Ints], axis: int, at: float
 ) -> tuple[HalfSurface, HalfSurface]:
     """The surface of a mesh and of its mirror image, another mesh, from the view of each.
 
@@ -209,7 +203,7 @@ def mesh_images(
     points, images, _, local, rows_there = _facet_images(shape, image, facets, place)
     is_beside, none = np.zeros(len(points), bool), np.zeros(len(facets), bool)
 
-    def members(rows: NDArray[np.int32], other_facets: NDArray[np.int64] | slice) -> Bools:
+    def members(rows: NDArray[np.int32], other_facets: Ints | slice) -> Mask:
         member = np.zeros(len(facets), bool)
         member[rows] = True
         return np.asarray(member[other_facets])
@@ -222,9 +216,7 @@ def mesh_images(
     )
 
 
-def _image_nodes(
-    mesh: CellMesh, other: CellMesh, axis: int, at: float, tolerance: float
-) -> NDArray[np.int64]:
+def _image_nodes(mesh: CellMesh, other: CellMesh, axis: int, at: float, tolerance: float) -> Ints:
     """The node of another (or the same) mesh at the image of each node of a mesh, (n,)."""
     x, image = mesh.points, mesh.points.copy()
     image[:, axis] = 2.0 * at - image[:, axis]
@@ -241,11 +233,7 @@ def _image_nodes(
 
 
 def _refuse_unlike(
-    mesh: CellMesh,
-    other: CellMesh,
-    place: NDArray[np.int64],
-    kind: NDArray[np.int64],
-    other_kind: NDArray[np.int64],
+    mesh: CellMesh, other: CellMesh, place: Ints, kind: Ints, other_kind: Ints
 ) -> None:
     """Refuse cells whose images are not cells, or are of another material."""
     image = row_places(np.sort(other.cells, axis=1), np.sort(place[mesh.cells], axis=1))
@@ -259,13 +247,13 @@ def _refuse_unlike(
 
 
 def _facet_images(
-    mesh: CellMesh, other: CellMesh, facets: NDArray[np.int64], place: NDArray[np.int64]
+    mesh: CellMesh, other: CellMesh, facets: Ints, place: Ints
 ) -> tuple[
-    NDArray[np.float64],
-    NDArray[np.float64],
-    NDArray[np.int64],
-    NDArray[np.int64],
-    NDArray[np.int64],
+    Array,
+    Array,
+    Ints,
+    Ints,
+    Ints,
 ]:
     """Nodes of facets and of their images.
 
@@ -284,7 +272,7 @@ def _facet_images(
 
 
 def _lower(
-    mesh: CellMesh, below: Bools, axis: int, at: float, tolerance: float, cut: str
+    mesh: CellMesh, below: Mask, axis: int, at: float, tolerance: float, cut: str
 ) -> CellMesh:
     """The cells on the lower side; nodes near the plane are moved exactly onto it."""
     used, cells = np.unique(mesh.cells[below], return_inverse=True)
@@ -316,10 +304,10 @@ def _lower(
     )
 
 
-def _middle(mesh: CellMesh, of: Bools) -> str:
+def _middle(mesh: CellMesh, of: Mask) -> str:
     """The middle of the first of some cells."""
     return _point(mesh.points[mesh.cells[np.argmax(of)]].mean(axis=0))
 
 
-def _point(x: NDArray[np.float64]) -> str:
+def _point(x: Array) -> str:
     return "(" + ", ".join(f"{v:g}" for v in x) + ")"

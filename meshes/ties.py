@@ -27,9 +27,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from mpi4py import MPI
-from numpy.typing import NDArray
 from scipy import sparse
 
+from meshes.arrays import Array, Ints, Mask
 from meshes.contact_surface import Surface, frames
 from meshes.facet_overlaps import Overlaps
 from meshes.facing import overlaps
@@ -54,8 +54,8 @@ class MeanJumps:
     rows: tuple[MeanGaps, ...]
     gap: float
     size: float
-    nodes: NDArray[np.int64]
-    held: NDArray[np.bool_]
+    nodes: Ints
+    held: Mask
 
 
 @dataclass(frozen=True, eq=False)
@@ -70,11 +70,11 @@ class Decided:
         Nodes with multipliers of another tie.
     """
 
-    nodes: NDArray[np.int64]
-    held: NDArray[np.bool_]
-    tied_before: NDArray[np.int64]
+    nodes: Ints
+    held: Mask
+    tied_before: Ints
 
-    def of(self, nodes: NDArray[np.int64]) -> NDArray[np.bool_]:
+    def of(self, nodes: Ints) -> Mask:
         """Mask (n, d) of the held components of some nodes."""
         result = np.zeros((len(nodes), self.held.shape[1]), bool)
         if len(self.nodes):
@@ -164,7 +164,7 @@ class _Ties:
             tilt = scattered(sides.corners[pairs.i], column, turned, tilt.shape)
         return cls(sides, psi, jump, tilt)
 
-    def distributed(self, yielding: NDArray[np.bool_]) -> _Distributed:
+    def distributed(self, yielding: Mask) -> _Distributed:
         """The sums in which rows of yielding nodes (n,) are distributed to their neighbours."""
         total, weak = self.psi.total(self.sides)
         shares = distribute(self.sides.corners, self.psi.weight, total, yielding | weak)
@@ -198,7 +198,7 @@ class _Distributed:
         As in `_Ties`.
     """
 
-    strong: NDArray[np.int64]
-    total: NDArray[np.float64]
+    strong: Ints
+    total: Array
     jump: sparse.coo_matrix
     tilt: sparse.coo_matrix

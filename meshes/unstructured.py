@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from meshes.arrays import Array, Ints, Mask
 from meshes.cell_shape import cell_sizes
 from meshes.cells import Choose, Skin
 from meshes.quadratic import VERTICES, facet_table, with_middles
@@ -24,13 +25,7 @@ class MeshError(ValueError):
     """A mesh that cannot be used; the message says why and how to correct it."""
 
 
-def first_of(
-    points: NDArray[np.float64],
-    cells: NDArray[np.int64],
-    bad: NDArray[np.bool_],
-    fault: str,
-    number: NDArray[np.int64],
-) -> str:
+def first_of(points: Array, cells: Ints, bad: Mask, fault: str, number: Ints) -> str:
     """Message with the number of `bad` cells (cells,) and the first one.
 
     Its number in the file and its centre.
@@ -55,12 +50,12 @@ EVEN = 3.0
 """Largest ratio of large to small cells (95th and 5th percentile of lengths) of even meshes."""
 
 
-def matching_rows(table: NDArray[np.int64], sought: NDArray[np.int64]) -> NDArray[np.int64]:
+def matching_rows(table: Ints, sought: Ints) -> Ints:
     """Row of `table` that equals each row of `sought`; each must exist, rows are sorted."""
     return row_places(table, sought)
 
 
-def row_places(table: NDArray[np.int64], sought: NDArray[np.int64]) -> NDArray[np.int64]:
+def row_places(table: Ints, sought: Ints) -> Ints:
     """Row of `table` that equals each row of `sought`, -1 if no row does; rows are sorted."""
     keys = _row_keys(np.concatenate([table, sought]))
     present, requested = keys[: len(table)], keys[len(table) :]
@@ -69,7 +64,7 @@ def row_places(table: NDArray[np.int64], sought: NDArray[np.int64]) -> NDArray[n
     return np.asarray(np.where(present[at] == requested, at, -1))
 
 
-def _row_keys(rows: NDArray[np.int64]) -> NDArray[np.int64]:
+def _row_keys(rows: Ints) -> Ints:
     """One number per row of non-negative integers; equal rows have equal numbers, order is kept."""
     base = int(rows.max(initial=0)) + 1
     keys = np.zeros(len(rows), np.int64)
@@ -101,14 +96,14 @@ class Topology:
         Facets that more than two cells have: none in a mesh that fills space once.
     """
 
-    facets: NDArray[np.int64]
-    facet_cells: NDArray[np.int64]
-    pairs: NDArray[np.int64]
+    facets: Ints
+    facet_cells: Ints
+    pairs: Ints
     pair_facets: NDArray[np.int8]
     crowded: int
 
     @classmethod
-    def of(cls, cells: NDArray[np.int64], cell: str) -> Topology:
+    def of(cls, cells: Ints, cell: str) -> Topology:
         """Topology of cells (cells, nodes) in VTK order, of first or second order."""
         table = np.array(FACETS[cell])
         # half as wide: allocating memory takes most of the time at 10⁶ facets
@@ -171,18 +166,18 @@ class CellMesh:
     """
 
     cell: str
-    points: NDArray[np.float64]
-    cells: NDArray[np.int64]
+    points: Array
+    cells: Ints
     topology: Topology
     sides: Mapping[str, NDArray[np.int32]]
-    groups: Mapping[str, NDArray[np.int64]]
+    groups: Mapping[str, Ints]
     tags: NDArray[np.int32]
     name: str = "mesh"
     notes: tuple[str, ...] = field(default=())
     degree: int = 1
-    middles: NDArray[np.float64] | None = None
+    middles: Array | None = None
     coarse: CellMesh | None = None
-    inner: Mapping[str, NDArray[np.int64]] = field(default_factory=dict)
+    inner: Mapping[str, Ints] = field(default_factory=dict)
 
     @property
     def dimension(self) -> int:
@@ -215,7 +210,7 @@ class CellMesh:
         return tuple(float(v) for v in self._places.max(axis=0))
 
     @property
-    def _places(self) -> NDArray[np.float64]:
+    def _places(self) -> Array:
         """Coordinates of nodes, including nodes on curved edges."""
         if self.middles is None:
             return self.points
@@ -300,16 +295,16 @@ class CellMesh:
         small, large = np.quantile(size, (0.05, 0.95))
         return centres if large <= EVEN * small else None
 
-    def nodes_at(self, rows: NDArray[Any]) -> NDArray[np.int64]:
+    def nodes_at(self, rows: NDArray[Any]) -> Ints:
         """Nodes of cells in VTK order, (rows, nodes per cell)."""
         return self.cells[rows]
 
-    def points_at(self, nodes: NDArray[np.int64]) -> NDArray[np.float64]:
+    def points_at(self, nodes: Ints) -> Array:
         """Coordinates of nodes, (nodes, dimension)."""
         return self.points[nodes]
 
     def tags_at(self, rows: NDArray[Any]) -> NDArray[np.int32]:
-        """Numbers of the materials of cells, (rows,)."""
+        """Ints of the materials of cells, (rows,)."""
         return self.tags[rows]
 
     def neighbours(self, label: NDArray[Any], choose: Choose) -> tuple[NDArray, NDArray]:
@@ -318,7 +313,7 @@ class CellMesh:
         chosen = np.flatnonzero(choose(label[a], label[b]))
         return a[chosen], b[chosen]
 
-    def skin(self, chosen: NDArray[np.bool_]) -> Skin:
+    def skin(self, chosen: Mask) -> Skin:
         """Facets on the surface of the chosen cells (cells,), ordered by their cells."""
         rows = np.flatnonzero(chosen[self.topology.facet_cells])
         sides = {}

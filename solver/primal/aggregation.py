@@ -11,14 +11,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from petsc4py import PETSc
 from scipy import sparse
 
 from solver.primal.block_rows import BlockRows
 from solver.primal.petsc_options import lent_options
-
-Array = NDArray[np.float64]
+from solver.vectors import Array, Ints
 
 DAMPING = 1.4
 """ω times the largest eigenvalue of D⁻¹ A, as GAMG has it."""
@@ -81,7 +79,7 @@ def coarsened(
     return Coarse(BlockRows(A.comm, tentative + correction, count), coarse)
 
 
-def _own_columns(A: BlockRows) -> tuple[NDArray[np.int64], NDArray[np.int64], Array]:
+def _own_columns(A: BlockRows) -> tuple[Ints, Ints, Array]:
     """Row, column and entries of the blocks between this rank's nodes."""
     first = A.comm.exscan(A.columns) or 0
     row = np.repeat(np.arange(A.rows), np.diff(A.local.indptr))
@@ -108,7 +106,7 @@ def _graph(A: BlockRows) -> sparse.csr_matrix:
     return sparse.csr_matrix((norms, (row, column)), shape=(A.rows, A.rows))
 
 
-def _aggregates(graph: sparse.csr_matrix, threshold: float, aggressive: bool) -> NDArray[np.int64]:
+def _aggregates(graph: sparse.csr_matrix, threshold: float, aggressive: bool) -> Ints:
     """The aggregate of each node, (nodes,). Nodes without strong couplings have one each."""
     graph.sort_indices()
     count = graph.shape[0]
@@ -149,9 +147,7 @@ def _aggregates(graph: sparse.csr_matrix, threshold: float, aggressive: bool) ->
     return aggregate
 
 
-def _orthonormal(
-    rigid: Array, aggregate: NDArray[np.int64]
-) -> tuple[Array, Array, NDArray[np.int64]]:
+def _orthonormal(rigid: Array, aggregate: Ints) -> tuple[Array, Array, Ints]:
     """The motions orthonormalised on each aggregate, R_c, and the aggregate of each node.
 
     Motions that depend on those before them become zero. Aggregates without any motion are left

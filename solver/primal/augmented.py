@@ -31,7 +31,6 @@ import math
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from solver.backend import Statuses
 from solver.contact.active_set import ActiveSetMethod
@@ -47,9 +46,7 @@ from solver.primal.products import multiply, multiply_transposed
 from solver.primal.projector import Projector
 from solver.qp.mprgp import MPRGP
 from solver.qp.result import Counts, Monitor, Reason
-
-Array = NDArray[np.float64]
-Mask = NDArray[np.bool_]
+from solver.vectors import Array, Mask
 
 
 @dataclass(frozen=True)

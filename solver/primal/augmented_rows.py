@@ -20,7 +20,6 @@ from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from solver.backend import Turn
 from solver.contact.friction_law import Friction
@@ -29,9 +28,7 @@ from solver.contact.law import ContactLaw
 from solver.contact.slip_limits import SlipLimits
 from solver.primal.friction_springs import FrictionSprings
 from solver.primal.merged import MergedSystem
-
-Array = NDArray[np.float64]
-Mask = NDArray[np.bool_]
+from solver.vectors import Array, Mask
 
 KNOWN = 0.1
 """Change of μ λ_n since the last change of forces, over its distance to the limits, below which the

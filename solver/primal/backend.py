@@ -13,7 +13,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from mpi4py import MPI
-from numpy.typing import NDArray
 
 from solver.backend import ConstraintHierarchy, SetState, Statuses
 from solver.contact.bodies import body_lengths, largest
@@ -37,9 +36,7 @@ from solver.qp.mprgp import MPRGP
 from solver.qp.result import Counts, Monitor, Reason
 from solver.tfeti.constraints.hierarchy import constraint_hierarchy
 from solver.tfeti.decomposed import DecomposedProblem, SharedPlace
-from solver.vectors import Mask, Vector
-
-Array = NDArray[np.float64]
+from solver.vectors import Array, Mask, Vector
 
 SAFETY = 0.5
 """Factor on the smallest Ritz value that estimates the smallest eigenvalue of M⁻¹ K.

@@ -17,8 +17,7 @@ from petsc4py import PETSc
 from scipy import sparse
 
 from solver.tfeti.constraints.matrix import local_rows
-
-Array = NDArray[np.float64]
+from solver.vectors import Array, Ints
 
 AT_ONCE = 500_000
 """Approximate number of entries of A in the rows that are multiplied at once.
@@ -55,7 +54,7 @@ class BlockRows:
         """Number of blocks of rows of this rank."""
         return int(self.local.shape[0] // self.local.blocksize[0])
 
-    def _starts(self, count: int) -> NDArray[np.int64]:
+    def _starts(self, count: int) -> Ints:
         """First blocks of all ranks, and the number of all, of `count` here (collective)."""
         return np.cumsum([0, *self.comm.allgather(count)])
 

@@ -6,7 +6,6 @@ from dataclasses import replace
 from functools import partial
 
 import numpy as np
-from numpy.typing import NDArray
 from petsc4py import PETSc
 
 from solver.backend import Statuses
@@ -30,6 +29,7 @@ from solver.tfeti.certify import certify, friction_residual
 from solver.tfeti.contact_law import SURE
 from solver.tfeti.dual import DualProblem
 from solver.tfeti.methods.task import Task, saved_by
+from solver.vectors import Array, Mask
 
 METHOD = "primal"
 
@@ -168,7 +168,7 @@ def _solve(
 
 
 def _statuses_of(
-    backend: Multigrid, law: ContactLaw, first: FirstSet, active: NDArray[np.bool_]
+    backend: Multigrid, law: ContactLaw, first: FirstSet, active: Mask
 ) -> Statuses | None:
     """Statuses with the friction and the slips of the first set; None if there is none.
 
@@ -217,7 +217,7 @@ def _certified(backend: Multigrid, rule: StoppingRule, state: PrimalState) -> So
 
 
 def _required_reduction(
-    backend: Multigrid, rule: StoppingRule, loads: NDArray[np.float64], state: PrimalState
+    backend: Multigrid, rule: StoppingRule, loads: Array, state: PrimalState
 ) -> float:
     """Factor by which the numbers of a state have to fall before it is certified (collective).
 

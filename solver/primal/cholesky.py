@@ -4,15 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 from mpi4py import MPI
-from numpy.typing import NDArray
 from petsc4py import PETSc
 from scipy import sparse
 
 from solver.factors import compute_factor
 from solver.tfeti.constraints.matrix import petsc_rows
-from solver.vectors import on_arrays
-
-Array = NDArray[np.float64]
+from solver.vectors import Array, on_arrays
 
 
 def factored(matrix: PETSc.Mat) -> PETSc.PC:

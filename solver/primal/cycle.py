@@ -22,7 +22,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from petsc4py import PETSc
 from scipy import sparse
 
@@ -36,9 +35,7 @@ from solver.primal.products import multiply, multiply_transposed
 from solver.primal.projector import Projector
 from solver.primal.smoother import Smoother
 from solver.tfeti.constraints.matrix import local_rows, petsc_rows
-from solver.vectors import on_arrays
-
-Array = NDArray[np.float64]
+from solver.vectors import Array, Mask, on_arrays
 
 CHANGED = 0.15
 """Changed springs, relative to the rows of the set, up to which a cycle keeps those it has.
@@ -189,15 +186,13 @@ class CycleOnSets:
             springs[rows] /= 1.0 + stiff[rows] * projector.compliance
         return springs
 
-    def _clearly(self, springs: Array, system: MergedSystem) -> NDArray[np.bool_]:
+    def _clearly(self, springs: Array, system: MergedSystem) -> Mask:
         """Rows whose spring or frame changes by more than `NOTICED`, (rows,)."""
         before, most = self._springs, np.maximum(springs, self._springs)
         turned = np.abs(np.sin(system.angles - self._system.angles)) > NOTICED
         return (np.abs(springs - before) > NOTICED * most) | (turned & (most > 0.0))
 
-    def _change(
-        self, system: MergedSystem, springs: Array, differs: NDArray[np.bool_]
-    ) -> BlockRows:
+    def _change(self, system: MergedSystem, springs: Array, differs: Mask) -> BlockRows:
         """The change of the springs on the first coarse level (collective)."""
         rows, signs = [], []
         for one, stiff, sign in ((system, springs, 1.0), (self._system, self._springs, -1.0)):

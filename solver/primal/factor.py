@@ -15,7 +15,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from mpi4py import MPI
-from numpy.typing import NDArray
 from petsc4py import PETSc
 from scipy import sparse
 from scipy.sparse.csgraph import reverse_cuthill_mckee
@@ -29,9 +28,7 @@ from solver.primal.projector import Projector
 from solver.primal.thin import THIN
 from solver.tfeti.constraints.matrix import local_rows
 from solver.tfeti.subdomain.costs import factor_seconds
-from solver.vectors import on_arrays
-
-Array = NDArray[np.float64]
+from solver.vectors import Array, on_arrays
 
 
 @dataclass(frozen=True)

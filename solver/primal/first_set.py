@@ -16,7 +16,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 from petsc4py import PETSc
 
 from solver.primal.blocks import petsc_blocks, rows_in_blocks
@@ -34,8 +33,7 @@ from solver.primal.spring_levels import (
     Rows,
     SharedLevel,
 )
-
-Array = NDArray[np.float64]
+from solver.vectors import Array, Mask
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,7 +50,7 @@ class FirstSet:
         Forces of the springs, as multipliers; None where no springs were used.
     """
 
-    active: NDArray[np.bool_]
+    active: Mask
     u: Array
     cycle: CycleWithSprings | None = None
     tensions: Array | None = None

@@ -12,12 +12,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from mpi4py import MPI
-from numpy.typing import NDArray
 
 from solver.primal.merged import MergedSystem
-
-Array = NDArray[np.float64]
-Numbers = NDArray[np.int64]
+from solver.vectors import Array, Ints
 
 
 @dataclass(frozen=True, eq=False)
@@ -36,9 +33,9 @@ class FrictionSprings:
         Whether a contact of any rank has friction.
     """
 
-    rows: Numbers
-    normals: Numbers
-    point: Numbers
+    rows: Ints
+    normals: Ints
+    point: Ints
     sticking: Array
     coefficients: Array
     limits: Array

@@ -3,11 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from solver.primal.merged import MergedSystem
-
-Array = NDArray[np.float64]
+from solver.vectors import Array
 
 
 class HeldEnergy:

@@ -10,7 +10,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from petsc4py import PETSc
 
 from solver.primal.aggregation import coarsened
@@ -20,6 +19,7 @@ from solver.primal.lanczos import largest_eigenvalue
 from solver.primal.merged import MergedSystem
 from solver.primal.products import with_diagonal
 from solver.primal.vertices import vertex_level
+from solver.vectors import Array
 
 
 @dataclass(frozen=True)
@@ -104,7 +104,7 @@ def build_hierarchy(system: MergedSystem, options: MultigridOptions | None = Non
     return Hierarchy(tuple(prolongations), tuple(operators), options, (eigenvalues or [0.0])[0])
 
 
-def _flexibility(operator: PETSc.Mat) -> NDArray[np.float64]:
+def _flexibility(operator: PETSc.Mat) -> Array:
     """One over the diagonal, zero where that is zero."""
     diagonal = operator.getDiagonal().getArray()
     return np.divide(1.0, diagonal, out=np.zeros_like(diagonal), where=diagonal > 0.0)

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 from mpi4py import MPI
-from numpy.typing import NDArray
 from petsc4py import PETSc
 from scipy.linalg import eigvalsh_tridiagonal
 
 from solver.primal.products import multiply
+from solver.vectors import Array
 
 STEPS = 10
 """Steps of Lanczos' iteration for the largest eigenvalue, as many as PETSc takes."""
@@ -51,7 +51,7 @@ class Lanczos:
         return float(eigvalsh_tridiagonal(diagonal, off, select="i", select_range=(0, 0))[0])
 
 
-def largest_eigenvalue(K: PETSc.Mat, flexibility: NDArray[np.float64]) -> float:
+def largest_eigenvalue(K: PETSc.Mat, flexibility: Array) -> float:
     """The largest Ritz value of D⁻¹ K after `STEPS` steps (collective).
 
     Parameters

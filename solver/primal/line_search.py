@@ -6,9 +6,8 @@ from collections.abc import Callable
 
 import numpy as np
 from mpi4py import MPI
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from solver.vectors import Array
 
 ACCURATE = 1e-10
 """Slope over that at t = 0, below which it counts as zero."""

@@ -17,7 +17,6 @@ from functools import cached_property
 
 import numpy as np
 from mpi4py import MPI
-from numpy.typing import NDArray
 from petsc4py import PETSc
 from scipy import sparse
 
@@ -29,9 +28,7 @@ from solver.tfeti.constraints.matrix import lent, local_rows, petsc_rows
 from solver.tfeti.decomposed import DecomposedProblem
 from solver.tfeti.dual_operator import interface_slices
 from solver.tfeti.subdomain.kernels import rigid_motions
-from solver.vectors import largest_magnitude
-
-Array = NDArray[np.float64]
+from solver.vectors import Array, Ints, Mask, largest_magnitude
 
 
 @dataclass(frozen=True, eq=False)
@@ -49,7 +46,7 @@ class MergedSystem:
     c : (rows,)
         Right-hand side of these.
     rows : (rows,)
-        Numbers of these rows in B.
+        Ints of these rows in B.
     load : (unknowns,)
         f - K u_held, and K u_held on held unknowns.
     held : (unknowns,)
@@ -70,12 +67,12 @@ class MergedSystem:
     K: PETSc.Mat
     C: PETSc.Mat
     c: Array
-    rows: NDArray[np.int64]
+    rows: Ints
     load: Array
-    held: NDArray[np.bool_]
-    stiffless: NDArray[np.bool_]
+    held: Mask
+    stiffless: Mask
     rigid: Array
-    body: NDArray[np.int64]
+    body: Ints
     transfer: PETSc.Mat
     scatter: PETSc.Scatter
     angles: Array
@@ -109,7 +106,7 @@ class MergedSystem:
         return bool(self.comm.allreduce(int(self.stiffless.any())))
 
     @cached_property
-    def _of_bodies(self) -> list[NDArray[np.int64]]:
+    def _of_bodies(self) -> list[Ints]:
         """The unknowns of each body."""
         order = np.argsort(self.body, kind="stable")
         ends = np.searchsorted(self.body[order], np.arange(1, self.problem.bodies.count))
@@ -125,17 +122,17 @@ class MergedSystem:
         return np.where(self.held, self.load / self.diagonal, 0.0)
 
     @cached_property
-    def means(self) -> NDArray[np.bool_]:
+    def means(self) -> Mask:
         """Rows that hold a rigid motion in the mean over many nodes, (rows,)."""
         return self.problem.means[self.rows]
 
     @cached_property
-    def equality(self) -> NDArray[np.bool_]:
+    def equality(self) -> Mask:
         """Rows that always hold with equality, (rows,)."""
         return ~self.problem.conditional[self.rows]
 
     @cached_property
-    def normal(self) -> NDArray[np.bool_]:
+    def normal(self) -> Mask:
         """Contact rows, (rows,)."""
         return self.problem.inequality[self.rows]
 
@@ -239,7 +236,7 @@ def _load(system: MergedSystem, values: Array) -> Array:
     return np.where(held, system.diagonal * values, free)
 
 
-def _scatter(comm: MPI.Intracomm, numbers: NDArray[np.int64], size: int) -> PETSc.Scatter:
+def _scatter(comm: MPI.Intracomm, numbers: Ints, size: int) -> PETSc.Scatter:
     """Scatter from owned unknowns to the unknowns of this rank's distinct nodes."""
     owned = PETSc.Vec().createMPI((size, PETSc.DETERMINE), comm=comm)
     local = PETSc.Vec().createSeq(len(numbers))
@@ -269,7 +266,7 @@ def _to_owners(comm: MPI.Intracomm, scatter: PETSc.Scatter, values: Array, size:
     return out
 
 
-def _summed(values: Array, copies: NDArray[np.int64], nodes: MergedNodes, d: int) -> Array:
+def _summed(values: Array, copies: Ints, nodes: MergedNodes, d: int) -> Array:
     """Values (n, members) of a class summed at this rank's distinct nodes."""
     places = nodes.unknowns(copies, d)
     total = len(nodes.numbers) * d
@@ -341,7 +338,7 @@ def _on_diagonal(blocks: Sequence[sparse.csr_matrix]) -> sparse.csr_matrix:
     return sparse.csr_matrix((values, places, begins), shape=(first[-1], first[-1]))
 
 
-def _merged_columns(problem: DecomposedProblem, nodes: MergedNodes) -> NDArray[np.int64]:
+def _merged_columns(problem: DecomposedProblem, nodes: MergedNodes) -> Ints:
     """The merged unknown that each interface unknown of this rank is, (interface,)."""
     d = problem.dimension
     column = np.empty(problem.B.columns, np.int64)
@@ -352,16 +349,14 @@ def _merged_columns(problem: DecomposedProblem, nodes: MergedNodes) -> NDArray[n
     return column
 
 
-def _transfer(comm: MPI.Intracomm, columns: NDArray[np.int64], size: int) -> PETSc.Mat:
+def _transfer(comm: MPI.Intracomm, columns: Ints, size: int) -> PETSc.Mat:
     """Picks interface unknowns out of the merged ones, (interface, unknowns)."""
     count, total = len(columns), comm.allreduce(size)
     local = sparse.csr_matrix((np.ones(count), columns, np.arange(count + 1)), shape=(count, total))
     return petsc_rows(comm, local, size)
 
 
-def _renamed(
-    comm: MPI.Intracomm, rows: sparse.csr_matrix, columns: NDArray[np.int64], size: int
-) -> PETSc.Mat:
+def _renamed(comm: MPI.Intracomm, rows: sparse.csr_matrix, columns: Ints, size: int) -> PETSc.Mat:
     """Rows of B on the merged unknowns, by renumbering of columns (collective).
 
     PETSc's product on two ranks takes a second on a part of 50,000 unknowns.
@@ -380,7 +375,7 @@ def _held(
     scatter: PETSc.Scatter,
     transfer: PETSc.Mat,
     size: int,
-) -> tuple[NDArray[np.bool_], Array]:
+) -> tuple[Mask, Array]:
     """Mask of the owned held unknowns, and their displacements, (size,) each (collective)."""
     comm, d = problem.comm, problem.dimension
     times, sums = np.zeros((2, len(nodes.numbers) * d))
@@ -419,7 +414,7 @@ def _rigid(problem: DecomposedProblem, nodes: MergedNodes) -> Array:
     return motions
 
 
-def _eliminate(comm: MPI.Intracomm, K: PETSc.Mat, held: NDArray[np.bool_]) -> None:
+def _eliminate(comm: MPI.Intracomm, K: PETSc.Mat, held: Mask) -> None:
     """Leave the largest diagonal entry alone in the rows and columns of unknowns (collective)."""
     stiff = float(np.abs(K.getDiagonal().getArray()).max(initial=0.0))
     first = K.getOwnershipRange()[0]

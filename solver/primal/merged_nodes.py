@@ -7,10 +7,10 @@ not renumbered: with one subdomain for each body that took most of the time of t
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from solver.tfeti.constraints.exchange import NodeExchange
 from solver.tfeti.decomposed import DecomposedProblem
+from solver.vectors import Ints
 
 
 class MergedNodes:
@@ -56,13 +56,13 @@ class MergedNodes:
         np.maximum.at(numbers, where, exchange.to_owners(self.numbers))
         self.numbers = exchange.from_owners(numbers[where])
 
-    def unknowns(self, nodes: NDArray[np.int64], dimension: int) -> NDArray[np.int64]:
+    def unknowns(self, nodes: Ints, dimension: int) -> Ints:
         """Unknowns of nodes, (…, nodes · dimension)."""
         spread = nodes[..., None] * dimension + np.arange(dimension)
         return np.asarray(spread.reshape(*nodes.shape[:-1], -1))
 
 
-def _distinct(numbers: NDArray[np.int64]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+def _distinct(numbers: Ints) -> tuple[Ints, Ints]:
     """Distinct numbers in the order of their first appearance, and the place of each number."""
     unique, first, inverse = np.unique(numbers, return_index=True, return_inverse=True)
     order = np.argsort(first)

@@ -5,15 +5,12 @@ from __future__ import annotations
 from itertools import pairwise
 
 import numpy as np
-from numpy.typing import NDArray
 from petsc4py import PETSc
 from scipy import sparse
 
 from solver.primal.blocks import made_once
 from solver.tfeti.constraints.matrix import local_rows
-from solver.vectors import on_arrays
-
-Array = NDArray[np.float64]
+from solver.vectors import Array, Ints, Mask, on_arrays
 
 
 def multiply(matrix: PETSc.Mat, x: Array) -> Array:
@@ -41,7 +38,7 @@ def vectors_of(matrix: PETSc.Mat) -> tuple[PETSc.Vec, PETSc.Vec]:
     return vectors
 
 
-def chosen_rows(matrix: PETSc.Mat, rows: NDArray[np.int64]) -> PETSc.Mat:
+def chosen_rows(matrix: PETSc.Mat, rows: Ints) -> PETSc.Mat:
     """Some of this rank's rows, all columns (collective)."""
     first = matrix.getOwnershipRange()[0]
     chosen = PETSc.IS().createGeneral((first + rows).astype(PETSc.IntType), comm=matrix.comm)
@@ -50,7 +47,7 @@ def chosen_rows(matrix: PETSc.Mat, rows: NDArray[np.int64]) -> PETSc.Mat:
     return matrix.createSubMatrix(chosen, columns)
 
 
-def chosen_columns(matrix: PETSc.Mat, columns: NDArray[np.int64]) -> PETSc.Mat:
+def chosen_columns(matrix: PETSc.Mat, columns: Ints) -> PETSc.Mat:
     """Some of this rank's columns, all rows (collective)."""
     first = matrix.getOwnershipRangeColumn()[0]
     chosen = PETSc.IS().createGeneral((first + columns).astype(PETSc.IntType), comm=matrix.comm)
@@ -59,14 +56,14 @@ def chosen_columns(matrix: PETSc.Mat, columns: NDArray[np.int64]) -> PETSc.Mat:
     return matrix.createSubMatrix(rows, chosen)
 
 
-def own_columns(matrix: PETSc.Mat, rows: NDArray[np.int64]) -> list[sparse.csr_matrix]:
+def own_columns(matrix: PETSc.Mat, rows: Ints) -> list[sparse.csr_matrix]:
     """Some rows of each rank, restricted to this rank's columns (collective)."""
     local, starts = local_rows(matrix)[rows], matrix.getOwnershipRangesColumn()
     parts = [local[:, first:last] for first, last in pairwise(starts)]
     return list(matrix.comm.tompi4py().alltoall(parts))
 
 
-def set_diagonal(K: PETSc.Mat, where: NDArray[np.bool_], value: float) -> None:
+def set_diagonal(K: PETSc.Mat, where: Mask, value: float) -> None:
     """Give entries of the diagonal a value (collective)."""
     if not K.comm.tompi4py().allreduce(int(where.any())):
         return
@@ -75,7 +72,7 @@ def set_diagonal(K: PETSc.Mat, where: NDArray[np.bool_], value: float) -> None:
     K.setDiagonal(diagonal)
 
 
-def with_diagonal(K: PETSc.Mat, where: NDArray[np.bool_], value: float) -> PETSc.Mat:
+def with_diagonal(K: PETSc.Mat, where: Mask, value: float) -> PETSc.Mat:
     """The matrix with another value in some diagonal entries; itself without any (collective)."""
     if not K.comm.tompi4py().allreduce(int(where.any())):
         return K

@@ -17,15 +17,13 @@ from functools import cached_property
 
 import numpy as np
 from mpi4py import MPI
-from numpy.typing import NDArray
 from scipy import sparse
 
 from solver.primal.cholesky import SmallInverse
 from solver.primal.merged import MergedSystem
 from solver.primal.products import chosen_rows, own_columns
 from solver.primal.rigid_bodies import RowsOfMotions
-
-Array = NDArray[np.float64]
+from solver.vectors import Array, Mask
 
 REDUNDANT = 1e-12
 """Relative addition to the diagonal of S.
@@ -56,12 +54,7 @@ class Projector:
     C : (active rows of all ranks, unknowns)
     """
 
-    def __init__(
-        self,
-        system: MergedSystem,
-        active: NDArray[np.bool_],
-        compliance: Array | None = None,
-    ) -> None:
+    def __init__(self, system: MergedSystem, active: Mask, compliance: Array | None = None) -> None:
         self.system, comm = system, system.comm
         self.rows = np.flatnonzero(active)
         self.compliance = None if compliance is None else compliance[self.rows]

@@ -7,13 +7,11 @@ are orthonormal and balance the remaining forces at their nodes: λ = B (f - K u
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from solver.contact.row_kinds import RowKind
 from solver.primal.merged import MergedSystem
 from solver.tfeti.dual_operator import interface_slices
-
-Array = NDArray[np.float64]
+from solver.vectors import Array
 
 
 def recover(system: MergedSystem, u: Array, multiplier: Array) -> tuple[list[Array], Array]:

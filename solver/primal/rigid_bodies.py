@@ -18,7 +18,6 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 from petsc4py import PETSc
 from scipy import sparse
 
@@ -26,8 +25,7 @@ from solver.primal.blocks import rows_in_blocks
 from solver.primal.hierarchy import Hierarchy
 from solver.primal.merged import MergedSystem
 from solver.tfeti.constraints.matrix import local_rows, petsc_rows
-
-Array = NDArray[np.float64]
+from solver.vectors import Array, Mask
 
 DEPENDENT = 1e-10
 """Singular values of rows of rigid motions below that share of the largest are repetitions."""
@@ -46,7 +44,7 @@ class RowsOfMotions:
         Mask of these rows among the active rows of this rank.
     """
 
-    def __init__(self, system: MergedSystem, C: PETSc.Mat, chosen: NDArray[np.bool_]) -> None:
+    def __init__(self, system: MergedSystem, C: PETSc.Mat, chosen: Mask) -> None:
         comm = system.comm
         self._comm, self._size = comm, system.size
         self._chosen = np.flatnonzero(chosen)

@@ -27,7 +27,6 @@ from typing import Self
 
 import numpy as np
 from mpi4py import MPI
-from numpy.typing import NDArray
 from scipy import sparse
 
 from solver.contact.bodies import largest
@@ -38,9 +37,7 @@ from solver.primal.merged import MergedSystem
 from solver.primal.products import chosen_columns, multiply, multiply_transposed
 from solver.primal.projector import Projector
 from solver.primal.springs import Springs
-from solver.vectors import largest_magnitude
-
-Array = NDArray[np.float64]
+from solver.vectors import Array, largest_magnitude
 
 HELD = 1e-8
 """Squared length of held unknowns under a rigid motion, over that of the largest, below which they

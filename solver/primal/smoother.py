@@ -11,13 +11,11 @@ The polynomials are those of Saad, Iterative Methods for Sparse Linear Systems, 
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 from petsc4py import PETSc
 
 from solver.primal.products import multiply
 from solver.primal.projector import Projector
-
-Array = NDArray[np.float64]
+from solver.vectors import Array
 
 INTERVAL = (0.1, 1.1)
 """Damped eigenvalues of D⁻¹ K over the estimate of the largest one, as PETSc has them."""

@@ -18,7 +18,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from mpi4py import MPI
-from numpy.typing import NDArray
 from petsc4py import PETSc
 from scipy import sparse
 from scipy.linalg import LinAlgError, cho_factor, cho_solve
@@ -34,8 +33,7 @@ from solver.primal.hierarchy import Hierarchy
 from solver.primal.line_search import minimum_along
 from solver.primal.products import multiply, multiply_transposed
 from solver.tfeti.constraints.matrix import lent, local_rows
-
-Array = NDArray[np.float64]
+from solver.vectors import Array, Mask
 
 SMALL = 1e-2
 """Least stiffness of an unknown, relative to the largest of the level.
@@ -123,8 +121,8 @@ class Rows:
 
     comm: MPI.Intracomm
     c: Array
-    normal: NDArray[np.bool_]
-    equality: NDArray[np.bool_]
+    normal: Mask
+    equality: Mask
     stiffness: Array
     friction: FrictionSprings
 
@@ -194,7 +192,7 @@ class Level(ABC):
         jump = self.images(x) - self.rows.c
         return self.rows.weights(jump, 0.0) * jump
 
-    def pressed(self, x: Array) -> NDArray[np.bool_]:
+    def pressed(self, x: Array) -> Mask:
         """Rows whose spring presses, (rows,)."""
         return np.asarray(self.rows.normal & (self.images(x) > self.rows.c))
 

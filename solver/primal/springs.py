@@ -13,15 +13,13 @@ does not move the rows that hold exactly, and for M = D it is the inverse of D +
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from solver.backend import Statuses
 from solver.primal.factor import row_stiffness
 from solver.primal.merged import MergedSystem
 from solver.primal.products import chosen_rows, multiply, multiply_transposed
 from solver.primal.projector import Projector
-
-Array = NDArray[np.float64]
+from solver.vectors import Array
 
 STIFFEST = 1e4
 """Largest stiffness of such a row, relative to the stiffness of K against it. A point with such a

@@ -11,15 +11,13 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from petsc4py import PETSc
 from scipy import sparse
 
 from solver.primal.merged import MergedSystem
 from solver.primal.merged_nodes import MergedNodes
 from solver.tfeti.constraints.matrix import petsc_rows
-
-Array = NDArray[np.float64]
+from solver.vectors import Array
 
 
 @dataclass(frozen=True, eq=False)
