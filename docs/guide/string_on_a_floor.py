@@ -9,9 +9,9 @@ import numpy as np
 from mpi4py import MPI
 from petsc4py import PETSc
 
-from solver.contact.options import SolverOptions
+from solver.contact import SolverOptions
 from solver.driver import solve
-from solver.tfeti.from_arrays import Held, Obstacle, Subdomain, problem_from_arrays
+from solver.tfeti import Held, Obstacle, Subdomain, problem_from_arrays
 
 PIECES, CELLS, LOAD, DEPTH = 4, 50, 1.0, 0.05
 comm = MPI.COMM_WORLD

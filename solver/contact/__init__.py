@@ -7,3 +7,10 @@ answer is accurate enough, and `certificate` has the numbers that say how far it
 `solver.tfeti.certify` computes. Nothing in this package depends on a backend. The backends stand in
 packages of their own, and `solver.driver` chooses one.
 """
+
+from solver.contact.certificate import Certificate
+from solver.contact.checkpoint import Checkpoint
+from solver.contact.options import SolverOptions
+from solver.contact.solution import Solution
+
+__all__ = ["Certificate", "Checkpoint", "Solution", "SolverOptions"]

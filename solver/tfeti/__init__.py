@@ -7,3 +7,8 @@ problem of their rigid motions (`coarse`). `dual` is F = B K⁺ Bᵀ with its ri
 the algorithms that solve the dual problem. `certify` computes the certificate from the `sizes` of
 each body and the `duality_gap` to the admissible displacement that `feasible` finds.
 """
+
+from solver.tfeti.dual import DualProblem
+from solver.tfeti.from_arrays import Held, Obstacle, Subdomain, problem_from_arrays
+
+__all__ = ["DualProblem", "Held", "Obstacle", "Subdomain", "problem_from_arrays"]
