@@ -42,7 +42,8 @@ class FactorOptions:
         less time than the levels of a multigrid.
     thin, thin_seconds
         Longest over shortest extent of a body from which on it counts as thin, and predicted
-        seconds up to which a factor is taken for thin bodies at once.
+        seconds up to which a factor is taken for thin bodies at once. With friction in space, where
+        many sets would have a factor each and contact hardly peels off, no body counts as thin.
     slow, slow_digit, slow_seconds
         Iterations on one set after which a factor replaces the V-cycle if each digit of the
         residual took so many, and predicted seconds up to which it does. A bracket of hexahedra

@@ -44,8 +44,6 @@ class Matrices:
     ----------
     seconds
         Predicted for one factor of K.
-    thin
-        Whether a body is thin.
     direct
         Whether factors solve on the sets.
     peels
@@ -59,7 +57,6 @@ class Matrices:
 
     system: MergedSystem
     seconds: float
-    thin: bool
     direct: bool
     peels: bool
     hierarchy: Hierarchy
@@ -70,7 +67,8 @@ class Matrices:
         """The matrices of an unfactored problem (collective)."""
         system = merge(problem)
         seconds = predicted_seconds(system)
-        thin = thinness(system) >= factors.thin
+        rough = problem.dimension == 3 and problem.friction.acts
+        thin = not rough and thinness(system) >= factors.thin
         direct = seconds <= (factors.thin_seconds if thin else factors.small)
         peels = thin and direct and problem.held_without_contact
         # thin bodies take their first set from levels, though a factor solves on the sets
@@ -78,7 +76,7 @@ class Matrices:
         free_matrices(problem.comm)
         hierarchy = make(system)
         free_matrices(problem.comm)
-        return cls(system, seconds, thin, direct, peels, hierarchy, FloatingMotions(system))
+        return cls(system, seconds, direct, peels, hierarchy, FloatingMotions(system))
 
     @classmethod
     def shared(

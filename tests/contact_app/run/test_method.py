@@ -179,8 +179,8 @@ def test_a_bimetal_strip_is_solved_undecomposed_and_agrees_with_total_feti() -> 
     assert with_chosen_method(scenes.build(made)).solver.method == "auto"
 
 
-def test_with_friction_one_thick_body_takes_multigrid() -> None:
-    """Thin bodies stay with Total FETI; load histories are chosen for as single solves are."""
+def test_with_friction_one_body_takes_multigrid_thick_or_thin() -> None:
+    """Load histories are chosen for as single solves are."""
     config = load(CONFIGS / "pillow_block.yaml", ["contacts.0.friction={coulomb: 0.3}"])
     scene = build_scene(config)
     body = scene.bodies[0]
@@ -190,7 +190,7 @@ def test_with_friction_one_thick_body_takes_multigrid() -> None:
         return replace(scene, bodies=(larger,), cases=())
 
     assert with_chosen_method(made()).solver.method == "primal"
-    assert with_chosen_method(made(thickness=2.0)).solver.method == "auto"
+    assert with_chosen_method(made(thickness=2.0)).solver.method == "primal"
     assert with_chosen_method(replace(made(), bodies=made().bodies * 2)).solver.method == "primal"
     history = build_scene(load(CONFIGS / "press_and_push.yaml")).steps
     assert with_chosen_method(replace(made(), steps=history)).solver.method == "primal"
