@@ -21,6 +21,7 @@ from contact_app.forms.checks import (
 )
 from contact_app.forms.contacts import Contact
 from contact_app.forms.grid import Grid, grid_of
+from contact_app.forms.increments import following
 from contact_app.forms.model import (
     FormModel,
     NotCongruentError,
@@ -41,6 +42,7 @@ from contact_app.forms.results import (
 from contact_app.forms.warnings import FormAnswer, form_warnings
 from contact_app.machine.environment import slow_blas_warning
 from contact_app.machine.timings import Timings
+from contact_app.model.normal_forces import NormalForces
 from contact_app.results.friction import friction_at_rows
 from contact_app.run.fallback import FAILURES, failure_text
 from meshes import dolfinx_compat
@@ -146,15 +148,20 @@ class ContactProblem:
             raise ValueError("u must be a Function of the space of the forms")
         self.u = fem.Function(self._space) if u is None else u
         self._answer: _Answer | None = None
+        self._begin: NDArray[np.float64] | None = None
+        self._pressed: NormalForces | None = None
         self._model: tuple[bool, bool, FormModel] | None = None
 
-    def solve(self, monitor: Monitor | None = None) -> Any:
+    def solve(self, monitor: Monitor | None = None, increment: bool = False) -> Any:
         """Solve and certify (collective), with the present coefficients and conditions.
 
         Matrices, factors and constraints that have not changed are reused from the last solve.
 
         Parameters
         ----------
+        increment
+            Whether this is an increment of a load history: slip is measured from the displacement
+            that `u` holds, that of the last solve unless it was changed, and not from zero.
         monitor
             Called with each step of the solver.
 
@@ -173,6 +180,12 @@ class ContactProblem:
             The solver found no answer; the message says why.
         """
         self._answer = None
+        self._begin = (
+            self.u.x.array.reshape(-1, self._space.dofmap.index_map_bs).copy()
+            if increment
+            else None
+        )
+        self._pressed = self._pressed if increment else None
         timings, messages = Timings(), []
         method, failure = self.options.method, None
         model, solution = self._on_grid(timings, monitor) if method == "auto" else (None, None)
@@ -196,6 +209,7 @@ class ContactProblem:
         assert model is not None
         messages += filter(None, [slow_blas_warning()])
         self._answer = self._evaluated(model, solution, timings, messages)
+        self._pressed = NormalForces.of(model.problem, solution)
         if not solution.converged and model.parts.comm.rank == 0:
             warnings.warn(f"not certified: {reason_text(solution)}", RuntimeWarning, stacklevel=2)
         return self.u
@@ -239,6 +253,8 @@ class ContactProblem:
                         TotalFetiOptions(factored=kind[0]), grid,
                     )  # fmt: skip
                 self._model = (*kind, model)
+                if self._begin is not None:
+                    model = following(model, self._begin)
             with timings.measure("solve"):
                 return model, solve(model.problem, replace(self.options, method=method), monitor)
         except NotCongruentError:
@@ -299,7 +315,7 @@ class ContactProblem:
                 contact_records(model, owners, at_nodes),
                 reaction_records(model, solution, owners, self.bcs),
             )
-        summary = summary_of(model, solution, displacement, records, timings)
+        summary = summary_of(model, solution, displacement, records, timings, self._pressed)
         return _Answer(solution, *fields, summary)
 
     @property

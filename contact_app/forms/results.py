@@ -14,6 +14,7 @@ from contact_app.forms.parts import Parts
 from contact_app.forms.rows import held_components, in_the_mean
 from contact_app.machine.environment import environment
 from contact_app.machine.timings import Timings
+from contact_app.model.normal_forces import NormalForces
 from contact_app.results.contact_side import ContactSide
 from contact_app.results.friction import FrictionAtRows, dissipated_work, of_most_pressed
 from contact_app.results.pressure import NodesInContact
@@ -276,6 +277,7 @@ def summary_of(
     displacement: Array,
     records: tuple[list[dict[str, Any]], list[dict[str, Any]]],
     timings: Timings,
+    before: NormalForces | None,
 ) -> dict[str, Any]:
     """The summary with the keys of `summary.json` that exist for forms (collective).
 
@@ -284,6 +286,8 @@ def summary_of(
     displacement : (owned, dimension)
     records
         `contacts` and `reactions`.
+    before
+        Normal forces at the begin of an increment; None of a load applied at once.
     """
     contacts, reactions = records
     comm, parts = model.parts.comm, model.parts
@@ -292,7 +296,7 @@ def summary_of(
     multiplier = solution.multiplier[model.problem.inequality]
     certificate = solution.certificate.as_dict()
     rough = model.problem.friction.acts
-    work = {"dissipated_work": dissipated_work(model.problem, solution)} if rough else {}
+    work = {"dissipated_work": dissipated_work(model.problem, solution, before)} if rough else {}
     forces = [c["force"] for c, contact in zip(contacts, model.contacts, strict=True)
               if contact.against is None]  # fmt: skip
     return {

@@ -104,8 +104,12 @@ def form_warnings(answer: FormAnswer) -> list[str]:
         if _presses(answer, number):
             texts += [_coarse_pressure(answer, number), _sharp_edge(answer, number, contact)]
         warnings += [f"contacts[{number}]: {text}" for text in texts if text]
-    changed = closing_points(answer.model.problem, answer.solution, None)
-    warnings.append(closing_at_once(*changed, "a scene with `steps` shows how much this matters"))
+    problem = answer.model.problem
+    before = problem.system.loads.displacements_before
+    changed = closing_points(problem, answer.solution, list(before) if before else None)
+    since = "the last increment" if before else "the unloaded state"
+    remedy = "loads in several increments, solve(increment=True), show how much this matters"
+    warnings.append(closing_at_once(*changed, since, remedy))
     numbers = [f"contacts[{number}]" for number in range(len(answer.model.contacts))]
     warnings += shared_force_warnings(answer.model.problem, answer.solution, numbers)
     bodies = answer.model.bodies

@@ -350,7 +350,8 @@ def _closes_at_once(answer: SolvedScene) -> Iterator[str]:
         return
     approach = approach_of_held(model, None)
     changed = closing_points(model.problem, answer.solution, None, approach)
-    yield closing_at_once(*changed, "`steps` with several increments show how much this matters")
+    remedy = "`steps` with several increments show how much this matters"
+    yield closing_at_once(*changed, "the unloaded state", remedy)
 
 
 def _slides(answer: SolvedScene) -> Iterator[str]:

@@ -249,12 +249,18 @@ def several_answers(coefficient: float, pressed: bool) -> str:
     )
 
 
-def closing_at_once(changed: int, touching: int, remedy: str) -> str:
-    """Frictional contact that grows under a load that is applied at once."""
+def closing_at_once(changed: int, touching: int, since: str, remedy: str) -> str:
+    """Frictional contact that grows under a load that is applied at once.
+
+    Parameters
+    ----------
+    since
+        The state from which slip is measured.
+    """
     if changed <= CLOSING * touching:
         return ""
     return (
         f"{changed:,} of {touching:,} contact points with friction close or open under the "
-        "load, which is applied at once: their slip is measured from the unloaded state, not "
+        f"load, which is applied at once: their slip is measured from {since}, not "
         f"from the state in which they touched; {remedy}"
     )

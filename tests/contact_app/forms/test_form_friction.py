@@ -17,6 +17,7 @@ from contact_app.errors import NoEquilibriumError
 from contact_app.forms.stress_loads import stress_loads
 from meshes import dolfinx_compat
 from tests import form_problems as problems
+from tests.ranks import execute
 
 CELLS, SIZE, PUSH = (5, 4, 3), (1.0, 0.6, 0.5), (0.08, -0.5, 0.03)
 
@@ -83,6 +84,73 @@ def test_friction_is_that_of_a_scene(
         assert np.sort(np.abs(field)) == pytest.approx(
             np.sort(np.abs(known).ravel()), abs=1e-6 * np.abs(known).max()
         ), name
+
+
+HISTORY = ((1.0, 0.0), (1.0, 0.5), (1.0, 1.0), (1.0, 0.0), (1.0, -1.0), (0.5, -0.4))
+"""Factors of pressing and of pushing at the end of each increment."""
+
+
+@pytest.mark.parametrize(
+    ("cell", "degree", "law", "method"),
+    [
+        ("quadrilateral", 1, {"coulomb": 0.3}, "auto"),
+        ("triangle", 2, {"tresca": 0.12}, "primal"),
+        ("hexahedron", 1, {"coulomb": 0.3}, "auto"),
+        ("tetrahedron", 1, {"coulomb": 0.3}, "active-set"),
+    ],
+)
+def test_increments_are_those_of_a_load_history(
+    cell: str, degree: int, law: dict[str, float], method: str
+) -> None:
+    """A block that is pressed, pushed to and fro, and partly released."""
+    rough = Rough(cell, degree, law)
+    d = len(rough.push.value)
+    press, push = np.array([0.0, -0.5, 0.0][:d]), np.array([0.12, 0.0, 0.02][:d])
+    rough.scene["conditions"] = [
+        {"name": name, "on": "b.y+", "traction": load.tolist()}
+        for name, load in (("press", press), ("push", push))
+    ]
+    rough.scene["steps"] = [{"press": one, "push": other} for one, other in HISTORY]
+    scene, problem = contact_app.solve(rough.scene), rough.problem(method=method)
+    slides = 0
+    for number, (factors, theirs) in enumerate(zip(HISTORY, scene.summary["steps"], strict=True)):
+        rough.push.value[:] = factors[0] * press + factors[1] * push
+        u = problem.solve(increment=number > 0)
+        assert problem.certificate.passed
+        ours = problem.summary
+        assert ours["contacts"][0]["force"] == pytest.approx(
+            theirs["contacts"][0]["force"], abs=1e-7
+        )
+        assert ours["contacts"][0]["nodes"] == theirs["contacts"][0]["nodes"]
+        assert ours["solution"]["dissipated_work"] == pytest.approx(
+            theirs["solution"]["dissipated_work_of_increment"], abs=1e-8
+        )
+        known = scene.increments[number].displacement
+        size = np.abs(known).max()
+        assert np.sort(u.x.array) == pytest.approx(np.sort(known.ravel()), abs=1e-5 * size)
+        slides += ours["contacts"][0]["nodes"]["slip"]
+    assert slides > 0
+    problem.solve()
+    forgotten = problem.u.x.array.copy()
+    assert np.abs(np.sort(forgotten) - np.sort(known.ravel())).max() > 1e-3 * size
+
+
+PROGRAM = """
+import numpy as np
+from tests.contact_app.forms.test_form_friction import Rough
+rough = Rough("tetrahedron", 1, {"coulomb": 0.3})
+problem = rough.problem()
+for number, push in enumerate((0.0, 0.12, 0.0)):
+    rough.push.value[:] = push, -0.5, 0.0
+    problem.solve(increment=number > 0)
+print(*problem.summary["contacts"][0]["force"], problem.summary["solution"]["dissipated_work"])
+"""
+
+
+def test_increments_on_ranks() -> None:
+    one, two = (np.array(execute(PROGRAM, ranks=n).split(), float) for n in (1, 2))
+    assert one[-1] > 0.0
+    assert two == pytest.approx(np.tile(one, 2), abs=1e-8)
 
 
 def test_friction_of_a_pair_keeps_its_factors_and_is_in_balance() -> None:
