@@ -157,7 +157,7 @@ def split_regularly(
     first_number
         Number of this body's first subdomain; sub-boxes are numbered with x fastest.
     numbers
-        Ints of the wanted subdomains (of this rank).
+        Numbers of the wanted subdomains (of this rank).
     references
         Shapes already meshed, by key; new ones are added, so that bodies share them.
     """

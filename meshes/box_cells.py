@@ -81,7 +81,7 @@ class BoxCells:
         return place * (box.spacing / self.degree) + np.array(box.lower)
 
     def tags_at(self, rows: NDArray[Any]) -> NDArray[np.int32]:
-        """Ints of materials: zero, since a box has one material."""
+        """Numbers of materials: zero, since a box has one material."""
         return np.zeros(len(rows), np.int32)
 
     def neighbours(self, label: NDArray[Any], choose: Choose) -> tuple[NDArray, NDArray]:

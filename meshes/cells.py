@@ -66,7 +66,7 @@ class Cells(Protocol):
         """Coordinates of nodes, (nodes, dimension)."""
 
     def tags_at(self, rows: NDArray[Any]) -> NDArray[np.int32]:
-        """Ints of the materials of cells, (rows,)."""
+        """Numbers of the materials of cells, (rows,)."""
 
     def neighbours(self, label: NDArray[Any], choose: Choose) -> tuple[NDArray, NDArray]:
         """Pairs of cells that share a facet, chosen by the labels (cells,) of the two."""

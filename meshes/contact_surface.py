@@ -151,7 +151,7 @@ def _around(points: Array) -> Ints:
 
 
 def _middles(vertices: Array, points: Array) -> Ints:
-    """Ints of the further nodes (n, m, 3) in the middle of each edge, and of the facet."""
+    """Numbers of the further nodes (n, m, 3) in the middle of each edge, and of the facet."""
     targets = 0.5 * (vertices + np.roll(vertices, -1, axis=1))
     targets = np.concatenate([targets, vertices.mean(axis=1, keepdims=True)], axis=1)
     targets = targets[:, [0] if vertices.shape[1] == 2 else range(points.shape[1])]

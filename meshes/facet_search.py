@@ -88,7 +88,7 @@ def _along_normals(
 
 
 def _of_like_size(radius: Array) -> list[Ints]:
-    """Ints of balls whose radii differ by less than a factor of two, in parts of `QUERIES`."""
+    """Numbers of balls whose radii differ by less than a factor of two, in parts of `QUERIES`."""
     level = np.floor(np.log2(radius))
     groups = [np.flatnonzero(level == k) for k in np.unique(level)]
     return [part for group in groups

@@ -56,7 +56,7 @@ def bulges(corners: Ints, points: Array, normals: Array) -> Array:
     Parameters
     ----------
     corners : (facets, v)
-        Ints of the vertices.
+        Numbers of the vertices.
     points : (facets, v, 3)
         Their coordinates.
     normals : (facets, 3)

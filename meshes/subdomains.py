@@ -173,7 +173,7 @@ class Reference:
         degree
             Degree of the displacement.
         tags
-            Ints of the materials of the cells given to `create_mesh`, in their order; all 0
+            Numbers of the materials of the cells given to `create_mesh`, in their order; all 0
             unless given.
         """
         dimension = mesh.topology.dim

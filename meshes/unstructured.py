@@ -304,7 +304,7 @@ class CellMesh:
         return self.points[nodes]
 
     def tags_at(self, rows: NDArray[Any]) -> NDArray[np.int32]:
-        """Ints of the materials of cells, (rows,)."""
+        """Numbers of the materials of cells, (rows,)."""
         return self.tags[rows]
 
     def neighbours(self, label: NDArray[Any], choose: Choose) -> tuple[NDArray, NDArray]:

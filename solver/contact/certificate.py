@@ -68,7 +68,7 @@ ROUNDED_LIMIT = 1e-6
 
 @dataclass(frozen=True)
 class Certificate:
-    """Ints of `summary.json`'s certificate, all relative.
+    """Numbers of `summary.json`'s certificate, all relative.
 
     Attributes
     ----------

@@ -1,6 +1,6 @@
 """Distributed vectors in one file, in the order of their rows.
 
-Rank 0 writes and reads the parts of all ranks, so that disk errors occur on one rank only. Ints
+Rank 0 writes and reads the parts of all ranks, so that disk errors occur on one rank only. Numbers
 are little-endian of 8 bytes.
 """
 

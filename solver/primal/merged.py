@@ -46,7 +46,7 @@ class MergedSystem:
     c : (rows,)
         Right-hand side of these.
     rows : (rows,)
-        Ints of these rows in B.
+        Numbers of these rows in B.
     load : (unknowns,)
         f - K u_held, and K u_held on held unknowns.
     held : (unknowns,)

@@ -46,7 +46,7 @@ class CongruentSubdomains:
     nodes : (k,)
         Nodes that constraints may touch, ascending.
     copies : (members, k)
-        Ints of these nodes among the copies of nodes on this rank.
+        Numbers of these nodes among the copies of nodes on this rank.
     forces, lifting : (n, members)
         Loads, and displacements of eliminated unknowns.
     eliminated : (m,) or None

@@ -28,7 +28,7 @@ class Overcome:
     Attributes
     ----------
     bodies : (bodies,)
-        Ints of the bodies of the group.
+        Numbers of the bodies of the group.
     share
         Share of the loads that friction holds.
     motion : (bodies · motions,)

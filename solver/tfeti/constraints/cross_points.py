@@ -33,7 +33,7 @@ def coarse_solves_matter(comm: MPI.Intracomm, subdomains: Ints, dimension: int, 
     Parameters
     ----------
     subdomains
-        Ints of the subdomains of this rank's copies of nodes.
+        Numbers of the subdomains of this rank's copies of nodes.
     many
         Number of subdomains from which on it matters in space; in the plane it never matters.
     """

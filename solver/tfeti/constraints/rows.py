@@ -173,7 +173,7 @@ class SharedEntries:
     entries
         Entries of this rank's rows. Rows may have any length; in B they have unit length.
     together : (rows,)
-        Ints from 0 on, equal for rows that are scaled together: by the length of the longest
+        Numbers from 0 on, equal for rows that are scaled together: by the length of the longest
         row.
     rigid
         Entries at rigid bodies. They count for the length of a row only if it has no other entries.
