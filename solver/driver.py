@@ -121,19 +121,19 @@ def _solved(task: Task, method: Method, start: Guess | None) -> Solution:
     if not problem.factored:
         from solver.primal.by_active_sets import solve_by_multigrid
 
-        restart = checkpoint.load(problem) if checkpoint else None
+        restart = checkpoint.load(problem.size, problem.description) if checkpoint else None
         return solve_by_multigrid(task, start, restart)
     multiplier = None if start is None else start.multiplier
     if method == "smalbe":
         if problem.coarse is not None and problem.friction.acts:
-            restart = checkpoint.load(problem) if checkpoint else None
+            restart = checkpoint.load(problem.size, problem.description) if checkpoint else None
             return solve_by_smalbe(task, None, restart, active_sets=False)
         if problem.coarse is not None:
             return solve_as_in_the_paper(task)
         return replace(solve_by_mprgp(task, None, accelerated=False), method=method)
     if problem.coarse is None or not problem.one_sided:
         return solve_by_mprgp(task, multiplier)
-    restart = checkpoint.load(problem) if checkpoint else None
+    restart = checkpoint.load(problem.size, problem.description) if checkpoint else None
     if restart is not None and restart.rho:
         return solve_by_smalbe(task, None, restart)
     outcome, answer = solve_from_first_set(task, restart, Saver(checkpoint), multiplier)

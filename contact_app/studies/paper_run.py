@@ -127,7 +127,7 @@ def _by_the_paper(model: Model, monitor: Monitor, checkpoint: Checkpoint) -> Sol
     result = solver.begin(
         BoxQP(problem.projected, problem.rhs, lower=problem.lower),
         constraint,
-        restart=checkpoint.load(problem),
+        restart=checkpoint.load(problem.size, problem.description),
         hooks=Hooks(monitor, saver, lambda: saver.due),
     ).run()
     result.counts.norm_estimation += multiplications

@@ -22,13 +22,12 @@ import time
 from collections.abc import Callable
 from dataclasses import asdict, replace
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 from mpi4py import MPI
 
 from solver import Counts
-from solver.contact.row_kinds import RowKind
 from solver.contact.vector_file import read_vectors, write_vectors
 from solver.qp.outer_state import Restart
 from solver.qp.result import Step
@@ -48,33 +47,6 @@ log = logging.getLogger("contact_app")
 
 class CheckpointError(Exception):
     """A checkpoint cannot be used; the text says why and what to do."""
-
-
-class DescribedProblem(Protocol):
-    """The numbers that identify a problem; arrays are local parts."""
-
-    @property
-    def comm(self) -> MPI.Intracomm:
-        """Communicator of all ranks."""
-
-    @property
-    def size(self) -> int:
-        """Rows of this rank."""
-
-    @property
-    def c(self) -> Array:
-        """Right-hand side of the rows, (rows,)."""
-
-    @property
-    def effect_of_loads(self) -> Array:
-        """A vector (any,) that identifies the loads (collective)."""
-
-    @property
-    def e(self) -> Array:
-        """Loads along the rigid motions of the floating subdomains."""
-
-    def count(self, kind: RowKind) -> int:
-        """Rows of a kind over all ranks (collective)."""
 
 
 class Checkpoint:
@@ -103,7 +75,7 @@ class Checkpoint:
         self.due = False
         self._written = time.monotonic()
         self._held: Restart | None = None
-        self._problem: DescribedProblem | None = None
+        self._description: dict[str, float] | None = None
 
     @property
     def exists(self) -> bool:
@@ -115,16 +87,22 @@ class Checkpoint:
         """Whether the next checkpoint is due, by the clock of this rank (not collective)."""
         return time.monotonic() - self._written >= self.every
 
-    def load(self, problem: DescribedProblem) -> Restart | None:
+    def load(self, size: int, description: dict[str, float]) -> Restart | None:
         """The state to go on from; None without a checkpoint or if `resume` is false.
+
+        Parameters
+        ----------
+        size
+            Rows of this rank.
+        description
+            Numbers that identify the problem, equal on all ranks.
 
         Raises
         ------
         CheckpointError
             The checkpoint belongs to another problem, or cannot be read.
         """
-        self._problem = problem
-        description = _description(problem)
+        self._description = description
         saved = self._read(description) if self.comm.rank == 0 else None
         saved = self.comm.bcast(saved)
         if isinstance(saved, CheckpointError):
@@ -133,7 +111,7 @@ class Checkpoint:
             return None
         try:
             path = self.path.with_name(saved["vectors"])
-            x, multiplier = read_vectors(path, self.comm, problem.size, 2)
+            x, multiplier = read_vectors(path, self.comm, size, 2)
             state = saved["state"]
             state["lagrangian"] = -math.inf if state["lagrangian"] is None else state["lagrangian"]
             state["counts"] = Counts(**state["counts"])
@@ -200,8 +178,7 @@ class Checkpoint:
             remove_checkpoint(self.path.parent)
 
     def _write(self, state: Restart) -> None:
-        problem = self._problem
-        if problem is None:
+        if self._description is None:
             return
         previous = sorted(self.path.parent.glob(VECTORS))
         path = self.path.with_name(self.comm.bcast(_next_name(previous)))
@@ -210,7 +187,7 @@ class Checkpoint:
         scalars["counts"] = asdict(state.counts)
         scalars["lagrangian"] = state.lagrangian if math.isfinite(state.lagrangian) else None
         text = {
-            "problem": _description(problem), "ranks": self.comm.size, "vectors": path.name,
+            "problem": self._description, "ranks": self.comm.size, "vectors": path.name,
             "state": scalars,
         }  # fmt: skip
         fault = None
@@ -317,11 +294,3 @@ def _next_name(previous: list[Path]) -> str:
     """Name of the next file of vectors: no existing file is written over."""
     numbers = [int(file.stem.split("-")[1]) for file in previous if file.stem[11:].isdigit()]
     return VECTORS.replace("*", str(max(numbers, default=0) + 1))
-
-
-def _description(problem: DescribedProblem) -> dict[str, float]:
-    """Ints that identify a dual problem, equal on any number of ranks."""
-    c, d, e = problem.c, problem.effect_of_loads, problem.e
-    squares = problem.comm.allreduce(np.array([problem.size, c @ c, d @ d, e @ e]))
-    kinds = {kind.name.lower(): float(problem.count(kind)) for kind in RowKind}
-    return {**kinds, **dict(zip(("rows", "c", "d", "e"), map(float, squares), strict=True))}

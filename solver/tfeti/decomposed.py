@@ -342,6 +342,14 @@ class DecomposedProblem:
         """A vector (any,) that tells load cases apart, `loads_in_energy` (collective)."""
         return loads_in_energy(self.comm, self.classes, self.loads, self.c[~self.conditional])
 
+    @property
+    def description(self) -> dict[str, float]:
+        """Numbers that identify the problem, equal on any number of ranks (collective)."""
+        c, d, e = self.c, self.effect_of_loads, self.e
+        squares = self.comm.allreduce(np.array([self.size, c @ c, d @ d, e @ e]))
+        kinds = {kind.name.lower(): float(self.count(kind)) for kind in RowKind}
+        return {**kinds, **dict(zip(("rows", "c", "d", "e"), map(float, squares), strict=True))}
+
     def lengths(self, interface: Array) -> Array:
         """The reference length of each body, (bodies,), for displacements (interface,)."""
         moved = self.bodies.largest_on_interface(self.comm, interface)

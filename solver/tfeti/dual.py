@@ -18,8 +18,7 @@ import numpy as np
 
 from solver.tfeti.decomposed import DecomposedProblem, SharedPlace
 from solver.tfeti.directions import Directions
-from solver.tfeti.dual_operator import DualOperator
-from solver.tfeti.free_solution import FreeSolution, solve_free
+from solver.tfeti.dual_operator import DualOperator, FreeSolution, solve_free
 from solver.tfeti.projected import ProjectedOperator
 from solver.vectors import Array, largest_magnitude
 

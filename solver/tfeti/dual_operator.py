@@ -1,12 +1,17 @@
-"""The dual operator F = B K⁺ Bᵀ of Total FETI (paper, section 4.1)."""
+"""The dual operator F = B K⁺ Bᵀ of Total FETI (paper, section 4.1), and K⁺ f of the loads."""
 
 from __future__ import annotations
+
+from collections.abc import Sequence
 
 import numpy as np
 
 from solver.tfeti.constraints.matrix import ConstraintMatrix
 from solver.tfeti.subdomain.classes import SubdomainClass
 from solver.vectors import Array
+
+FreeSolution = tuple[Array, list[Array]]
+"""K⁺ f on the interface, and fᵀ K⁺ f of each subdomain, an array per class."""
 
 
 class DualOperator:
@@ -46,3 +51,23 @@ def interface_slices(classes: tuple[SubdomainClass, ...]) -> list[slice]:
     """Slice of each class in an interface vector."""
     ends = np.cumsum([0, *(c.members * len(c.interface) for c in classes)])
     return [slice(int(a), int(b)) for a, b in zip(ends[:-1], ends[1:], strict=True)]
+
+
+def solve_free(classes: tuple[SubdomainClass, ...], loads: Sequence[Array]) -> FreeSolution:
+    """Solve with the factor of each class, for the subdomains with a load.
+
+    Parameters
+    ----------
+    loads : one (n, members) array per class
+        f - K u_held.
+    """
+    result = np.zeros(sum(cls.members * len(cls.interface) for cls in classes))
+    works = [np.zeros(cls.members) for cls in classes]
+    for cls, part, load, work in zip(classes, interface_slices(classes), loads, works, strict=True):
+        loaded = np.flatnonzero(load.any(axis=0))
+        if len(loaded):
+            some_loads = np.asfortranarray(load[:, loaded])
+            u = cls.solve(some_loads)
+            result[part].reshape(cls.members, -1)[loaded] = u[cls.interface].T
+            work[loaded] = np.einsum("ij,ij->j", some_loads, u)
+    return result, works

@@ -38,7 +38,7 @@ def solve_by_mprgp(task: Task, start: Array | None, accelerated: bool = True) ->
     qp, columns = BoxQP(problem.projected, problem.rhs, lower=problem.lower), 0
     inner, before = replace(task.inner, atol=problem.round_off), Counts()
     from_zero = False
-    restart = checkpoint.load(problem) if checkpoint else None
+    restart = checkpoint.load(problem.size, problem.description) if checkpoint else None
     warm = start is not None
     if restart is not None:
         start, before = restart.x, restart.counts

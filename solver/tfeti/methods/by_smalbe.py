@@ -75,7 +75,7 @@ def solve_as_in_the_paper(task: Task) -> Solution:
         ProjectorEquality(problem.coarse),
         Hooks(task.monitor, saver, lambda: saver.due),
     )
-    restart = task.checkpoint.load(problem) if task.checkpoint else None
+    restart = task.checkpoint.load(problem.size, problem.description) if task.checkpoint else None
     answer = _to_a_certificate(task, frozen, frozen.begin(None, None, restart), None)
     return replace(answer, counts=Counts(norm_estimation=multiplications) + answer.counts)
 

@@ -162,7 +162,7 @@ def test_a_checkpoint_of_another_number_of_ranks_is_refused(
 def test_without_a_checkpoint_a_resumed_run_starts_from_the_beginning(
     problem: DualProblem, tmp_path: Path
 ) -> None:
-    assert Checkpoint(tmp_path, MPI.COMM_SELF, True).load(problem) is None
+    assert Checkpoint(tmp_path, MPI.COMM_SELF, True).load(problem.size, problem.description) is None
 
 
 KINDS = {
@@ -218,7 +218,7 @@ def a_state(problem: DualProblem) -> Restart:
 def test_a_checkpoint_is_due_by_time_and_at_a_stop(problem: DualProblem, tmp_path: Path) -> None:
     event = Step(1, 1, "cg", 1.0, 1.0, 0, 0.0)
     checkpoint = Checkpoint(tmp_path, MPI.COMM_SELF, False, every=1e9)
-    checkpoint.load(problem)
+    checkpoint.load(problem.size, problem.description)
     assert not Attention(MPI.COMM_SELF, lambda: False, checkpoint)(event)
     assert not checkpoint.due
     Saver(checkpoint)(a_state(problem))
@@ -232,7 +232,7 @@ def test_a_checkpoint_is_due_by_time_and_at_a_stop(problem: DualProblem, tmp_pat
     Saver(checkpoint, Counts(hessian=3))(a_state(problem))
     assert not checkpoint.due
     assert state_of(tmp_path)["counts"]["hessian"] == 3
-    again = Checkpoint(tmp_path, MPI.COMM_SELF, True).load(problem)
+    again = Checkpoint(tmp_path, MPI.COMM_SELF, True).load(problem.size, problem.description)
     assert again is not None
     np.testing.assert_array_equal(again.x, np.arange(problem.size))
     np.testing.assert_array_equal(again.multiplier, -np.arange(problem.size))
