@@ -6,10 +6,10 @@ Ranks send their share to rank 0 one after another, so no rank holds a field of 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -109,84 +109,56 @@ def write_grid(
         As in `write_fields`.
     """
     partition, comm, whole = model.partition, model.comm, full_mesh(model, nodes)
-    starts = partition.cell_starts
-    first_cell = int(starts[0]) if len(starts) else 0
+    first_cell = int(partition.cell_starts[0]) if len(partition.cell_starts) else 0
     with ExitStack() as stack:
-        writer = None
+        writers: list[XDMFWriter | VTUWriter] = []
         for number, image in enumerate(whole.images):
             of_image = {name: values[image.new] for name, values in at_nodes(image).items()}
-            if comm.rank == 0 and writer is None:
+            if comm.rank == 0 and not writers:
                 names = tuple(of_image), tuple(cell_fields)
-                writer = stack.enter_context(_files(model, files, whole, names, size, series))
+                for opened in _writers(model, files, whole, names, size, series):
+                    stack.enter_context(opened)
+                    writers.append(opened)
             points = image.points(nodes.points)[image.new]
             for start, (located, fields) in slabs(comm, image.first, points, of_image):
-                assert writer is not None
-                writer.points(start, located)
-                for name, values in fields.items():
-                    writer.point_data(name, start, values)
+                for writer in writers:
+                    writer.points(start, located)
+                    for name, values in fields.items():
+                        writer.point_data(name, start, values)
             of_image = {name: image.field(name, v) for name, v in cell_fields.items()}
             first = number * partition.cells + first_cell
             for start, (groups, fields) in slabs(comm, first, cells_of(model, image), of_image):
-                assert writer is not None
-                for name, values in fields.items():
-                    writer.cell_data(name, start, values)
-                for group in groups:
-                    writer.cells(start, group)
-                    start += len(group)
+                starts = start + np.cumsum([0, *map(len, groups)])
+                for writer in writers:
+                    for name, values in fields.items():
+                        writer.cell_data(name, start, values)
+                    for begin, group in zip(starts, groups, strict=False):
+                        writer.cells(int(begin), group)
 
 
-class _Files:
-    """Passes slabs to each of several writers."""
-
-    def __init__(self, writers: list[XDMFWriter | VTUWriter]) -> None:
-        self._writers = writers
-
-    def points(self, start: int, values: Array) -> None:
-        for writer in self._writers:
-            writer.points(start, values)
-
-    def cells(self, start: int, values: NDArray[Any]) -> None:
-        for writer in self._writers:
-            writer.cells(start, values)
-
-    def point_data(self, name: str, start: int, values: Array) -> None:
-        for writer in self._writers:
-            writer.point_data(name, start, values)
-
-    def cell_data(self, name: str, start: int, values: Array) -> None:
-        for writer in self._writers:
-            writer.cell_data(name, start, values)
-
-
-@contextmanager
-def _files(
+def _writers(
     model: Model,
     files: Sequence[Path],
     whole: FullMesh,
     names: tuple[tuple[str, ...], tuple[str, ...]],
     size: int,
     series: Series | None,
-) -> Iterator[_Files]:
-    """Open files; `names` has the fields at nodes and in cells."""
+) -> Iterator[XDMFWriter | VTUWriter]:
+    """The writer of each file; `names` has the fields at nodes and in cells."""
     counts = np.diff(model.partition.first_cell)
     runs = [
         (cell_type_name(b.mesh.cell, b.degree), int(n))
         for b, n in zip(model.scene.bodies, counts, strict=True)
     ] * len(whole.images)
-    at_nodes, at_cells = ({name: components(name) for name in part} for part in names)
-    writers: list[XDMFWriter | VTUWriter] = []
-    with ExitStack() as stack:
-        for path in files:
-            if path.suffix == ".xdmf":
-                xdmf = XDMFWriter(path, runs, whole.nodes, whole.cells, size, series)
-                writers.append(stack.enter_context(xdmf))
-            else:
-                from contact_app.results.vtu import VTUWriter
+    for path in files:
+        if path.suffix == ".xdmf":
+            yield XDMFWriter(path, runs, whole.nodes, whole.cells, size, series)
+        else:
+            from contact_app.results.vtu import VTUWriter
 
-                path = series.grid_of(path) if series else path
-                vtu = VTUWriter(path, runs, whole.nodes, at_nodes, at_cells)
-                writers.append(stack.enter_context(vtu))
-        yield _Files(writers)
+            grid = series.grid_of(path) if series else path
+            at_nodes, at_cells = ({name: components(name) for name in part} for part in names)
+            yield VTUWriter(grid, runs, whole.nodes, at_nodes, at_cells)
 
 
 def _numbers(model: Model) -> dict[str, NDArray[np.float64]]:
