@@ -2,5 +2,5 @@
 
 `refinement` is the loop over `levels`, `next_mesh` chooses how fine the next mesh is, `grading`
 places the layers of boxes, `local_refinement` bisects cells of mesh files where the error is large,
-and `warm_start` transfers the solution on one mesh to the next.
+and `warm_start` transfers the contact on one mesh to the next.
 """

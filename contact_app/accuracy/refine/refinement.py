@@ -25,7 +25,7 @@ If energies of the levels show that the estimate exceeds the error, it is lowere
 In a body from a file the cells with a large share of the error are refined (`local_refinement`),
 and the degree stays.
 
-Each level is solved to a tenth of its own error and begins with the solution of the last one
+Each level is solved to a tenth of its own error and begins with the contact of the last one
 (`warm_start`).
 """
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from functools import cache
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -189,31 +188,12 @@ def test_an_automatic_tolerance_leaves_a_tenth_of_the_error_of_the_mesh(
     assert found.discretisation == pytest.approx(fine.solved.accuracy.discretisation, rel=0.02)
 
 
-@cache
-def to_accuracy(law: tuple[str, float], warm: bool) -> tuple[Any, int]:
-    """A run to 3 %, with the operator applications of its levels after the first."""
-    made = {**pushed("quadrilateral", 6, dict([law])), "accuracy": 0.03}
-    made["solver"] = {"tolerance": 1e-8}
-
-    def start_or_not(scene: Any, *, start: Any) -> SolvedScene:
-        return solve_scene(scene, start=start if warm else None)
-
-    found = solve_to_accuracy(scenes.build(made), start_or_not)
-    return found, sum(level.hessian_multiplications for level in found.levels[1:])
-
-
-@pytest.mark.ratchet
-def test_levels_begin_with_the_friction_of_the_last() -> None:
-    found, warm = to_accuracy(TRESCA, True)
-    _, cold = to_accuracy(TRESCA, False)
-    assert len(found.levels) > 2
-    assert warm < 0.75 * cold, (warm, cold)
-
-
 @pytest.mark.parametrize("law", [COULOMB, TRESCA])
 def test_an_accuracy_is_met(law: tuple[str, float]) -> None:
     """The energy with the work of friction is that of a finer mesh, but for the errors of both."""
-    found, _ = to_accuracy(law, True)
+    made = {**pushed("quadrilateral", 6, dict([law])), "accuracy": 0.03}
+    made["solver"] = {"tolerance": 1e-8}
+    found = solve_to_accuracy(scenes.build(made), solve_scene)
     assert not found.missed
     assert found.levels[-1].total < 0.03
     fine, norm = tight("quadrilateral", 32, law), found.solved.accuracy.square**0.5
