@@ -6,7 +6,7 @@ The picture shows the skin of the cells, seen along one direction without perspe
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -14,7 +14,6 @@ from numpy.typing import NDArray
 
 from contact_app.results.plot.arrangement import of_bodies
 from contact_app.results.plot.contact_picture import touchable
-from contact_app.results.plot.curved import finer
 from contact_app.results.plot.node_values import (
     copies,
     limits,
@@ -153,7 +152,6 @@ def draw_space(
     from matplotlib.cm import ScalarMappable
     from matplotlib.colors import Normalize
 
-    stored = finer(stored)
     skin = stored.skin()
     rows = np.concatenate([owners for _, owners in skin])
     outline = stored.points[sharp_edges(stored.points, [sides for sides, _ in skin])]
@@ -163,7 +161,7 @@ def draw_space(
     view = view_from(direction, np.concatenate([stored.points[seen], moved[seen]]))
     inside = between or mostly_hidden(stored, [sides for sides, _ in skin], moved, view)
     faces = [sides + shifts(stored, owners)[:, None] for sides, owners in skin]
-    moved = np.tile(moved, (copies(stored), 1))
+    moved, vertices = np.tile(moved, (copies(stored), 1)), np.tile(stored.vertices, copies(stored))
     panels = [
         panel_of(stored, name, labels.get(name, name), faces, rows, inside) for name in fields
     ]
@@ -171,7 +169,7 @@ def draw_space(
     ratio = float(np.clip(view.half[1] / view.half[0], 0.1, 1.6))
     figure, places, wide = of_bodies(len(panels), ratio)
     frame = Frame.of(view, (wide, wide * ratio), SHARPNESS)
-    images = [_image(moved, faces, outline, panel, frame, stored.drawn) for panel in panels]
+    images = [_image(moved, faces, outline, panel, frame, vertices) for panel in panels]
     for image, axes, panel in zip(images, places, panels, strict=True):
         axes.imshow(image, interpolation="antialiased")
         shades = ScalarMappable(Normalize(*panel.limits), panel.colours)
@@ -297,15 +295,12 @@ def _image(
     outline: NDArray[np.float64],
     panel: Panel,
     frame: Frame,
-    drawn: NDArray[np.bool_] | None,
+    vertices: NDArray[np.bool_],
 ) -> NDArray[np.float64]:
     """Image (height, width, 3) of a panel."""
     from matplotlib import colormaps
 
-    few = sum(map(len, faces)) <= EDGES_UP_TO * (1 if drawn is None else 4)
-    triangles = _triangles(points, faces, panel, frame, few)
-    if drawn is not None:
-        triangles = replace(triangles, wired=triangles.wired & drawn)
+    triangles = skin_triangles(points, faces, panel, frame, vertices)
     bare = triangles.bare
     toward = triangles.towards
     veiled = bare & toward if panel.through else np.zeros(len(bare), bool)
@@ -330,15 +325,18 @@ def _image(
     return image.reshape(frame.size[1], frame.size[0], 3)
 
 
-def _triangles(
+def skin_triangles(
     points: NDArray[np.float64],
     faces: list[NDArray[np.int64]],
     panel: Panel,
     frame: Frame,
-    few: bool,
+    vertices: NDArray[np.bool_],
 ) -> Triangles:
-    """The skin in pixel coordinates; quadrilaterals in two halves, with edges for few faces."""
-    places, view = frame.places(points), frame.view
+    """The skin in pixel coordinates; quadrilaterals in two halves, with edges for few faces.
+
+    Of the pieces of second-order sides those edges are drawn that end at a vertex of a cell.
+    """
+    places, view, few = frame.places(points), frame.view, sum(map(len, faces)) <= EDGES_UP_TO
     corners, values, bright, wired = [], [], [], []
     start = 0
     for sides in faces:
@@ -351,7 +349,8 @@ def _triangles(
             corners.append(places[sides[:, pick]])
             values.append(at_corners[:, pick])
             bright.append(light)
-            wired.append(np.broadcast_to(edges, (len(sides), 3)))
+            ends = vertices[sides[:, pick]]
+            wired.append(edges & (np.roll(ends, 1, axis=1) | np.roll(ends, -1, axis=1)))
         start += len(sides)
     return Triangles(
         np.concatenate(corners), np.concatenate(values), np.concatenate(bright),

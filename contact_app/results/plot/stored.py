@@ -49,10 +49,6 @@ class Stored:
     numbers : {name: (cells,)}
         Rows of the cells in `cell_data`.
     point_data, cell_data : {name: (n,) or (n, 3) or (n, 9)}
-    pieces
-        Sides of the skin and their rows, if finer than the cells; otherwise None.
-    drawn : (sides, 3)
-        For finer sides: whether the edge opposite to each corner is an edge of a cell.
     """
 
     points: NDArray[np.float64]
@@ -60,8 +56,6 @@ class Stored:
     numbers: dict[str, NDArray[np.int64]]
     point_data: dict[str, NDArray[np.float64]]
     cell_data: dict[str, NDArray[np.float64]]
-    pieces: tuple[tuple[NDArray[np.int64], NDArray[np.int64]], ...] | None = None
-    drawn: NDArray[np.bool_] | None = None
 
     @property
     def plane(self) -> bool:
@@ -72,6 +66,14 @@ class Stored:
         """The values of a scalar, the magnitudes of vectors and tensors, (n,)."""
         values = self.point_data[name] if name in self.point_data else self.cell_data[name]
         return values if values.ndim == 1 else np.asarray(np.linalg.norm(values, axis=1))
+
+    @property
+    def vertices(self) -> NDArray[np.bool_]:
+        """Mask (nodes,) of the vertices of cells."""
+        result = np.zeros(len(self.points), bool)
+        for name, cells in self.cells.items():
+            result[cells[:, : _CORNERS[_base(name)]]] = True
+        return result
 
     def boundary(self) -> list[NDArray[np.int64]]:
         """Sides that only one cell has, one array for each number of nodes, cut at middle nodes.
@@ -84,8 +86,6 @@ class Stored:
 
     def skin(self) -> list[tuple[NDArray[np.int64], NDArray[np.int64]]]:
         """The boundary sides, and the row in `cell_data` of the cell of each side (sides,)."""
-        if self.pieces is not None:
-            return list(self.pieces)
         return [single(sides, rows) for sides, rows in self._sides() if len(sides)]
 
     def triangles(self) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
@@ -216,14 +216,11 @@ def edge_middles(cell: str, side: tuple[int, ...]) -> list[int]:
 
 
 def single(
-    sides: NDArray[np.int64], rows: NDArray[np.int64], corners: int | None = None
+    sides: NDArray[np.int64], rows: NDArray[np.int64]
 ) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Sides that occur once, in either orientation, and their rows.
-
-    `corners` is the number of first nodes that tell sides apart; all unless given.
-    """
+    """Sides that occur once, in either orientation, and their rows."""
     _, first, count = np.unique(
-        np.sort(sides[:, :corners], axis=1), axis=0, return_index=True, return_counts=True
+        np.sort(sides, axis=1), axis=0, return_index=True, return_counts=True
     )
     once = first[count == 1]
     return sides[once], rows[once]

@@ -23,7 +23,7 @@ from contact_app.results.plot.contact_picture import (
 from contact_app.results.plot.stored import Stored, StoredError, read
 from contact_app.results.report import write_summary
 from contact_app.results.xdmf import XDMFWriter, cell_type_name
-from meshes.quadratic import node_vertices
+from meshes.quadratic import EDGES, node_vertices
 
 
 def test_a_directory_without_result_is_named(tmp_path: Path) -> None:
@@ -443,3 +443,22 @@ def test_the_pressed_face_has_its_colour_from_both_sides(
     image = matplotlib.image.imread(made[0])[:, :, :3]
     bodies = image[int(0.1 * len(image)) : int(0.75 * len(image))]
     assert (bodies.max(axis=2) < 0.25).mean() > 0.03  # the scale ends in black
+
+
+def test_edges_of_cells_of_second_order_alone_are_drawn() -> None:
+    """A side of six nodes is drawn in four pieces; edges between the middle nodes are left out."""
+    points = np.array([[0, 0, 0], [2, 0, 0], [0, 2, 0], [0, 0, 2]], float)
+    ends = np.array(EDGES["tetrahedron"])
+    points = np.concatenate([points, points[ends].mean(axis=1)])
+    kind = "tetrahedron10"
+    stored = Stored(points, {kind: np.arange(10)[None]}, {kind: np.arange(1)}, {}, {})
+    assert np.flatnonzero(stored.vertices).tolist() == [0, 1, 2, 3]
+    panel = space_picture.Panel(np.zeros(10), (0.0, 1.0), False, "viridis", "", False)
+    frame = space_picture.Frame.of(
+        space_picture.view_from(np.array([1.0, -1.0, 0.5]), points), (1.0, 1.0), 100
+    )
+    drawn = space_picture.skin_triangles(
+        points, stored.boundary(), panel, frame, stored.vertices
+    ).wired
+    assert drawn.shape == (16, 3)
+    assert drawn.sum() == 4 * 3 * 2
