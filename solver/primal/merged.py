@@ -204,7 +204,7 @@ def merge(problem: DecomposedProblem) -> MergedSystem:
     transfer = _transfer(comm, columns, size)
     K = _stiffness(problem, nodes)
     held, values = _held(problem, nodes, scatter, transfer, size)
-    body = np.repeat(nodes.body[nodes.owned], d)
+    body = np.repeat(nodes.at_owners(nodes.body[nodes.first_here]), d)
     rigid = _rigid(problem, nodes)
     stiffless = problem.bodies.rigid[body] & ~held
     support = chosen_rows(K, np.flatnonzero(held))
@@ -399,8 +399,8 @@ def _held(
 
 def _rigid(problem: DecomposedProblem, nodes: MergedNodes) -> Array:
     """Rigid motions of all points about the middle of each body, (unknowns, k) (collective)."""
-    comm, d, points = problem.comm, problem.dimension, nodes.points[nodes.owned]
-    of = nodes.body[nodes.owned]
+    comm, d = problem.comm, problem.dimension
+    points, of = (nodes.at_owners(of[nodes.first_here]) for of in (nodes.points, nodes.body))
     sums = np.zeros((problem.bodies.count, 4))
     np.add.at(sums, of, np.column_stack([points, np.ones(len(points))]))
     sums = comm.allreduce(sums)

@@ -45,7 +45,7 @@ def vertex_level(system: MergedSystem) -> VertexLevel | None:
     nodes = system.nodes
     weights = _weights(system, nodes)
     vertex = weights.diagonal() > 0.5
-    vertices = vertex[nodes.owned]
+    vertices = nodes.at_owners(vertex[nodes.first_here])
     first = (system.comm.exscan(int(vertices.sum())) or 0) * d
     unknowns = np.flatnonzero(np.repeat(vertices, d))
     numbers = np.zeros(system.size)
@@ -53,13 +53,13 @@ def vertex_level(system: MergedSystem) -> VertexLevel | None:
     column = system.at_copies(numbers).astype(np.int64)
     fixed = system.held | system.stiffless
     free = system.at_copies(np.where(fixed, 0.0, 1.0))
-    spread = sparse.kron(weights[nodes.owned], sparse.eye(d), format="csr")
+    spread = sparse.kron(weights[nodes.first_here], sparse.eye(d), format="csr")
+    rows = nodes.unknowns(np.flatnonzero(nodes.first_here), d)
     entries = spread.data * free[spread.indices]
-    entries *= np.repeat(np.where(fixed, 0.0, 1.0), np.diff(spread.indptr))
-    total = system.comm.allreduce(len(unknowns))
-    local = sparse.csr_matrix(
-        (entries, column[spread.indices], spread.indptr), shape=(system.size, total)
-    )
+    entries *= np.repeat(free[rows], np.diff(spread.indptr))
+    shape = len(rows), system.comm.allreduce(len(unknowns))
+    local = sparse.csr_matrix((entries, column[spread.indices], spread.indptr), shape)
+    local = nodes.at_owners(local, d)
     local.sort_indices()
     P = petsc_rows(system.comm, local, len(unknowns))
     P.setBlockSizes(d, d)

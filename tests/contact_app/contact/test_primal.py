@@ -422,3 +422,40 @@ if MPI.COMM_WORLD.rank == 0:
 def test_springs_join_coarse_levels_whose_sums_over_ranks_have_no_zeros() -> None:
     """This pin of degree 2 was left to Total FETI on two ranks."""
     assert execute(PIN_ON_RANKS, ranks=2).split()[-1] == "primal"
+
+
+UNEVEN_ON_RANKS = """
+import numpy as np
+from mpi4py import MPI
+from contact_app.model.model import build_model
+from contact_app.scene.build import build_scene
+from contact_app.scene.configuration import load
+from solver.primal.merged import merge
+from solver.primal.vertices import vertex_level
+from solver.tfeti.constraints.matrix import local_rows
+from tests.contact_app.contact.test_primal import CONFIGS
+comm = MPI.COMM_WORLD
+scene = build_scene(load(CONFIGS / "hub_on_shaft.yaml", ["solver.method=primal"]), comm=comm)
+system = merge(build_model(scene, comm, needed="distinct").problem)
+nodes, mean = system.nodes, comm.allreduce(system.size) / comm.size
+assert max(comm.allgather(3 * int(nodes.first_here.sum()))) > 1.1 * mean
+assert max(comm.allgather(system.size)) < 1.01 * mean
+for values in (nodes.points[:, 0], nodes.points[:, 1], nodes.points[:, 2], nodes.body):
+    owned = nodes.at_owners(values[nodes.first_here])
+    assert len(owned) * 3 == system.size
+    brought = system.at_copies(np.repeat(owned, 3).astype(float))
+    np.testing.assert_allclose(brought[::3], values, rtol=0, atol=1e-12)
+level = vertex_level(system)
+P = local_rows(level.P)
+again = P @ np.concatenate(comm.allgather(level.rigid))
+inner = np.abs(P).sum(axis=1).A1 > 1.0 - 1e-12  # no held vertex beside it
+assert inner.mean() > 0.5
+np.testing.assert_allclose(again[inner], system.rigid[inner], rtol=0, atol=0.05)  # curved edges
+"""
+
+
+@pytest.mark.mpi
+@pytest.mark.parametrize("ranks", [2, 3])
+def test_ranks_own_equal_numbers_of_nodes(ranks: int) -> None:
+    """The hub is larger than its shaft; ranks have one body each, or parts of them."""
+    execute(UNEVEN_ON_RANKS, ranks=ranks)
