@@ -56,11 +56,17 @@ def chosen_columns(matrix: PETSc.Mat, columns: Ints) -> PETSc.Mat:
     return matrix.createSubMatrix(rows, chosen)
 
 
-def own_columns(matrix: PETSc.Mat, rows: Ints) -> list[sparse.csr_matrix]:
-    """Some rows of each rank, restricted to this rank's columns (collective)."""
-    local, starts = local_rows(matrix)[rows], matrix.getOwnershipRangesColumn()
-    parts = [local[:, first:last] for first, last in pairwise(starts)]
-    return list(matrix.comm.tompi4py().alltoall(parts))
+def own_columns(matrix: PETSc.Mat) -> sparse.csr_matrix:
+    """The rows of all ranks, restricted to this rank's columns; made once (collective)."""
+    return made_once(matrix, "own columns", lambda: _own_columns(matrix))
+
+
+def _own_columns(matrix: PETSc.Mat) -> sparse.csr_matrix:
+    local, comm = local_rows(matrix), matrix.comm.tompi4py()
+    if comm.size == 1:
+        return local
+    parts = [local[:, first:last] for first, last in pairwise(matrix.getOwnershipRangesColumn())]
+    return sparse.vstack(comm.alltoall(parts), format="csr")
 
 
 def set_diagonal(K: PETSc.Mat, where: Mask, value: float) -> None:

@@ -44,6 +44,8 @@ class Projector:
         Mask of the contact and tied rows that hold with equality.
     compliance : (rows,)
         Compliance of the active rows, added to S (see `solver.primal.springs`); None for none.
+    wide
+        The projector of these rows and others, which has S already; None for none.
 
     Attributes
     ----------
@@ -54,40 +56,59 @@ class Projector:
     C : (active rows of all ranks, unknowns)
     """
 
-    def __init__(self, system: MergedSystem, active: Mask, compliance: Array | None = None) -> None:
+    def __init__(
+        self,
+        system: MergedSystem,
+        active: Mask,
+        compliance: Array | None = None,
+        wide: Projector | None = None,
+    ) -> None:
         self.system, comm = system, system.comm
         self.rows = np.flatnonzero(active)
         self.compliance = None if compliance is None else compliance[self.rows]
-        parts = own_columns(system.C, self.rows)
-        starts = np.cumsum([0, *(part.shape[0] for part in parts)])
-        self._counts = np.diff(starts)
-        self._of_rank = slice(starts[comm.rank], starts[comm.rank + 1])
-        self.empty = starts[-1] == 0
-        self.C = sparse.vstack(parts, format="csr")
+        masks = comm.allgather(active)
+        self._counts = np.array([int(mask.sum()) for mask in masks])
+        first = int(self._counts[: comm.rank].sum())
+        self._of_rank = slice(first, first + len(self.rows))
+        every = np.concatenate(masks)
+        self.C = own_columns(system.C)[np.flatnonzero(every)]
+        self.empty = not every.any()
         if self.empty:
             return
         self._inverse = system.flexibility
         self._Ct = self.C.T  # in columns, so that a product skips the unknowns of no row
         self._DCt = _scaled(self.C, self._inverse).T
-        S = self._sum_of_ranks()
-        diagonal = S.diagonal()
-        stiffless = diagonal == 0.0  # rows of rigid bodies alone
-        more = REDUNDANT * diagonal + np.where(stiffless, 1.0, 0.0)
-        if self.compliance is not None:
-            more += self._of_all(self.compliance)
-        self._inverse_of_rows = SmallInverse(S + sparse.diags(more))
+        self._every = every
+        if wide is None:
+            self._S, self._stiffless = self._sum_of_ranks()
+        else:
+            some = np.flatnonzero(every[wide._every])
+            self._S, self._stiffless = wide._S[some][:, some], wide._stiffless[some]
+        self._inverse_of_rows = SmallInverse(self._S)
         self._of_motions: RowsOfMotions | None = None
         if system.has_rigid_bodies:
             C = chosen_rows(system.C, self.rows)
-            self._of_motions = RowsOfMotions(system, C, stiffless[self._of_rank])
+            self._of_motions = RowsOfMotions(system, C, self._stiffless[self._of_rank])
 
-    def _sum_of_ranks(self) -> sparse.csr_matrix:
-        """S = C_A D⁻¹ C_Aᵀ of all ranks; rigid bodies do not couple their rows (collective)."""
+    def _sum_of_ranks(self) -> tuple[sparse.csr_matrix, Mask]:
+        """S = C_A D⁻¹ C_Aᵀ of all ranks, and the rows of rigid bodies alone (collective).
+
+        S has the compliance, and one in the diagonal of rows of rigid bodies alone. Rigid bodies do
+        not couple their rows.
+        """
         scaled = _scaled(self.C, np.sqrt(self._inverse))
         if self.system.has_rigid_bodies:
             scaled.eliminate_zeros()
-        parts = self.system.comm.allgather(sparse.csr_matrix(scaled @ scaled.T))
-        return sum(parts[1:], start=parts[0])
+        S = sparse.csr_matrix(scaled @ scaled.T)
+        if self.system.comm.size > 1:
+            parts = self.system.comm.allgather(S)
+            S = sum(parts[1:], start=parts[0])
+        diagonal = S.diagonal()
+        stiffless = diagonal == 0.0
+        diagonal = np.where(stiffless, 1.0, (1.0 + REDUNDANT) * diagonal)
+        if self.compliance is not None:
+            diagonal += self._of_all(self.compliance)
+        return _with_diagonal(S, diagonal), stiffless
 
     def _of_all(self, values: Array) -> Array:
         """Values of the active rows of all ranks from those of each (collective)."""
@@ -162,11 +183,21 @@ class Projector:
             return self
         active = np.zeros(len(self.system.rows), bool)
         active[self.rows[~wide]] = True
-        if self.compliance is None:
-            return Projector(self.system, active)
-        compliance = np.zeros(len(active))
-        compliance[self.rows] = self.compliance
-        return Projector(self.system, active, compliance)
+        compliance = None
+        if self.compliance is not None:
+            compliance = np.zeros(len(active))
+            compliance[self.rows] = self.compliance
+        return Projector(self.system, active, compliance, self)
+
+
+def _with_diagonal(S: sparse.csr_matrix, values: Array) -> sparse.csr_matrix:
+    """A square matrix with another diagonal, in place where all entries of it are stored."""
+    rows = np.repeat(np.arange(len(values)), np.diff(S.indptr))
+    at = np.flatnonzero(S.indices == rows)
+    if len(at) < len(values):
+        return sparse.csr_matrix(S + sparse.diags(values - S.diagonal()))
+    S.data[at] = values[S.indices[at]]
+    return S
 
 
 def _scaled(matrix: sparse.csr_matrix, scale: Array) -> sparse.csr_matrix:
