@@ -175,9 +175,19 @@ class Element:
 
     def linear_traction(self, rows: NDArray[np.int32], values: Array) -> Array:
         """Load of a force per area given at the nodes, (nodes, dimension); (unknowns,)."""
+        return self.linear_tractions(rows, values[..., None])[:, 0]
+
+    def linear_tractions(self, rows: NDArray[np.int32], values: Array) -> Array:
+        """Loads of several forces per area at the nodes, (nodes, dimension, k); (unknowns, k)."""
         traction = fem.Function(self.space)
-        traction.x.array[self.unknowns] = values.ravel()
-        return self._load(ufl.inner(traction, ufl.TestFunction(self.space)) * self._ds(rows))
+        form = dolfinx_compat.compile_form(
+            ufl.inner(traction, ufl.TestFunction(self.space)) * self._ds(rows)
+        )
+        loads = np.empty((len(self.unknowns), values.shape[2]))
+        for k in range(values.shape[2]):
+            traction.x.array[self.unknowns] = values[..., k].ravel()
+            loads[:, k] = fem.assemble_vector(form).array[self.unknowns]
+        return loads
 
     def pressure(self, rows: NDArray[np.int32], pressure: float) -> Array:
         """Load of a pressure against the outward normal of facets, (unknowns,)."""

@@ -62,11 +62,7 @@ def _weights(
         facets = surface_facets(s, body) if s.body == b else np.zeros(0, np.int32)
         if len(facets):
             motions = rigid_motions(s.points(), d, *body_frame(body))
-            element = elements[id(s.reference)]
-            integrals = np.stack(
-                [element.linear_traction(facets, motions[..., k]) for k in range(MOTIONS[d])],
-                axis=-1,
-            )
+            integrals = elements[id(s.reference)].linear_tractions(facets, motions)
             square += motions.reshape(-1, MOTIONS[d]).T @ integrals
             some = np.unique(s.reference.facets[facets])
             points.append(s.points()[some])
