@@ -44,6 +44,7 @@ from contact_app.results.reactions import hold_records
 from contact_app.results.repeated_sentences import without_repetitions
 from contact_app.results.shared_forces import shared_force_warnings
 from contact_app.results.sliding import largest_sliding, sliding_on_each_other
+from contact_app.results.tilted_pairs import tilted_pairs
 from contact_app.results.undetermined import play_warnings, undetermined
 from contact_app.run.warning_texts import (
     beside_boundary,
@@ -211,6 +212,11 @@ def _sliding_bodies(answer: SolvedScene) -> Iterator[str]:
         sliding_and_size = sliding_on_each_other(*_moved(answer), answer.solution, i)
         if text := sliding_far(*sliding_and_size):
             yield f"{pair.source}: {text}"
+
+
+def _tilted(answer: SolvedScene) -> Iterator[str]:
+    """Bodies that overlap or are apart where their surfaces are tilted against each other."""
+    return tilted_pairs(answer.model, answer.solution)
 
 
 def _corners_only(answer: SolvedScene) -> Iterator[str]:
@@ -467,9 +473,9 @@ def _varying_energy(answer: SolvedScene) -> NDArray[np.float64]:
 CHECKS: tuple[Callable[[SolvedScene], Iterable[str]], ...] = (
     _large_deformations, _yielding, _straight_edges, _straight_facets, _beside_obstacles,
     _facing_away, _between_nodes, _coarse_pressures, _sharp_edges, _sliding_bodies,
-    _corners_only, _locking_in_volume, _locking_in_bending, _moved_beyond_sizes, _moved_far,
-    _coarse_meshes, _stresses_beside_expansion, _straddled_facets, _without_facets, _certificates,
-    _overcome, _cautions, _slides, _loaded_holds, _rubs_where_open, _closes_at_once,
+    _tilted, _corners_only, _locking_in_volume, _locking_in_bending, _moved_beyond_sizes,
+    _moved_far, _coarse_meshes, _stresses_beside_expansion, _straddled_facets, _without_facets,
+    _certificates, _overcome, _cautions, _slides, _loaded_holds, _rubs_where_open, _closes_at_once,
     _several_answers, _plays,
 )  # fmt: skip
 """The tests of an answer, in the order of their warnings."""
