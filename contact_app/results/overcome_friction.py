@@ -7,12 +7,7 @@ from collections.abc import Callable, Iterator
 from contact_app.model.equilibrium import leaving
 from solver.contact.solution import Solution
 from solver.tfeti.dual import DualProblem
-from solver.tfeti.friction_share import overcome
-
-HOLDS = 0.995
-"""Share of the loads below which friction is said not to hold them. Contact forces without a
-certificate are not accurate, but a history comes near the limit before a body leaves: forces of a
-block between walls that cool down hold 0.9 of its loads where it falls."""
+from solver.tfeti.friction_share import HOLDS, overcome
 
 
 def overcome_friction(

@@ -26,6 +26,7 @@ from solver import Counts, Reason
 from solver.contact.solution import Solution
 from solver.driver import ROUNDED_AWAY
 from solver.errors import QPError, UnboundedError
+from solver.tfeti.friction_share import may_hold
 
 STEPS = 10
 """Steps over the rows of B above which the iteration limit is not the reason why a solve ended."""
@@ -84,12 +85,15 @@ def failure_text(error: Exception) -> str:
 def is_final(model: Model, solution: Solution, max_iterations: int) -> bool:
     """Whether to try no other method (collective).
 
-    This holds if the answer is certified, or if the user stopped or limited the solve. A method
+    This holds if the answer is certified, if friction at its contact forces does not hold a body,
+    or if the user stopped or limited the solve. A method
     named by the user is tried first and has the same fallbacks as the automatic one; the warnings
     and `summary.solver.method` name the method of the answer.
     """
-    if solution.converged or solution.reason in (Reason.STOPPED, Reason.SLIDES):
+    if solution.converged or solution.reason is Reason.STOPPED:
         return True
+    if solution.reason is Reason.SLIDES:
+        return not may_hold(model.problem, solution)
     rows = model.comm.allreduce(model.problem.size)
     return solution.reason is Reason.MAX_ITERATIONS and max_iterations < STEPS * rows
 

@@ -21,6 +21,7 @@ from solver.tfeti.certify import friction_residual
 from solver.tfeti.contact_law import SURE
 from solver.tfeti.dual import DualProblem
 from solver.tfeti.duality_gap import duality_gap
+from solver.tfeti.friction_share import may_hold
 from solver.tfeti.methods.answers import answer_of_state
 from solver.tfeti.methods.task import Task, saved_by
 from solver.tfeti.winkler import gaps_are_zero, winkler_contact
@@ -29,7 +30,8 @@ from solver.vectors import Array
 METHOD = "active-set"
 
 ENDS = (Reason.ACCEPTED, Reason.STOPPED, Reason.MAX_ITERATIONS, Reason.SLIDES)
-"""Reasons for which active sets end a solve; after other reasons SMALBE-M may go on."""
+"""Reasons for which active sets end a solve; after other reasons SMALBE-M may go on, and where sets
+without a sticking point follow each other, but friction at their contact forces holds the loads."""
 
 LOOSE = 1e-2
 """Share of an iterate's jumps that may remain in û where the duality gap is only an estimate."""
@@ -107,6 +109,8 @@ def solve_from(
         assert outcome.state is not None
         answer = test.certified(outcome.state)
     assert answer is not None
+    if outcome.reason is Reason.SLIDES and may_hold(task.problem, answer):
+        return outcome, None
     return outcome, replace(answer, reason=outcome.reason, method=METHOD)
 
 

@@ -12,6 +12,7 @@ import pytest
 from mpi4py import MPI
 from scipy.spatial import cKDTree
 
+import contact_app
 from contact_app.errors import ConfigurationError, NoEquilibriumError
 from contact_app.model.model import build_model
 from solver.tfeti.preconditioner import DualPreconditioner, ScaledPreconditioner
@@ -381,3 +382,28 @@ def test_tresca_friction_without_area_causes_a_warning(tied: bool) -> None:
     assert certificate["passed"]
     expected = "contacts[0]: 4 nodes lie on no whole facet of edge"
     assert any(expected in warning for warning in certificate["warnings"])
+
+
+@pytest.mark.parametrize("method", ["auto", "primal"])
+def test_a_heated_block_that_one_node_holds_is_certified(method: str) -> None:
+    """The active sets slide on, though friction at their contact forces holds the push."""
+    steel = {"young": 2.1e5, "poisson": 0.3}
+    found = contact_app.solve({
+        "dimension": 2,
+        "bodies": [
+            {"name": "low", "material": steel, "mesh": {"box": {
+                "lower": [0, 0], "upper": [4, 1], "cells": [8, 2], "cell": "triangle"}}},
+            {"name": "up", "mesh": {"box": {"lower": [1, 1], "upper": [3, 2], "cells": [4, 2]}},
+             "material": {"young": 7e4, "poisson": 0.33, "expansion": 2.3e-5}},
+        ],
+        "conditions": [
+            {"on": "low.y-", "displacement": [0, 0]},
+            {"on": "up.y+", "traction": [5, -60]},
+            {"in": "up", "temperature": "30 * y"},
+        ],
+        "contacts": [{"on": "up.y-", "against": "low.y+", "friction": {"coulomb": 0.3}}],
+        "solver": {"method": method},
+    })  # fmt: skip
+    assert found.converged
+    assert found.summary["contacts"][0]["force"] == pytest.approx([-10.0, 120.0, 0.0], abs=1e-3)
+    assert found.summary["contacts"][0]["nodes"] == {"open": 0, "stick": 1, "slip": 4}
