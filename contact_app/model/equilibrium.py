@@ -357,8 +357,16 @@ def upward(motions: Array) -> Array:
     return motions * np.sign(motions[large.argmax(axis=0), np.arange(motions.shape[1])])
 
 
+NEAR_AXIS = 0.1
+"""Turn over the displacement of the middle, in lengths of the body, from which on a motion is named
+as a turn about another axis."""
+
+
 def directions_in_words(motions: Array) -> str:
-    """Rigid motions (motions, k) in words."""
+    """Rigid motions (motions, k) in words.
+
+    A turn about one axis with a displacement across it is a turn about a parallel axis.
+    """
     planar = len(motions) == 3
     names = ["x", "y", "a turn about z"] if planar else [
         "x", "y", "z", "a turn about x", "a turn about y", "a turn about z"
@@ -368,6 +376,12 @@ def directions_in_words(motions: Array) -> str:
         motion = motion / np.abs(motion).max()
         if motion[np.argmax(np.abs(motion))] < 0 and motions.shape[1] > 1:
             motion = -motion
+        large = np.abs(motion) > 1e-3
+        turns = np.flatnonzero(large[2 if planar else 3 :]) + (2 if planar else 3)
+        across = large.sum() > 1 and (planar or not large[turns - 3].any())
+        if len(turns) == 1 and across and np.abs(motion[turns[0]]) > NEAR_AXIS:
+            words.append(f"{names[turns[0]]} off the middle of the body")
+            continue
         terms = []
         for value, name in zip(motion, names, strict=True):
             if abs(value) > 1e-3:

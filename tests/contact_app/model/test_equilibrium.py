@@ -140,3 +140,21 @@ def test_agreeing_displacements_on_one_node_are_fine() -> None:
     known = reference.solve(scenes.build(made))
     solution = solve(made, [2, 2, 2])
     same_displacement(known, solution)
+
+
+@pytest.mark.parametrize(
+    ("motion", "words"),
+    [
+        ([1, 0, 0], "+x"),
+        ([0, 0, 1], "a turn about z"),
+        ([0, 0.24, 1], "a turn about z off the middle of the body"),
+        ([1, 0, 0.05], "+x and 0.05 a turn about z"),
+        ([-0.14, 0, 0, 0, 1, 0], "a turn about y off the middle of the body"),
+        ([0, 0.1, 0, 0, 1, 0], "0.1 +y and a turn about y"),
+        ([0, 0, 0, 1, 1, 0], "a turn about x and a turn about y"),
+    ],
+)
+def test_turns_off_the_middle_are_named(motion: list[float], words: str) -> None:
+    from contact_app.model.equilibrium import directions_in_words
+
+    assert directions_in_words(np.array(motion)[:, None]) == words
