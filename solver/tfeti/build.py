@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass, replace
-from hashlib import sha1
 
 import numpy as np
 from mpi4py import MPI
@@ -215,21 +214,16 @@ def _classes(
     """
     classes: list[SubdomainClass] = []
     failed = ""
-    everywhere = _meshed_by_all(comm, subdomains) if factored else [False] * len(subdomains)
-    for group, meshed_by_all in zip(subdomains, everywhere, strict=True):
-        sharing = comm if meshed_by_all and _made_by_all(comm, group) else None
-        by_any = touched[group.copies].any(axis=0)
-        if sharing is not None:
-            comm.Allreduce(MPI.IN_PLACE, by_any, op=MPI.LOR)
-        node, component = np.nonzero(by_any)
+    make = subdomain_class if factored else unfactored_class
+    for group in subdomains:
+        node, component = np.nonzero(touched[group.copies].any(axis=0))
         data = ClassData(
             group.stiffness, group.points, d, group.nodes[node] * d + component, len(group.bodies),
             group.eliminated, group.kernel,
         )  # fmt: skip
         with measure():
             try:
-                made = subdomain_class(data, sharing) if factored else unfactored_class(data)
-                classes.append(made)
+                classes.append(make(data))
             except (ArithmeticError, ValueError) as error:  # the other ranks go on
                 failed = failed or f"{error}"
     for text in filter(None, comm.allgather(failed)):
@@ -257,24 +251,3 @@ def _number_columns(
         size += width * cls.members
     first = comm.exscan(size) or 0
     return np.where(columns >= 0, columns + first, -1), size
-
-
-def _meshed_by_all(comm: MPI.Intracomm, subdomains: Sequence[CongruentSubdomains]) -> list[bool]:
-    """Mask of this rank's meshes that all ranks have at the same place of their lists."""
-    if comm.size == 1:
-        return [False] * len(subdomains)
-    digests = [sha1(s.points.tobytes(), usedforsecurity=False).digest() for s in subdomains]
-    of_ranks = comm.allgather(digests)
-    shortest = min(map(len, of_ranks))
-    same = [len(set(places)) == 1 for places in zip(*of_ranks, strict=False)]
-    return same + [False] * (len(subdomains) - shortest)
-
-
-def _made_by_all(comm: MPI.Intracomm, group: CongruentSubdomains) -> bool:
-    """Whether the stiffness of the next class is equal on all ranks, to the last bit."""
-    digest = sha1(usedforsecurity=False)
-    for array in (group.stiffness.indptr, group.stiffness.indices, group.stiffness.data):
-        digest.update(np.ascontiguousarray(array).data)
-    if group.eliminated is not None:
-        digest.update(group.eliminated.tobytes())
-    return len(set(comm.allgather(digest.digest()))) == 1

@@ -12,7 +12,6 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from mpi4py import MPI
 from scipy import sparse
 
 from solver.tfeti.subdomain.costs import block_pays
@@ -236,13 +235,8 @@ class _Inverse:
     block_pays: bool
 
 
-def subdomain_class(data: ClassData, sharing: MPI.Intracomm | None = None) -> SubdomainClass:
+def subdomain_class(data: ClassData) -> SubdomainClass:
     """Factor the stiffness of a congruence class and choose how K⁺ is applied.
-
-    Parameters
-    ----------
-    sharing
-        All ranks, if all build this class now with the same `touched`: they share the work.
 
     Raises
     ------
@@ -251,13 +245,8 @@ def subdomain_class(data: ClassData, sharing: MPI.Intracomm | None = None) -> Su
     """
     if data.is_rigid:
         return _rigid_class(data)
-    # all ranks that share the work decide alike here
-    most = sharing.allreduce(data.members, op=MPI.MAX) if sharing else data.members
     rigid = data.motions()
-    if data.eliminated is None:
-        inverted = _floating(data, rigid, most, sharing)
-    else:
-        inverted = _held(data, most)
+    inverted = _floating(data, rigid) if data.eliminated is None else _held(data)
     block: Block | None = None
     if inverted.block_pays:
         block = inverted.inverse.restricted(np.searchsorted(inverted.free, inverted.interface))
@@ -267,16 +256,16 @@ def subdomain_class(data: ClassData, sharing: MPI.Intracomm | None = None) -> Su
     )  # fmt: skip
 
 
-def _held(data: ClassData, most: int) -> _Inverse:
+def _held(data: ClassData) -> _Inverse:
     """The inverse on the unknowns that are not eliminated."""
     free, moves = data.free, np.zeros((data.stiffness.shape[0], 0))
     none = data.every[:0]
     inverse = GeneralisedInverse(data.stiffness[free][:, free], moves[free], none)
-    pays = block_pays(len(free), len(data.touched), most, 1, data.dimension)
+    pays = block_pays(len(free), len(data.touched), data.members, 1, data.dimension)
     return _Inverse(data.stiffness, moves, free, data.touched, inverse, pays)
 
 
-def _floating(data: ClassData, rigid: Array, most: int, sharing: MPI.Intracomm | None) -> _Inverse:
+def _floating(data: ClassData, rigid: Array) -> _Inverse:
     """The inverse of floating subdomains; mirror images of touched unknowns join the interface."""
     stiffness, points, d = data.stiffness, data.points, data.dimension
     symmetry = None
@@ -290,13 +279,13 @@ def _floating(data: ClassData, rigid: Array, most: int, sharing: MPI.Intracomm |
     if symmetry is not None:
         interface = symmetry.split(symmetry.closure(data.touched)).unknowns
     order = symmetry.order if symmetry else 1
-    pays = block_pays(stiffness.shape[0], len(interface), most, order, d)
+    pays = block_pays(stiffness.shape[0], len(interface), data.members, order, d)
     inverse: GeneralisedInverse | SymmetricInverse
     if symmetry is None or not pays:
         inverse = GeneralisedInverse(stiffness, rigid, fixing)
     else:
         stiffness = symmetry.average(stiffness)
-        inverse = SymmetricInverse(stiffness, rigid, fixing, symmetry, sharing)
+        inverse = SymmetricInverse(stiffness, rigid, fixing, symmetry)
     return _Inverse(stiffness, rigid, data.every, interface, inverse, pays)
 
 

@@ -15,18 +15,15 @@ too, K_ρ splits into one block per character, and so do its factor and its inve
 from __future__ import annotations
 
 from collections.abc import Sequence
-from functools import partial
 from typing import Protocol
 
 import numpy as np
-from mpi4py import MPI
 from petsc4py import PETSc
 from scipy import sparse
 from scipy.linalg import lapack
 
 from solver.openmp import one_openmp_thread
 from solver.tfeti.subdomain.reflections import Split, Symmetry
-from solver.tfeti.subdomain.sharing import made_together
 from solver.vectors import Array, Ints, on_arrays
 
 COLUMNS_AT_ONCE = 256
@@ -173,19 +170,13 @@ class SymmetricInverse:
     """K⁺ of a subdomain with reflections: one factor for each character (protocol `Inverse`).
 
     Parameters and errors are those of `GeneralisedInverse`; `fixing` may be any set; its mirror
-    images are added. Ranks with the same class share the work on its blocks through `comm`.
+    images are added.
     """
 
     def __init__(
-        self,
-        stiffness: sparse.csr_matrix,
-        kernel: Array,
-        fixing: Ints,
-        symmetry: Symmetry,
-        comm: MPI.Intracomm | None = None,
+        self, stiffness: sparse.csr_matrix, kernel: Array, fixing: Ints, symmetry: Symmetry
     ) -> None:
         self.symmetry = symmetry
-        self._comm = comm
         regular = _regularised(stiffness, kernel, symmetry.closure(fixing))
         self._split = symmetry.split(np.arange(stiffness.shape[0]))
         bases = self._split.bases(stiffness.shape[0])
@@ -215,12 +206,8 @@ class SymmetricInverse:
         inside = np.zeros(len(self._split.unknowns), bool)
         inside[unknowns] = True
         chosen = [np.flatnonzero(inside[first]) for first, _ in self._split.orbits]
-        blocks = made_together(
-            self._comm,
-            [partial(f.restricted, c) for f, c in zip(self.factors, chosen, strict=True)],
-            [(len(c), len(c)) for c in chosen],
-        )
-        return SymmetricBlock(blocks, self.symmetry.split(unknowns), self._comm)
+        blocks = [f.restricted(some) for f, some in zip(self.factors, chosen, strict=True)]
+        return SymmetricBlock(blocks, self.symmetry.split(unknowns))
 
 
 class DenseBlock:
@@ -251,8 +238,6 @@ class SymmetricBlock:
         (V_χᵀ K V_χ)⁻¹ between coordinates of the interface.
     split
         The coordinates; loads and displacements are in the order of its unknowns.
-    comm
-        Ranks that hold the same block and share work on it.
     """
 
     MEMBERS_AT_ONCE = 128
@@ -261,11 +246,8 @@ class SymmetricBlock:
     Few enough for small temporary arrays, many enough for a fast product.
     """
 
-    def __init__(
-        self, blocks: Sequence[Array], split: Split, comm: MPI.Intracomm | None = None
-    ) -> None:
+    def __init__(self, blocks: Sequence[Array], split: Split) -> None:
         self.blocks, self.split = blocks, split
-        self._comm = comm
 
     def apply(self, loads: Array, out: Array) -> None:
         """Apply the block to vectors, one row per member: (s, m) to (s, m)."""
@@ -287,15 +269,14 @@ class SymmetricBlock:
     def schur_complement(self, kernel: Array) -> SymmetricBlock:
         """The Schur complement of the stiffness on the same unknowns, (m, m)."""
         coordinates = self.split.forward(np.ascontiguousarray(kernel.T))
-        makers = []
+        complements = []
         for block, place, (_, orbit) in zip(
             self.blocks, self.split.places, self.split.orbits, strict=True
         ):
             # the bases are orthogonal, their squares the sizes of the orbits
             motions = _range(coordinates[:, place].T, np.linalg.norm(coordinates))
-            makers.append(partial(_relaxed, block, motions, 1.0 / orbit))
-        shapes = [block.shape for block in self.blocks]
-        return SymmetricBlock(made_together(self._comm, makers, shapes), self.split, self._comm)
+            complements.append(_relaxed(block, motions, 1.0 / orbit))
+        return SymmetricBlock(complements, self.split)
 
 
 def _scaled_rows(matrix: sparse.csr_matrix, factors: Ints) -> sparse.csr_matrix:
