@@ -148,7 +148,7 @@ WRONG = [
     ("bodies.0.degree=3", "1 or 2 is allowed"),
     ("bodies.0.material={steel: {young: 1, poisson: 0.3}}", "by tag needs a mesh from a file"),
     # names
-    ("bodies.0.name=a.b", "letters, digits, _ and - are allowed"),
+    ("bodies.0.name=a.b", "or _ first, then these, digits and - are allowed"),
     ("bodies.1={name: cube, mesh: {box: {lower: [0,0,0], upper: [1,1,1], cells: [1,1,1]}}, "
      "material: {young: 1, poisson: 0}}", "bodies[1].name is 'cube', the name of an earlier body"),
     ("conditions.0.on=cub.z-", "names the body 'cub'; did you mean cube?"),
