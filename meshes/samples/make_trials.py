@@ -267,6 +267,7 @@ def grid(
         Whether its two ends along the first axis are joined.
     """
     nx, ny = (count(c, size) for c in cells)
+    nx += nx % 2 if closed else 0  # a load on one side of an odd ring would turn it
     i, j = np.meshgrid(np.arange(nx), np.arange(ny), indexing="ij")
     if keep is not None:
         inside = keep(lengths[0] * (i + 0.5) / nx, lengths[1] * (j + 0.5) / ny)

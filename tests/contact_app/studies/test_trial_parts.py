@@ -49,3 +49,12 @@ def test_a_trial_part_is_solved_to_a_certificate_with_some_of_its_nodes_open(
         nodes = found["contacts"][0]["nodes"]
         assert nodes["open"] > 0
         assert nodes["slip"] > 0
+
+
+@pytest.mark.parametrize("size", [3.0, 4.0])
+def test_a_load_on_one_side_does_not_turn_the_ring(
+    trials: ModuleType, tmp_path: Path, size: float
+) -> None:
+    """Nothing resists its turn on the shaft; 76 facets around make 25 and 19 of these sizes."""
+    scene = build_scene(load(trials.write("ring_on_shaft", size, tmp_path)))
+    assert solve_scene(scene).summary["certificate"]["passed"]
