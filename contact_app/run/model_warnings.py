@@ -36,6 +36,7 @@ from contact_app.accuracy.solved_scene import SolvedScene
 from contact_app.accuracy.trust import few_cells
 from contact_app.model.equilibrium import body_frame, motion_size
 from contact_app.model.loaded_area import loaded_facets, straddled_area
+from contact_app.results.carried import carried
 from contact_app.results.free_motions import free_motions
 from contact_app.results.friction import approach_of_held, closing_points
 from contact_app.results.overcome_friction import overcome_friction
@@ -395,6 +396,11 @@ def _plays(answer: SolvedScene) -> list[str]:
     return play_warnings(undetermined(answer.model, answer.solution), remedy)
 
 
+def _carried(answer: SolvedScene) -> Iterable[str]:
+    """Bodies that friction carries along by an amount that it leaves open (collective)."""
+    return carried(answer.model, answer.solution) if answer.solution.converged else []
+
+
 def _yielding(answer: SolvedScene) -> list[str]:
     """Bodies whose stress exceeds a given yield stress (collective)."""
     model, cells = answer.model, answer.cells
@@ -476,6 +482,6 @@ CHECKS: tuple[Callable[[SolvedScene], Iterable[str]], ...] = (
     _tilted, _corners_only, _locking_in_volume, _locking_in_bending, _moved_beyond_sizes,
     _moved_far, _coarse_meshes, _stresses_beside_expansion, _straddled_facets, _without_facets,
     _certificates, _overcome, _cautions, _slides, _loaded_holds, _rubs_where_open, _closes_at_once,
-    _several_answers, _plays,
+    _several_answers, _plays, _carried,
 )  # fmt: skip
 """The tests of an answer, in the order of their warnings."""
