@@ -241,7 +241,7 @@ def _decomposed(scene: Scene, outline: Outline) -> list[str]:
     groups = groups_of(scene, outline)
     many = partition.count > 1
     if is_undecomposed(scene.solver):
-        why = "on thick bodies from mesh files its iterations hardly grow with the size"
+        why = "its iterations hardly grow with the size"
         return [
             f"method: primal, multigrid on the undecomposed bodies; {why}; one subdomain for each "
             "body and rank, none factored"
