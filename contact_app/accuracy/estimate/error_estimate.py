@@ -268,12 +268,13 @@ def accuracy_of(squares: Array, solution: Solution) -> Accuracy:
         np.bincount(groups, values, count)
         for values in (*squares, measures.roundings, measures.scales + measures.pressed)
     )
-    total, strained = float(norm.sum()), norm > STRAINLESS * rounding
+    solver = measures.error_squares()
+    # strains that the solver's error exceeds have no digits, as rounding errors have none
+    total, strained = float(norm.sum()), norm > np.maximum(STRAINLESS * rounding, solver)
     if (~strained & (reported > 0.0)).any():  # forces, but no strains to be relative to
         return Accuracy(np.nan, np.nan, np.nan, total, np.nan)
     if not strained.any():
         return Accuracy(0.0, 0.0, 0.0, 0.0, 0.0)
-    solver = measures.error_squares()
     totals = np.divide(square + solver, norm, out=np.zeros(count), where=strained)
     worst = int(np.argmax(totals))
     errors = np.sqrt(np.array([square, solver, rounding])[:, worst] / norm[worst])

@@ -34,7 +34,7 @@ from tests.comparison import solve
         ("hexahedron", 3, (8, 6), 1e-6, 110),
         ("quadrilateral", 3, (12, 10), 1e-6, 200),
         ("quadrilateral", 4, (12, 10), 1e-8, 60),
-        ("quadrilateral", 7, (12, 10), 1e-8, 250),
+        ("quadrilateral", 7, (12, 10), 1e-6, 250),
         ("triangle", 7, (12, 10), 1e-8, 250),
     ],
 )
