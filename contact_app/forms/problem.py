@@ -63,23 +63,11 @@ WAYS: dict[Method, tuple[Method, Method]] = {
 
 
 @dataclass(frozen=True, eq=False)
-class _Friction:
-    """Functions of friction at nodes."""
-
-    traction: Any
-    slip: Any
-    status: Any
-
-
-@dataclass(frozen=True, eq=False)
 class _Answer:
-    """The result of a solve."""
+    """The result of a solve; Functions of fields at nodes by name."""
 
     solution: Solution
-    pressure: Any
-    smoothed: Any
-    gap: Any
-    friction: _Friction | None
+    fields: dict[str, Any]
     summary: dict[str, Any]
 
 
@@ -284,39 +272,32 @@ class ContactProblem:
             none = np.zeros(owners.count)
             pressure = np.max([none, *(c.pressure for c in at_nodes)], axis=0)
             smoothed = np.max([none, *(c.smoothed for c in at_nodes)], axis=0)
-            gap = nearest_gap(at_nodes, owners.count)
+            fields: dict[str, Any] = {}
             scalars, of_space = self._space.sub(0).collapse()
             nodes = np.asarray(of_space) // d
 
-            def function(values: NDArray[np.float64], name: str) -> Any:
-                result = fem.Function(scalars, name=name)
-                result.x.array[:] = on_space.values(values)[nodes]
-                return result
+            def function(values: NDArray[np.float64], name: str) -> None:
+                fields[name] = fem.Function(scalars, name=name)
+                fields[name].x.array[:] = on_space.values(values)[nodes]
 
-            def vectors(values: NDArray[np.float64], name: str) -> Any:
-                result = fem.Function(self._space, name=name)
-                result.x.array[:] = on_space.values(values).ravel()
-                return result
+            def vectors(values: NDArray[np.float64], name: str) -> None:
+                fields[name] = fem.Function(self._space, name=name)
+                fields[name].x.array[:] = on_space.values(values).ravel()
 
-            friction = None
+            function(pressure, "contact_pressure")
+            function(smoothed, "smoothed_contact_pressure")
+            function(nearest_gap(at_nodes, owners.count), "gap")
             if any(contact.law for contact in model.contacts):
                 traction, slip, status = friction_fields(at_nodes, owners.count, d)
-                friction = _Friction(
-                    vectors(traction, "friction_traction"), vectors(slip, "slip"),
-                    function(status.astype(float), "contact_status"),
-                )  # fmt: skip
-            fields = (
-                function(pressure, "contact_pressure"),
-                function(smoothed, "smoothed_contact_pressure"),
-                function(gap, "gap"),
-                friction,
-            )
+                vectors(traction, "friction_traction")
+                vectors(slip, "slip")
+                function(status.astype(float), "contact_status")
             records = (
                 contact_records(model, owners, at_nodes),
                 reaction_records(model, solution, owners, self.bcs),
             )
         summary = summary_of(model, solution, displacement, records, timings, self._pressed)
-        return _Answer(solution, *fields, summary)
+        return _Answer(solution, fields, summary)
 
     @property
     def _solved(self) -> _Answer:
@@ -340,17 +321,17 @@ class ContactProblem:
     @property
     def contact_pressure(self) -> Any:
         """Function of the pressure (force per area) on the side of `tag`, 0 away from contact."""
-        return self._solved.pressure
+        return self._solved.fields["contact_pressure"]
 
     @property
     def smoothed_contact_pressure(self) -> Any:
         """Function of the pressure without what straight facets make of it, as a scene has it."""
-        return self._solved.smoothed
+        return self._solved.fields["smoothed_contact_pressure"]
 
     @property
     def gap(self) -> Any:
         """Function of the remaining distance (length) at contact nodes, NaN at others."""
-        return self._solved.gap
+        return self._solved.fields["gap"]
 
     @property
     def friction_traction(self) -> Any:
@@ -358,17 +339,17 @@ class ContactProblem:
 
         None if no contact has friction; also `slip` and `contact_status`.
         """
-        return self._solved.friction and self._solved.friction.traction
+        return self._solved.fields.get("friction_traction")
 
     @property
     def slip(self) -> Any:
         """Vector Function of what the side of `tag` moves along what it touches."""
-        return self._solved.friction and self._solved.friction.slip
+        return self._solved.fields.get("slip")
 
     @property
     def contact_status(self) -> Any:
         """Function that is 0 where a node is open, 1 where it sticks, 2 where it slides."""
-        return self._solved.friction and self._solved.friction.status
+        return self._solved.fields.get("contact_status")
 
     @property
     def summary(self) -> dict[str, Any]:
