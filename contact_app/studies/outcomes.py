@@ -40,11 +40,16 @@ class Outcome:
     growth: float = 0.0
     strains: tuple[float, ...] = ()
 
+    @property
+    def cell(self) -> str:
+        """The verdict and the work, for a table."""
+        verdict = f"**{self.verdict}**" if self.verdict == "WRONG" else self.verdict
+        notes = [str(self.applications)] if self.applications else []
+        notes += [f"×{self.growth:.1f}"] if self.growth else []
+        return f"{verdict} ({', '.join(notes)})" if notes else verdict
+
     def __str__(self) -> str:
-        work = f" ({self.applications})" if self.applications else ""
-        if self.growth:
-            work += f" ×{self.growth:.1f}"
-        return f"{self.verdict}{work}" + (f": {self.detail}" if self.detail else "")
+        return self.cell + (f": {self.detail}" if self.detail else "")
 
 
 def built(made: dict[str, Any], subdomains: Any) -> Scene:

@@ -20,6 +20,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -228,22 +229,17 @@ def stability(output: Path, tell: Callable[[str], None] = print) -> list[Path]:
     """Run everything, write ``stability.csv`` and the tables of ``stability.md``."""
     output.mkdir(parents=True, exist_ok=True)
     PETSc.Log.begin()  # counts TAO's multiplications
-    tables: dict[str, Table] = {
-        "Scenes": {},
-        "Scenes with friction": {},
-        "Quadratic programmes": {},
+    rough = tuple(FRICTION_METHODS), solve_rough
+    runs = {
+        "Scenes": {c.name: partial(run_case, c) for c in CASES},
+        "Scenes with friction": {c.name: partial(run_case, c, *rough) for c in FRICTION_CASES},
+        "Quadratic programmes": {c.name: partial(run_qp_case, c) for c in QP_CASES},
     }
-    scenes, rough, programmes = tables.values()
-    for case in CASES:
-        scenes[case.name] = run_case(case)
-        tell(_line(case.name, scenes[case.name]))
-    for case in FRICTION_CASES:
-        rough[case.name] = run_case(case, tuple(FRICTION_METHODS), solve_rough)
-        tell(_line(case.name, rough[case.name]))
-    for qp_case in QP_CASES:
-        programmes[qp_case.name] = run_qp_case(qp_case)
-        tell(_line(qp_case.name, programmes[qp_case.name]))
-    tables = {"Scenes": scenes, "Scenes with friction": rough, "Quadratic programmes": programmes}
+    tables: dict[str, Table] = {title: {} for title in runs}
+    for title, of_title in runs.items():
+        for name, run in of_title.items():
+            tables[title][name] = outcomes = run()
+            tell(f"{name}: " + "; ".join(f"{m} {o}" for m, o in outcomes.items()))
     csv, page = output / "stability.csv", output / "stability.md"
     rows = [
         {"case": name, "method": method, **asdict(outcome)}
@@ -256,21 +252,9 @@ def stability(output: Path, tell: Callable[[str], None] = print) -> list[Path]:
     return [csv, page]
 
 
-def _line(name: str, outcomes: dict[str, Outcome]) -> str:
-    return f"{name}: " + "; ".join(f"{m} {o}" for m, o in outcomes.items())
-
-
 def _markdown(table: Table) -> str:
     methods = list(next(iter(table.values())))
     lines = ["| " + " | ".join(["case", *methods]) + " |", "|---" * (1 + len(methods)) + "|"]
     for name, outcomes in table.items():
-        lines.append(f"| {name} | " + " | ".join(_cell(o) for o in outcomes.values()) + " |")
+        lines.append(f"| {name} | " + " | ".join(o.cell for o in outcomes.values()) + " |")
     return "\n".join(lines) + "\n"
-
-
-def _cell(outcome: Outcome) -> str:
-    verdict = f"**{outcome.verdict}**" if outcome.verdict == "WRONG" else outcome.verdict
-    notes = [str(outcome.applications)] if outcome.applications else []
-    if outcome.growth:
-        notes.append(f"×{outcome.growth:.1f}")
-    return f"{verdict} ({', '.join(notes)})" if notes else verdict
