@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from contact_app.model.facets import moments
 from contact_app.model.geometry import Geometry
 from contact_app.model.pairs import sides_of
-from contact_app.model.rigid import RigidUnknowns, with_slips
+from contact_app.model.rigid import RigidUnknowns, with_body
 from contact_app.model.tangential_rows import (
     RoughContact,
     slips_at_obstacle,
@@ -86,7 +86,8 @@ def _rough(
         moves = touching.rigid in geometry.rigid.moving
         rows, is_free = slips_at_obstacle(contact, None if moves else held)
         if touching.rigid is not None:
-            rows = with_slips(rows, RigidUnknowns.of(geometry), touching.rigid)
+            unknowns, rigid = RigidUnknowns.of(geometry), touching.rigid
+            rows = with_body(rows, unknowns, rigid, unknowns.placed_center(rigid))
         return rows, is_free
 
     def shares(nodes: NDArray[np.int64]) -> Array:

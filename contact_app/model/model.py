@@ -39,7 +39,6 @@ from contact_app.model.rigid import RigidUnknowns, rigid_subdomains, subdomains_
 from contact_app.model.rigid_ties import ContactsAndTies, rough_at_tied_nodes
 from contact_app.model.sections import SectionPiece
 from contact_app.model.supports import support_rows
-from contact_app.model.surface_copies import SurfaceCopies
 from contact_app.model.total_loads import LinearTraction
 from contact_app.scene.bodies import Body
 from contact_app.scene.material import Material
@@ -47,7 +46,7 @@ from contact_app.scene.rigid import idle_loads
 from contact_app.scene.scene import Scene
 from meshes import Partition
 from solver.tfeti.build import CongruentSubdomains, ConstraintRows, build_system
-from solver.tfeti.constraints.conditions import ContactRows, HeldRows
+from solver.tfeti.constraints.conditions import ContactRows
 from solver.tfeti.constraints.exchange import NodeExchange
 from solver.tfeti.constraints.rows import write_rows
 from solver.tfeti.dual import DualProblem
@@ -166,29 +165,17 @@ def model_of_case(model: Model, outline: Outline, scene: Scene) -> Model:
     outline
         The outline of the scene, with the contact rows of the model.
     """
-    problem = model.problem
-    forces, thermal = ([np.zeros_like(values) for values in problem.forces] for _ in range(2))
-    for sums, parts in ((forces, outline.loads), (thermal, outline.thermal)):
-        for (cls, column), load in zip(model.place, parts, strict=True):
-            if load is not None:
-                sums[cls][:, column] += load
-    for force, heat in zip(forces, thermal, strict=True):
-        force += heat
-    lifting = [values.copy(order="F") for values in problem.lifting]
-    lifted = _lifting(
-        outline.partition, outline.surface, outline.exchange, outline.held, outline.eliminated
-    )
-    for (cls, column), values in zip(model.place, lifted, strict=True):
-        if values is not None:
-            lifting[cls][values[0], column] = values[1]
-    c = problem.right_hand_side(outline.held, outline.shared)
-    case = problem.with_loads(
-        forces, lifting, c, [heat if heat.any() else None for heat in thermal]
-    )
+    lifting, members = _lifting(outline), _members(model)
+    vectors = [_vectors(outline, m, lifting) for m in members]
+    c = model.problem.right_hand_side(outline.held, outline.shared)
+    case = model.problem.with_loads(
+        [forces for forces, _, _ in vectors], [lifted for _, _, lifted in vectors], c,
+        [thermal for _, thermal, _ in vectors],
+    )  # fmt: skip
     return replace(
         model, scene=scene, problem=case, needed=outline.needed, left_out=outline.left_out,
         merged=outline.merged, linear=outline.linear,
-        temperatures=tuple(_temperatures(outline, members) for members in _members(model)),
+        temperatures=tuple(_temperatures(outline, m) for m in members),
         notes=_notes(scene, outline, case), cautions=_cautions(scene, outline),
     )  # fmt: skip
 
@@ -215,7 +202,7 @@ def model_of_outline(
         exchange, of_copies, held, outline.shared, eliminated[body_of_held], options
     )
     supports = support_rows(geometry, surface, balances)
-    lifting = _lifting(partition, surface, exchange, held, eliminated)
+    lifting = _lifting(outline)
     classes = _congruent(scene.bodies, partition, lifting)
     place = np.empty((len(partition.subdomains), 2), np.int64)
     for number, members in enumerate(classes.values()):
@@ -336,16 +323,8 @@ def _assembled(
     """
     partition, surface, element = outline.partition, outline.surface, outline.elements[key[0]]
     stiffness = element.stiffness(key[1], plane)
-    forces = np.zeros((stiffness.shape[0], len(members)), order="F")
-    thermal, lift = np.zeros_like(forces), np.zeros_like(forces)
-    for nth, local in enumerate(members):
-        values = lifting[local]
-        for sums, load in ((forces, outline.loads[local]), (thermal, outline.thermal[local])):
-            if load is not None:
-                sums[:, nth] += load
-        if values is not None:
-            lift[values[0], nth] = values[1]
-    lifted = lifting[members[0]]
+    forces, thermal, lifted = _vectors(outline, members, lifting)
+    held = lifting[members[0]]
     starts = surface.starts[members]
     nodes = surface.local[members[0]]
     return CongruentSubdomains(
@@ -353,13 +332,31 @@ def _assembled(
         points=element.reference.points,
         nodes=nodes,
         copies=starts[:, None] + np.arange(len(nodes)),
-        forces=forces + thermal,
-        lifting=lift,
-        eliminated=None if lifted is None else lifted[0],
+        forces=forces,
+        lifting=lifted,
+        eliminated=None if held is None else held[0],
         bodies=np.array([partition.subdomains[local].body for local in members], np.int64),
         places=_places(partition, members, levels),
-        thermal=thermal if thermal.any() else None,
+        thermal=thermal,
     )
+
+
+def _vectors(
+    outline: Outline, members: list[int], lifting: Sequence[Lifting | None]
+) -> tuple[NDArray[np.float64], NDArray[np.float64] | None, NDArray[np.float64]]:
+    """Loads, their thermal part if any, and lifting of a class, (unknowns, members) each."""
+    nodes = outline.partition.subdomains[members[0]].nodes
+    forces, thermal, lifted = (
+        np.zeros((outline.partition.dimension * len(nodes), len(members)), order="F")
+        for _ in range(3)
+    )
+    for nth, local in enumerate(members):
+        for sums, load in ((forces, outline.loads[local]), (thermal, outline.thermal[local])):
+            if load is not None:
+                sums[:, nth] += load
+        if (values := lifting[local]) is not None:
+            lifted[values[0], nth] = values[1]
+    return forces + thermal, thermal if thermal.any() else None, lifted
 
 
 def _places(partition: Partition, members: list[int], levels: bool) -> NodePlaces:
@@ -386,27 +383,20 @@ Lifting = tuple[NDArray[np.int64], NDArray[np.float64]]
 """Eliminated unknowns of a subdomain and their displacements."""
 
 
-def _lifting(
-    partition: Partition,
-    surface: SurfaceCopies,
-    exchange: NodeExchange,
-    held: HeldRows,
-    eliminated: NDArray[np.bool_],
-) -> list[Lifting | None]:
-    """Eliminated unknowns of each subdomain and their displacements; None for floating ones."""
-    at = np.searchsorted(held.nodes, exchange.nodes)
-    at = np.minimum(at, max(len(held.nodes) - 1, 0))
-    if len(held.nodes):
-        has_values = held.nodes[at] == exchange.nodes
-        mask = held.held[at] & has_values[:, None]
-        values = np.where(mask, held.values[at], 0.0)
-    else:
-        mask = np.zeros((len(exchange.nodes), held.held.shape[1]), bool)
-        values = np.zeros(mask.shape)
+def _lifting(outline: Outline) -> list[Lifting | None]:
+    """Eliminated unknowns of each subdomain and their displacements; None for floating ones.
+
+    Collective.
+    """
+    exchange, surface, held = outline.exchange, outline.surface, outline.held
+    has_held = np.isin(exchange.nodes, held.nodes)
+    at = np.searchsorted(held.nodes, exchange.nodes[has_held])
+    mask, values = (np.zeros((len(has_held), held.held.shape[1]), kind) for kind in (bool, float))
+    mask[has_held], values[has_held] = held.held[at], held.values[at]
     mask, values = exchange.from_owners(mask), exchange.from_owners(values)
     result: list[Lifting | None] = []
-    for local, s in enumerate(partition.subdomains):
-        if not eliminated[s.body]:
+    for local, s in enumerate(outline.partition.subdomains):
+        if not outline.eliminated[s.body]:
             result.append(None)
             continue
         part = surface.copies(local)

@@ -318,21 +318,13 @@ def _entries(
     return ContactEntries(row, node, rows.points[row], inside, values[row, component])
 
 
-def with_slips(rows: ContactRows, unknowns: RigidUnknowns, number: int) -> ContactRows:
-    """Tangential rows at an obstacle of a rigid body, with entries for the motion of the body.
-
-    The free components are entries, the held ones gaps: slips are relative to the body, and count
-    from where it is drawn.
-    """
-    return with_body(rows, unknowns, number, unknowns.placed_center(number))
-
-
 def with_body(
     rows: ContactRows, unknowns: RigidUnknowns, number: int, center: Array
 ) -> ContactRows:
     """Rows on nodes of elastic bodies, with entries for the motion of a rigid body about a point.
 
-    The rows are those of displacements relative to the body; held components are gaps.
+    The rows are those of displacements relative to the body, and count from where it is drawn: free
+    components are entries, held ones gaps.
     """
     coefficients = _along(rows, unknowns, center)
     held, values = unknowns.held(number)
