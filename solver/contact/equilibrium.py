@@ -388,4 +388,4 @@ def _nearest(chosen: Array, bounded: Array, load: Array) -> Array:
 def _null_space(gram: Array) -> Array:
     """Orthonormal null space of a small Gram matrix."""
     values, vectors = np.linalg.eigh(gram)
-    return vectors[:, values <= 1e-12 * max(values.max(), np.finfo(float).tiny)]
+    return vectors[:, values <= 1e-12 * values.max(initial=np.finfo(float).tiny)]

@@ -186,11 +186,3 @@ def test_an_automatic_tolerance_tests_the_gap_where_it_may_decide() -> None:
     assert calls == [0.5]
     assert target().required_reduction(0.0, 1.0, gap(2.0)) == pytest.approx(2.0)
     assert calls == [2.0]
-    far = target()
-    assert far.required_reduction(0.0, 1.0, gap(60.0)) == pytest.approx(60.0)
-    assert calls == [60.0]  # the next evaluation is passed over
-    assert far.required_reduction(0.0, 1.0, gap(0.1)) == pytest.approx(
-        60.0 / AutomaticOptions().gain
-    )
-    assert calls == [60.0]
-    assert far.required_reduction(0.0, 1.0, gap(0.1)) == pytest.approx(0.1)
