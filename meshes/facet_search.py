@@ -13,6 +13,10 @@ from meshes.contact_surface import Surface
 QUERIES = 50_000
 """Number of balls in one query of the tree."""
 
+LOOSE = 0.5
+"""Relative error of distances by which empty balls are found. About the centre of a round surface
+all its facets are equally near, and an exact distance is that from each of them."""
+
 
 def facets_along_normals(
     on: Surface, against: Surface, chosen: Ints, reach: Array | None = None
@@ -98,7 +102,7 @@ def _of_like_size(radius: Array) -> list[Ints]:
 def _filled(
     centres: Array, normals: Array, tree: cKDTree, reach: Array, across: Array
 ) -> tuple[Ints, Array, Array]:
-    """Balls along the normals of facets that contain some point of a tree.
+    """Balls along the normals of facets that may contain some point of a tree.
 
     Neighbouring balls are `across` (facets,) apart, with a radius of 1.2 times that, from -`reach`
     (facets,) to `reach`. If the centre of a ball is far from all points, the next balls are empty,
@@ -114,7 +118,7 @@ def _filled(
     while len(facets):
         along = nth * across[facets] - reach[facets]
         middles = centres[facets] + along[:, None] * normals[facets]
-        away = tree.query(middles)[0] / across[facets] - 1.2  # in steps
+        away = tree.query(middles, eps=LOOSE)[0] / (1.0 + LOOSE) / across[facets] - 1.2  # in steps
         filled = away <= 1e-9
         results.append((facets[filled], middles[filled]))
         nth += np.maximum(np.ceil(away - 1e-9).astype(np.int64), 1)

@@ -200,9 +200,10 @@ def _vertices_match(side: Surface, other: Surface, closing: NDArray[np.float64])
         return False
     facets, v = side.vertices.shape[:2]
     vertices, facet = side.vertices.reshape(-1, 3), np.repeat(np.arange(facets), v)
-    near = cKDTree(closing).query(vertices)[0] < side.radii[facet]
+    reach = side.radii[facet]
+    near = cKDTree(closing).query(vertices, distance_upper_bound=reach.max())[0] < reach
     vertices, facet = vertices[near], facet[near]
-    others = other.vertices.reshape(-1, 3)
+    others = np.unique(other.vertices.reshape(-1, 3), axis=0)
     jump = others[cKDTree(others).query(vertices)[1]] - vertices
     normal = side.normals[facet]
     along = jump - np.einsum("ij,ij->i", jump, normal)[:, None] * normal
