@@ -86,9 +86,9 @@ def is_final(model: Model, solution: Solution, max_iterations: int) -> bool:
     """Whether to try no other method (collective).
 
     This holds if the answer is certified, if friction at its contact forces does not hold a body,
-    or if the user stopped or limited the solve. A method
-    named by the user is tried first and has the same fallbacks as the automatic one; the warnings
-    and `summary.solver.method` name the method of the answer.
+    or if the user stopped or limited the solve. A method named by the user is tried first and has
+    the same fallbacks as the automatic one; the warnings and `summary.solver.method` name the
+    method of the answer.
     """
     if solution.converged or solution.reason is Reason.STOPPED:
         return True

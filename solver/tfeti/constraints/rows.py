@@ -93,10 +93,8 @@ class SharedRows:
     @property
     def by_kind(self) -> dict[RowKind, ContactRows]:
         """The rows by their kind in B."""
-        return {
-            RowKind.CONTACT: self.contact, RowKind.TANGENT: self.friction.rows,
-            RowKind.TIED: self.tied, RowKind.MEAN: self.means,
-        }  # fmt: skip
+        rows = self.contact, self.friction.rows, self.tied, self.means
+        return dict(zip(SHARED, rows, strict=True))
 
 
 @dataclass(frozen=True, eq=False)
