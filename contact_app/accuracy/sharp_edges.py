@@ -223,7 +223,7 @@ def sharp_edge(point: Array, sides: Sequence[Skin | None], end: str) -> str:
     alone = of_own.any(), of_other.any()  # an edge along which the other body does not end
     if not any(alone):
         return ""
-    pressing, pressed = (other, on) if alone[1] else (on, other)
+    pressing, pressed = (on, other) if alone[0] else (other, on)  # the node is on its own edge
     if pressing.stiffness < SOFTER * pressed.stiffness:
         return ""
     hint = "" if pressing is on else f" ({EXCHANGE.format(pressing.name)})"

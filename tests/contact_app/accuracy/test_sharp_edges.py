@@ -81,6 +81,11 @@ def test_an_end_of_the_other_body_a_coarse_facet_away_is_no_common_end() -> None
     assert sharp_edge(np.array([2.5, 0.0, 0.0]), sides, "").startswith("at a sharp edge of punch")
 
 
+def test_the_edge_at_the_node_counts_though_the_other_body_ends_a_facet_away() -> None:
+    warnings = peak(blocks(1, base=(-2.4, 2.4)))[1]
+    assert "at a sharp edge of punch: it grows" in warnings[0]
+
+
 def test_an_edge_at_a_clamped_side_causes_a_warning_and_one_at_a_plane_of_symmetry_does_not() -> (
     None
 ):
