@@ -26,13 +26,31 @@ def cores() -> int:
 
 
 def python(
+    *arguments: str, limit: float | None = None, ranks: int = 1, threads: int | None = None
+) -> dict[str, Any]:
+    """Run Python as `output` does, and return the JSON of its last line.
+
+    Raises
+    ------
+    RunError
+        As `output`, or there is no JSON.
+    """
+    try:
+        text = output(*arguments, limit=limit, ranks=ranks, threads=threads)
+        result: dict[str, Any] = json.loads(text.strip().splitlines()[-1])
+    except (IndexError, json.JSONDecodeError):
+        raise RunError("it printed no result") from None
+    return result
+
+
+def output(
     *arguments: str,
     limit: float | None = None,
     ranks: int = 1,
     threads: int | None = None,
     directory: Path | None = None,
-) -> dict[str, Any]:
-    """Run Python with arguments on some ranks, and return the JSON of its last line.
+) -> str:
+    """Run Python with arguments on some ranks, and return all that it prints.
 
     Parameters
     ----------
@@ -46,7 +64,7 @@ def python(
     Raises
     ------
     RunError
-        The exit code is not zero, there is no JSON, or the time limit is reached.
+        The exit code is not zero, or the time limit is reached.
     """
     environment = dict(os.environ)
     command: list[str] = [sys.executable, *arguments]
@@ -80,11 +98,7 @@ def python(
         lines = err.strip().splitlines() or [f"exit code {process.returncode}"]
         telling = [one for one in lines if "Error" in one] or lines  # mpirun adds its own lines
         raise RunError(telling[-1][:200])
-    try:
-        result: dict[str, Any] = json.loads(out.strip().splitlines()[-1])
-    except (IndexError, json.JSONDecodeError):
-        raise RunError("it printed no result") from None
-    return result
+    return out
 
 
 def parallel_ranks() -> int:

@@ -29,8 +29,13 @@ def test_a_run_that_fails_is_reported() -> None:
     assert "no_such_key" in row("configs/block_2d.yaml;no_such_key=1", (ROOT, ROOT), 1)
 
 
-def test_its_scenes_have_no_steps() -> None:
-    scenes = scenes_of(ROOT)
-    assert "configs/cube.yaml" in scenes
-    assert set(CUBES) < set(scenes)
-    assert "configs/rod_cycle.yaml" not in scenes
+def test_load_cases_and_histories_are_compared_by_their_last_energy_and_all_applications() -> None:
+    line = row("configs/load_cases.yaml", (ROOT, ROOT), 1).strip("| ").split(" | ")
+    assert float(line[1]) < 0.0
+    assert int(line[4]) > 30  # three cases, the first of them 9
+
+
+def test_its_scenes_are_those_of_both_checkouts(tmp_path: Path) -> None:
+    (tmp_path / "configs").mkdir()
+    shutil.copy(ROOT / "configs/rod_cycle.yaml", tmp_path / "configs")
+    assert scenes_of((ROOT, tmp_path)) == ["configs/rod_cycle.yaml", *CUBES]
