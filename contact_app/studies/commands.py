@@ -213,8 +213,8 @@ def bench_parts(
 ) -> None:
     """Compare contact with one linear solve and PETSc's solvers on parts: table, CSV, figure."""
     from contact_app.studies import parts as study
-    from contact_app.studies.part_run import OWN_METHODS
     from contact_app.studies.peers import METHODS
+    from contact_app.studies.single_run import OWN_METHODS
 
     chosen = _methods(methods, (*OWN_METHODS, *METHODS)) or study.CHOSEN
     scenes = [_part(name, study.CONFIGS, study.PARTS) for name in parts or study.PARTS]

@@ -1,9 +1,6 @@
-"""One part solved by one method in a process of its own: seconds of each stage.
+"""One part solved by one method: seconds of each stage (``single_run --stages``).
 
-    python -m contact_app.studies.part_run METHOD SCENE.yaml [--set KEY=VALUE …] [--tolerance T]
-
-Prints one line of JSON. METHOD is ``primal``, ``active-set`` or ``auto`` for this application,
-or one of `peers.METHODS`. Seconds count from the mesh file to the solution, without start-up and
+Seconds count from the mesh file to the solution, without start-up and
 without later stages (error estimate, stresses, files):
 
 ``read``
@@ -23,8 +20,6 @@ No other method of PETSc takes several bodies.
 
 from __future__ import annotations
 
-import argparse
-import json
 import time
 from collections.abc import Collection, Sequence
 from pathlib import Path
@@ -48,7 +43,23 @@ from contact_app.studies.undecomposed import UnsuitableError, WholeSystem, assem
 from solver.contact.solution import Guess
 from solver.driver import solve as solve_problem
 
-OWN_METHODS = ("primal", "active-set", "auto")
+
+def row_of(
+    path: Path, overrides: Sequence[str], method: str, tolerance: float, once: bool = False
+) -> dict[str, Any]:
+    """The row of a part and a method, of `single_run.OWN_METHODS` or `peers.METHODS` (collective).
+
+    Raises
+    ------
+    UnsuitableError
+        The method cannot solve the scene.
+    """
+    if method in METHODS:
+        row = peer(path, overrides, method, tolerance)
+    else:
+        row = application(path, overrides, method, tolerance, once)
+    memory = float(MPI.COMM_WORLD.allreduce(peak_rss_gb()))
+    return row | {"memory": memory, "ranks": MPI.COMM_WORLD.size}
 
 
 class _Clock:
@@ -171,27 +182,3 @@ def _bodies(path: Path, overrides: Sequence[str]) -> list[dict[str, Any]]:
         if parts[0] == "bodies" and parts[2:] == ["mesh", "file"]:
             bodies[int(parts[1])]["mesh"]["file"] = value
     return bodies
-
-
-def main() -> None:
-    """Run one method and print its row."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("method", choices=(*OWN_METHODS, *METHODS))
-    parser.add_argument("scene", type=Path)
-    parser.add_argument("--set", action="append", default=[], dest="overrides")
-    parser.add_argument("--tolerance", type=float, default=1e-8)
-    parser.add_argument("--once", action="store_true", help="no solve with the contact known")
-    arguments = parser.parse_args()
-    request = arguments.scene, arguments.overrides, arguments.method, arguments.tolerance
-    row = (
-        application(*request, once=arguments.once)
-        if arguments.method in OWN_METHODS
-        else peer(*request)
-    )
-    row |= {"memory": float(MPI.COMM_WORLD.allreduce(peak_rss_gb())), "ranks": MPI.COMM_WORLD.size}
-    if MPI.COMM_WORLD.rank == 0:
-        print(json.dumps(row), flush=True)
-
-
-if __name__ == "__main__":
-    main()

@@ -28,10 +28,11 @@ from typing import Any
 
 import numpy as np
 
-from contact_app.studies.part_run import OWN_METHODS
 from contact_app.studies.parts_meshes import Meshes
 from contact_app.studies.peers import METHODS
-from contact_app.studies.processes import RunError, parallel_ranks, python
+from contact_app.studies.processes import RunError
+from contact_app.studies.runs import printed_row
+from contact_app.studies.single_run import OWN_METHODS
 from contact_app.studies.tables import Row, read, write
 from contact_app.studies.undecomposed import UnsuitableError
 
@@ -86,14 +87,9 @@ Run = Callable[[Path, str, Sequence[str], Settings], Row]
 
 def run_part(path: Path, method: str, overrides: Sequence[str], settings: Settings) -> Row:
     """Run one method on one part in a process of its own."""
-    more = [part for override in overrides for part in ("--set", override)]
     parallel = settings.parallel if method in OWN_METHODS else METHODS[method].parallel
-    ranks = parallel_ranks() if parallel else 1
-    return python(
-        "-m", "contact_app.studies.part_run", method, str(path), *more,
-        "--tolerance", str(settings.tolerance), limit=settings.limit,
-        ranks=ranks, threads=1 if ranks > 1 else None,
-    )  # fmt: skip
+    words = ("--stages", "--method", method, "--tolerance", str(settings.tolerance))
+    return printed_row(path, overrides, *words, parallel=parallel, limit=settings.limit)
 
 
 def bench(

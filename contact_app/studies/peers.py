@@ -1,8 +1,7 @@
 """Methods of PETSc on a scene as one undecomposed system.
 
-One process (or several under ``mpirun``) runs one method and prints one line of JSON, so that time
-and memory belong to this method: ``python -m contact_app.studies.peers METHOD SCENE.yaml``. Each
-takes the system of `undecomposed.assemble`.
+Each takes the system of `undecomposed.assemble`. `single_run` runs one method in a process of its
+own (or several under ``mpirun``), so that time and memory belong to this method.
 
 ====================  ==========================================================================
 ``linear-gamg``       no contact at all: one linear solve by CG with GAMG, block size d, the rigid
@@ -27,13 +26,10 @@ motions on the free set. Two ranks halve the time of iterative methods.
 
 from __future__ import annotations
 
-import argparse
-import json
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
-from pathlib import Path
 from typing import Any
 
 from mpi4py import MPI
@@ -228,32 +224,3 @@ def solve(
         "converged": bool(converged),
     }
     return row, system, x
-
-
-def main() -> None:
-    """Run one method and print its row."""
-    from contact_app.studies.last_case import scene_of
-    from contact_app.studies.peer_fields import fields_of_peer
-
-    parser = argparse.ArgumentParser()
-    parser.add_argument("method", choices=METHODS)
-    parser.add_argument("config", type=Path)
-    parser.add_argument("--set", action="append", default=[], dest="overrides")
-    parser.add_argument("--tolerance", type=float, default=1e-8)
-    parser.add_argument("--petsc", action="append", default=[], help="KEY=VALUE")
-    parser.add_argument("--fields", type=Path, help="file for the fields at the nodes")
-    arguments = parser.parse_args()
-    for pair in arguments.petsc:
-        PETSc.Options().setValue(*pair.split("=", 1))
-    scene = scene_of(arguments.config, arguments.overrides)
-    row, system, x = solve(scene, arguments.method, arguments.tolerance, nodal=True)
-    if arguments.fields:
-        fields = fields_of_peer(scene, system, x)
-        if fields is not None:
-            fields.save(arguments.fields)
-    if MPI.COMM_WORLD.rank == 0:
-        print(json.dumps(row), flush=True)
-
-
-if __name__ == "__main__":
-    main()

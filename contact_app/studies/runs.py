@@ -43,23 +43,28 @@ def run_one(
     RunError
         The run failed, did not converge, was not certified or ran out of time.
     """
-    more = [part for override in overrides for part in ("--set", override)]
-    more += ["--fields", str(fields)] if fields else []
-    if method in METHODS:
-        ranks = parallel_ranks() if METHODS[method].parallel else 1
-        row = python(
-            "-m", "contact_app.studies.peers", method, str(scene), *more,
-            "--tolerance", str(tolerance), limit=limit, ranks=ranks,
-        )  # fmt: skip
-        if not row["converged"]:
-            raise RunError("it did not converge")
-        return {**row, "subdomains": 1}
-    summary = python(
-        "-m", "contact_app.studies.single_run", str(scene), *more,
-        "--set", f"solver.tolerance={tolerance}", limit=limit,
-        ranks=parallel_ranks() if parallel else 1,
+    peer = METHODS.get(method)
+    words = ["--set", f"solver.tolerance={tolerance}"]
+    if peer is not None:
+        parallel, words = peer.parallel, ["--method", method, "--tolerance", str(tolerance)]
+    words += ["--fields", str(fields)] if fields else []
+    row = printed_row(scene, overrides, *words, parallel=parallel, limit=limit)
+    if peer is None:
+        return from_summary(row)
+    if not row["converged"]:
+        raise RunError("it did not converge")
+    return {**row, "subdomains": 1}
+
+
+def printed_row(
+    scene: Path, overrides: Sequence[str], *words: str, parallel: bool, limit: float | None = None
+) -> dict[str, Any]:
+    """The row that `single_run` prints in a process of its own, given the words of its command."""
+    settings = [part for override in overrides for part in ("--set", override)]
+    return python(
+        "-m", "contact_app.studies.single_run", str(scene), *settings, *words,
+        limit=limit, ranks=parallel_ranks() if parallel else 1,
     )  # fmt: skip
-    return from_summary(summary)
 
 
 def from_summary(summary: dict[str, Any]) -> dict[str, Any]:

@@ -1,9 +1,13 @@
-"""One run of this application for a study, in a process of its own.
+"""One run of a study: this application or a method of PETSc in a process of its own.
 
-``python -m contact_app.studies.single_run SCENE.yaml`` solves and prints ``summary.json`` in one
-line, with the processor seconds of the first rank, imports left out. No file is written without
-``--fields FILE.npz``, which writes the fields at the nodes. A scene with load cases is solved with
-its last case.
+    python -m contact_app.studies.single_run SCENE.yaml [--method METHOD] [--set KEY=VALUE …]
+        [--tolerance T] [--petsc KEY=VALUE …] [--fields FILE.npz] [--stages [--once]]
+
+Solves the scene and prints one line of JSON. By this application it is ``summary.json`` with the
+processor seconds of the first rank, imports left out; method and tolerance are those of the scene
+unless METHOD is one of `OWN_METHODS`. By one of `peers.METHODS` it is its row. With ``--stages`` it
+is the row of `part_run` for either. ``--fields`` writes the fields at the nodes. A scene with load
+cases is solved with its last case.
 """
 
 from __future__ import annotations
@@ -11,11 +15,14 @@ from __future__ import annotations
 import argparse
 import json
 import time
+from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from mpi4py import MPI
 from numpy.typing import NDArray
+from petsc4py import PETSc
 
 from contact_app.accuracy.refine.levels import with_levels
 from contact_app.accuracy.refine.refinement import solve_to_accuracy
@@ -23,7 +30,12 @@ from contact_app.accuracy.solved_scene import SolvedScene
 from contact_app.model.model import Model
 from contact_app.run.solve import solve_scene
 from contact_app.studies.last_case import scene_of
+from contact_app.studies.peer_fields import fields_of_peer
+from contact_app.studies.peers import METHODS, solve
 from contact_app.studies.reference import Fields
+
+OWN_METHODS = ("primal", "active-set", "auto")
+"""Methods of this application."""
 
 
 def fields_of(solved: SolvedScene) -> Fields | None:
@@ -80,15 +92,10 @@ def _cells(model: Model, body: int) -> tuple[NDArray, ...]:
     return cells, tags, np.concatenate(touching)
 
 
-def main() -> None:
-    """Run a scene and print its summary."""
-    parser = argparse.ArgumentParser()
-    parser.add_argument("config", type=Path)
-    parser.add_argument("--set", action="append", default=[], dest="overrides")
-    parser.add_argument("--fields", type=Path)
-    arguments = parser.parse_args()
+def application(path: Path, overrides: Sequence[str]) -> tuple[dict[str, Any], SolvedScene]:
+    """Summary and answer of this application (collective)."""
     began = time.process_time()
-    scene = scene_of(arguments.config, arguments.overrides)
+    scene = scene_of(path, overrides)
     if scene.accuracy is None:
         solved = solve_scene(scene)
         summary = solved.summary
@@ -96,13 +103,46 @@ def main() -> None:
         refined = solve_to_accuracy(scene, solve_scene)
         solved = refined.solved
         summary = with_levels(solved.summary, refined)
-    summary = {**summary, "processor_seconds": time.process_time() - began}
-    if arguments.fields:
-        fields = fields_of(solved)
-        if fields is not None:
-            fields.save(arguments.fields)
+    return {**summary, "processor_seconds": time.process_time() - began}, solved
+
+
+def main() -> None:
+    """Run a scene and print its summary or row."""
+    parser = argparse.ArgumentParser(description=__doc__.split("\n", 1)[0])
+    parser.add_argument("scene", type=Path)
+    parser.add_argument("--method", choices=(*OWN_METHODS, *METHODS))
+    parser.add_argument("--set", action="append", default=[], dest="overrides")
+    parser.add_argument("--tolerance", type=float, default=1e-8, help="of --method")
+    parser.add_argument("--petsc", action="append", default=[], help="KEY=VALUE")
+    parser.add_argument("--fields", type=Path, help="file for the fields at the nodes")
+    parser.add_argument("--stages", action="store_true", help="seconds from the file, by stages")
+    parser.add_argument("--once", action="store_true", help="no solve with the contact known")
+    arguments = parser.parse_args()
+    method, tolerance, overrides = arguments.method, arguments.tolerance, arguments.overrides
+    if arguments.stages and method is None:
+        parser.error("--stages needs a --method")
+    for pair in arguments.petsc:
+        PETSc.Options().setValue(*pair.split("=", 1))
+    fields = None
+    if arguments.stages:
+        from contact_app.studies.part_run import row_of
+
+        row = row_of(arguments.scene, overrides, method, tolerance, arguments.once)
+    elif method in METHODS:
+        scene = scene_of(arguments.scene, overrides)
+        row, system, x = solve(scene, method, tolerance, nodal=True)
+        if arguments.fields:
+            fields = fields_of_peer(scene, system, x)
+    else:
+        if method is not None:
+            overrides += [f"solver.method={method}", f"solver.tolerance={tolerance}"]
+        row, solved = application(arguments.scene, overrides)
+        if arguments.fields:
+            fields = fields_of(solved)
+    if fields is not None:
+        fields.save(arguments.fields)
     if MPI.COMM_WORLD.rank == 0:
-        print(json.dumps(summary), flush=True)
+        print(json.dumps(row), flush=True)
 
 
 if __name__ == "__main__":
