@@ -63,14 +63,16 @@ def overlaps(
     SurfacesApartError
         The sides face the same way, or no facet of one projects onto one of the other.
     """
-    i, j = facets_along_normals(on, against, share(comm, len(on.nodes)))
-    cosine = -np.einsum("ij,ij->i", on.normals[i], against.normals[j])
-    facing = cosine >= FACING
+    may_face = facets_that_may_face(on, against)
+    i, j = facets_along_normals(on, against, may_face[share(comm, len(may_face))])
+    facing = _cosine(on, against, i, j) >= FACING
     pairs = Overlaps.of(on, against, i[facing], j[facing], tilted)
     pairs = _real(on, against, pairs, i[~facing], j[~facing])
     pairs = pairs.nearest_layer(on, against).gathered(comm)
     if len(pairs.i) == 0:
-        turned = Overlaps.of(on, against, i[cosine < 0.0], j[cosine < 0.0]).gathered(comm)
+        i, j = facets_along_normals(on, against, share(comm, len(on.nodes)))
+        same_way = _cosine(on, against, i, j) < 0.0
+        turned = Overlaps.of(on, against, i[same_way], j[same_way]).gathered(comm)
         if len(turned.i):
             raise SurfacesApartError(
                 "the two sides face the same way: their outward normals must point at each other"
@@ -80,6 +82,23 @@ def overlaps(
             "facet of the second that faces it"
         )
     return pairs
+
+
+def facets_that_may_face(on: Surface, against: Surface) -> Ints:
+    """Facets of `on` that some facet of the other side may face, from the cone of its normals.
+
+    Half of a ball does not face a groove; the search would go through the ball for each facet.
+    """
+    middle = against.normals.sum(axis=0)
+    middle /= max(float(np.linalg.norm(middle)), ROUND_OFF)
+    along, opposite = against.normals @ middle, -(on.normals @ middle)
+    widest = np.arccos(np.clip(along.min(), -1.0, 1.0)) + np.arccos(FACING) + ROUND_OFF
+    return np.flatnonzero(np.arccos(np.clip(opposite, -1.0, 1.0)) <= widest)
+
+
+def _cosine(on: Surface, against: Surface, i: Ints, j: Ints) -> Array:
+    """Cosine of the angle from opposite normals of pairs of facets, (pairs,)."""
+    return np.asarray(-np.einsum("ij,ij->i", on.normals[i], against.normals[j]))
 
 
 def _real(on: Surface, against: Surface, pairs: Overlaps, i: Ints, j: Ints) -> Overlaps:

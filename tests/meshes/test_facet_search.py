@@ -1,4 +1,4 @@
-"""The search along normals finds every facet that lies there."""
+"""The search along normals finds every facet that lies there, and every facet that may face."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 
 from meshes.contact_surface import Surface
 from meshes.facet_search import facets_along_normals
+from meshes.facing import FACING, facets_that_may_face
 
 
 def small_facets(centres: NDArray[np.float64], size: float, seed: int) -> Surface:
@@ -35,3 +36,19 @@ def test_the_search_finds_all_facets_along_the_normals_inside_a_sphere(seed: int
     found = set(zip(*facets_along_normals(on, against, chosen, reach), strict=True))
     assert len(expected) > 500
     assert expected <= found <= set(zip(*np.nonzero(near), strict=True))
+
+
+@pytest.mark.parametrize("widest", [0.3, 1.0, 2.0, np.pi])
+def test_no_facet_that_faces_another_is_left_out(widest: float) -> None:
+    """Against normals within a cone; half of a sphere cannot face a narrow one."""
+    rng = np.random.default_rng(5)
+    on, against = (small_facets(rng.normal(size=(500, 3)), 0.02, seed) for seed in (1, 2))
+    inside = np.arccos(np.clip(against.normals @ [0.6, 0.0, 0.8], -1.0, 1.0)) <= widest
+    normals = against.normals[inside]
+    against = Surface.of(3, against.nodes[inside], against.points[inside],
+                         against.centres[inside] - normals)  # fmt: skip
+    found = facets_that_may_face(on, against)
+    expected = np.flatnonzero((-(on.normals @ normals.T) >= FACING).any(axis=1))
+    assert len(expected) > 50
+    assert set(expected) <= set(found)
+    assert len(found) < 300 or widest > 0.3
