@@ -255,7 +255,7 @@ def with_new_loads(
     resisting = Resisting(held, contact, groups, friction)
     holding(model.subdomains, model.bodies, exchange, stiffness, acting.total, resisting)
     forces, heat = ([np.zeros_like(values) for values in problem.forces] for _ in range(2))
-    lifting = [np.zeros_like(values) for values in problem.lifting]
+    lifting = [np.zeros_like(values) for values in problem.system.loads.lifting]
     value = _lifted(exchange, held)[1].ravel()
     for number, (cls, column) in enumerate(model.place):
         forces[cls][:, column] = acting.total[number]

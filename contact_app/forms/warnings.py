@@ -94,6 +94,10 @@ class FormAnswer:
     contacts: Sequence[ContactAtNodes]
     bcs: Sequence[object]
 
+    def bodies_on(self, number: int) -> list[int]:
+        """Bodies of the first side of a contact."""
+        return sorted(self.model.bodies_at(self.model.sides[number].surfaces[0]))
+
 
 def form_warnings(answer: FormAnswer) -> list[str]:
     """Warnings for the certificate, one sentence each (collective)."""
@@ -196,10 +200,9 @@ def _of_contact(answer: FormAnswer, number: int, contact: Contact) -> Iterator[s
 
 def _presses(answer: FormAnswer, number: int) -> bool:
     """Whether a contact carries a force above the solver's error (collective)."""
-    model, solution, nodes = answer.model, answer.solution, answer.contacts[number]
-    on = sorted(model.bodies_at(model.sides[number].surfaces[0]))
-    least = solution.tolerance * float(solution.measures.loads[on].max())
-    return carries_force(model.parts.comm, nodes.pressure, nodes.shares, least)
+    solution, nodes = answer.solution, answer.contacts[number]
+    least = solution.tolerance * float(solution.measures.loads[answer.bodies_on(number)].max())
+    return carries_force(answer.model.parts.comm, nodes.pressure, nodes.shares, least)
 
 
 def _coarse_pressure(answer: FormAnswer, number: int) -> str:
@@ -280,8 +283,8 @@ def _entering(
     if _flat(contact):
         return
     outside = exterior_facets(parts)
-    of_side = sorted(model.bodies_at(model.sides[number].surfaces[0]))
-    of_bodies = np.isin(answer.owners.copies(model.bodies.of_node.astype(float)), of_side)
+    of_node = answer.owners.copies(model.bodies.of_node.astype(float))
+    of_bodies = np.isin(of_node, answer.bodies_on(number))
     free = np.zeros(len(u), bool)
     free[outside.copies] = True
     on = answer.owners.copies(answer.owners.on(tagged.copies, len(u)).astype(float)) > 0.0

@@ -83,7 +83,7 @@ from contact_app.scene.conditions import Tie
 from contact_app.scene.scene import Scene
 from meshes.connected import connected
 from solver.contact.options import SolverOptions
-from solver.primal.thin import THIN
+from solver.primal.factor import THIN
 from solver.tfeti.options import TotalFetiOptions
 
 LEAST_ALONE, LEAST_OF_SEVERAL, LEAST_THIN = 5_000, 10_000, 40_000

@@ -45,7 +45,7 @@ SEEN = 1e-3
 def carried(model: Model, solution: Solution) -> Iterator[str]:
     """One sentence for each motion along the slips that friction leaves open (collective)."""
     scene, problem, comm = model.scene, model.problem, model.comm
-    free, points = problem.system.free, problem.friction
+    free, points = problem.system.free_motions, problem.friction
     if free is None or not points.acts:
         return
     multiplier, point = solution.multiplier, points.point

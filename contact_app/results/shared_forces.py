@@ -205,26 +205,28 @@ def _nodes(
     friction = points.forces(solution.multiplier)
     residual = problem.residual(problem.on_interface(solution.displacements))
     still = solution.tolerance * solution.measures.displacement
-    limits = points.slip_limits(solution.multiplier)
-    resting = (points.sizes(points.slips(residual)) <= still) & (limits > least)
+    resting = points.sizes(points.slips(residual)) <= still
+    resting &= points.slip_limits(solution.multiplier) > least
     fixed = ~(contact.wide | contact.on_rigid)
     _, node = np.unique(contact.nodes, return_inverse=True)
     several = fixed & (np.bincount(node, fixed)[node] > 1)
-    row_of_place = np.argsort(of_row, kind="stable")
     chosen = np.flatnonzero(several)  # sorted by node
-    for rows in np.split(chosen, np.flatnonzero(np.diff(contact.nodes[chosen])) + 1):
-        count = len(rows)
-        tangents, forces = np.zeros((count, d - 1, d)), np.zeros((count, d - 1))
-        coefficients, slip_limits, rests = np.zeros(count), np.zeros(count), np.zeros(count, bool)
-        for i, row in enumerate(rows):
-            begin, end = np.searchsorted(of_row, [row, row + 1], sorter=row_of_place)
-            of_point = row_of_place[begin:end]
-            tangents[i, : end - begin] = rough.rows.normals[of_point]
-            forces[i, : end - begin] = friction[of_point]
-            for point in points.point[of_point][:1]:
-                coefficients[i], slip_limits[i] = points.coefficients[point], points.limits[point]
-                rests[i] = resting[point]
-        presses = normal[rows] > least
-        if presses.any() and rests.any():
-            yield SharedNode(contact.sources[rows], contact.normals[rows], normal[rows], tangents,
-                        forces, coefficients, slip_limits, presses, rests)  # fmt: skip
+    order = np.argsort(of_row, kind="stable")
+    order = order[np.isin(of_row[order], chosen)]
+    row, point = np.searchsorted(chosen, of_row[order]), points.point[order]
+    direction = np.arange(len(row)) - np.searchsorted(row, row)
+    tangents, forces = np.zeros((len(chosen), d - 1, d)), np.zeros((len(chosen), d - 1))
+    tangents[row, direction], forces[row, direction] = rough.rows.normals[order], friction[order]
+    coefficients, limits = np.zeros((2, len(chosen)))
+    coefficients[row], limits[row] = points.coefficients[point], points.limits[point]
+    rests = np.zeros(len(chosen), bool)
+    rests[row] = resting[point]
+    presses = normal[chosen] > least
+    ends = np.flatnonzero(np.diff(contact.nodes[chosen])) + 1
+    for part in np.split(np.arange(len(chosen)), ends):
+        if presses[part].any() and rests[part].any():
+            rows = chosen[part]
+            yield SharedNode(
+                contact.sources[rows], contact.normals[rows], normal[rows], tangents[part],
+                forces[part], coefficients[part], limits[part], presses[part], rests[part],
+            )  # fmt: skip

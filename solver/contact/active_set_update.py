@@ -16,7 +16,7 @@ from mpi4py import MPI
 
 from solver.backend import Backend, ConstraintHierarchy, S, SetSolve, Statuses
 from solver.contact.active_set_options import ActiveSetOptions, Turnover
-from solver.contact.law import ContactLaw, StateData
+from solver.contact.law import ContactLaw, StateError
 from solver.vectors import Mask
 
 
@@ -48,15 +48,15 @@ class ActiveSetUpdate(Generic[S]):
         backend, before = self.backend, on_set.statuses
         active = before.active & backend.contact_rows
         error = self.options.significant * on_set.error(state.strained)
-        data = StateData.of(backend.comm, state, before.active, error)
-        stays = self.law.may_stay_active(state.multiplier, data.zero_force)
+        zero = StateError.of(backend.comm, state, before.active, error)
+        stays = self.law.may_stay_active(state.multiplier, zero.force)
         hierarchy = self.hierarchy
         for _ in range(2):
-            joins = hierarchy.allowed & self.law.closes(state.distance, error)
+            joins = hierarchy.allowed & self.law.closes(state.distance, zero.distance)
             if not backend.comm.allreduce(int(active.sum())):
                 joins &= self._first_to_close(state, joins)
             normals = backend.contact_rows & np.where(active, stays, joins)
-            following, early = self.law.following(normals, data, before, self.looks_ahead)
+            following, early = self.law.following(normals, state, zero, before, self.looks_ahead)
             if hierarchy.finest or changed_rows(backend.comm, before, following):
                 break
             hierarchy = hierarchy.finer()

@@ -32,9 +32,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 from mpi4py import MPI
 
-from solver.backend import Relaxation, Statuses, Turn
+from solver.backend import Relaxation, SetState, Statuses, Turn
 from solver.contact.friction_points import AT_LIMIT, FrictionPoints
-from solver.contact.law import Frictionless, StateData
+from solver.contact.law import Frictionless, StateError
 from solver.contact.slip_front import SlipFront
 from solver.vectors import Array, Mask
 
@@ -174,7 +174,7 @@ class Friction(Frictionless):
         return Statuses(active, tractions, None, compliance, stretched)
 
     def following(
-        self, normals: Mask, state: StateData, before: Statuses, ahead: bool
+        self, normals: Mask, state: SetState, error: StateError, before: Statuses, ahead: bool
     ) -> tuple[Statuses, Mask]:
         """The points that stick from now on, and the tractions of sliding points (collective)."""
         points, multiplier = self.points, state.multiplier
@@ -194,14 +194,14 @@ class Friction(Frictionless):
             reached = reached + relaxation.factor * relaxation.residual
             limit = np.where(overshot, np.maximum(reached, 0.0), limit)
         spread = points.spread[points.first]
-        slack = state.zero_force * spread
+        slack = error.force * spread
 
         direction = self._units(forces)
         relative = state.distance[points.rows]
         slid = np.where(springs[points.point], self._units(self._prescribed(before)), direction)
         back = points.dots(relative, slid)
         sticks_again = np.where(
-            size > 0.0, back < -state.zero_distance, points.sizes(relative) <= state.zero_distance
+            size > 0.0, back < -error.distance, points.sizes(relative) <= error.distance
         )
         sticks = (limit > 0.0) & np.where(stuck, size <= limit + slack, sticks_again)
         sticks &= ~overshot
@@ -218,7 +218,7 @@ class Friction(Frictionless):
         prescribed = self._at_limits(prescribed + turning[points.point] * slips, limit)
         prescribed = np.where(sticks[points.point], forces, prescribed)
         changes = points.sizes(prescribed - self._prescribed(before))
-        least = self.options.round_off * state.strongest * spread
+        least = self.options.round_off * error.strongest * spread
         unchanged = (stuck == sticks) & (changes <= np.maximum(slack, least))
         if self._changes_set(~unchanged, touching, before):
             unchanged[points.planar] = False

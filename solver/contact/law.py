@@ -20,30 +20,25 @@ from solver.backend import SetState, Statuses
 from solver.vectors import Array, Mask, largest_magnitude
 
 
-@dataclass(frozen=True, eq=False)
-class StateData:
-    """Data of a state that a law needs.
+@dataclass(frozen=True)
+class StateError:
+    """Numbers of a state that count as zero, given its relative error.
 
     Attributes
     ----------
-    multiplier, jumps, distance : (rows,)
-        λ, B u - c, and B u - c over the displacement of the row's body, as in `SetState`.
-    zero_force, zero_distance
-        Multipliers and distances below which they count as zero, given the error of the state.
+    force, distance
+        Multipliers, and jumps over the displacement of the row's body, up to which they do.
     strongest
         The largest multiplier of an active row.
     """
 
-    multiplier: Array
-    jumps: Array
-    distance: Array
-    zero_force: float
-    zero_distance: float
+    force: float
+    distance: float
     strongest: float
 
     @classmethod
-    def of(cls, comm: MPI.Intracomm, state: SetState, active: Mask, error: float) -> StateData:
-        """The data of a state with a relative error (collective).
+    def of(cls, comm: MPI.Intracomm, state: SetState, active: Mask, error: float) -> StateError:
+        """The numbers of a state with a relative error (collective).
 
         Parameters
         ----------
@@ -51,9 +46,7 @@ class StateData:
             Active rows of the set that the state solves.
         """
         strongest = largest_magnitude(comm, state.multiplier[active])
-        return cls(
-            state.multiplier, state.jumps, state.distance, error * strongest, error, strongest
-        )
+        return cls(error * strongest, error, strongest)
 
 
 class ContactLaw(Protocol):
@@ -109,7 +102,7 @@ class ContactLaw(Protocol):
         """
 
     def following(
-        self, normals: Mask, state: StateData, before: Statuses, ahead: bool
+        self, normals: Mask, state: SetState, error: StateError, before: Statuses, ahead: bool
     ) -> tuple[Statuses, Mask]:
         """Statuses of the next set, given its active normal rows (collective).
 
@@ -157,7 +150,7 @@ class Frictionless:
         return statuses
 
     def following(
-        self, normals: Mask, state: StateData, before: Statuses, ahead: bool
+        self, normals: Mask, state: SetState, error: StateError, before: Statuses, ahead: bool
     ) -> tuple[Statuses, Mask]:
         """The active rows; the others carry no force."""
         return Statuses(normals), np.zeros_like(normals)

@@ -11,7 +11,7 @@ from dataclasses import replace
 
 from solver.backend import S, Statuses
 from solver.contact.active_set import ActiveSetMethod, Failure, Start, active_set_loop
-from solver.contact.law import Frictionless, StateData
+from solver.contact.law import Frictionless, StateError
 from solver.contact.solve_on_set import Outcome, StoppingTest
 from solver.qp.result import Reason
 
@@ -51,5 +51,5 @@ def _contact_without_friction(
     if outcome.reason is not Reason.ACCEPTED or state is None:
         return outcome, None
     error = method.options.significant * method.options.first_reduction
-    data = StateData.of(method.backend.comm, state, before.active, error)
-    return outcome, method.law.following(before.active, data, before, False)[0]
+    zero = StateError.of(method.backend.comm, state, before.active, error)
+    return outcome, method.law.following(before.active, state, zero, before, False)[0]

@@ -70,7 +70,7 @@ class Matrices:
         rough = problem.dimension == 3 and problem.friction.acts
         thin = not rough and thinness(system) >= factors.thin
         direct = seconds <= (factors.thin_seconds if thin else factors.small)
-        peels = thin and direct and problem.held_without_contact
+        peels = thin and direct and problem.system.constraints.held_without_contact
         # thin bodies take their first set from levels, though a factor solves on the sets
         make = build_hierarchy if not direct or (thin and not peels) else no_hierarchy
         free_matrices(problem.comm)

@@ -379,7 +379,9 @@ def _held(
     """Mask of the owned held unknowns, and their displacements, (size,) each (collective)."""
     comm, d = problem.comm, problem.dimension
     times, sums = np.zeros((2, len(nodes.numbers) * d))
-    for cls, lift, at in zip(problem.classes, problem.lifting, nodes.copies, strict=True):
+    for cls, lift, at in zip(
+        problem.classes, problem.system.loads.lifting, nodes.copies, strict=True
+    ):
         mask = np.ones(cls.unknowns)
         mask[cls.free] = 0.0
         times += _summed(np.repeat(mask[:, None], cls.members, axis=1), at, nodes, d)

@@ -131,7 +131,7 @@ class ActiveSetProblem:
             self.reduced = beginning_at(self.reduced, *recycled.best(self.reduced.rhs))
         coarse = self.reduced.coarse
         assert coarse is not None
-        if not problem.held_without_contact:
+        if not problem.system.constraints.held_without_contact:
             self._check_coarse_problem()
         # no penalty: steps out of the range of P would have no curvature, and none occur
         # coupled rows belong to the original frames and lengths
@@ -277,7 +277,7 @@ def _scalings(problem: DualProblem, compliance: Array) -> tuple[Array, Array]:
     reduction is in the preconditioner alone: scaled rows took no fewer operator applications there.
     """
     rows, result = compliance > 0.0, np.ones(problem.size)
-    some_wide = problem.comm.allreduce(int(problem.wide.any()))
+    some_wide = problem.comm.allreduce(int(problem.system.constraints.wide.any()))
     stiff = (SOFTENED if some_wide else 1.0) * problem.row_stiffness(rows)
     result[rows] = 1.0 / np.sqrt(1.0 + compliance[rows] * stiff)
     return (np.ones(problem.size), result) if some_wide else (result, 1.0 / result)

@@ -65,7 +65,9 @@ class TotalFeti:
 
     def hierarchy(self, coarsened: bool) -> ConstraintHierarchy:
         """The constraint hierarchy; several levels for thin bodies if wanted (collective)."""
-        return constraint_hierarchy(self.problem, coarsened and self.problem.held_without_contact)
+        return constraint_hierarchy(
+            self.problem, coarsened and self.problem.system.constraints.held_without_contact
+        )
 
     def release(self) -> None:
         """Free the matrices of the last set now: petsc4py would free them later."""

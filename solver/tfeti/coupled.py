@@ -74,7 +74,11 @@ def _with_rows(B: ConstraintMatrix, rows: sparse.csr_matrix, places: Ints) -> Co
 
 def coupled_rows(problem: DecomposedProblem) -> CoupledRows | None:
     """The coupled rows of a problem; None where no rank has a row of several nodes (collective)."""
-    return CoupledRows(problem) if problem.comm.allreduce(int(problem.wide.any())) else None
+    return (
+        CoupledRows(problem)
+        if problem.comm.allreduce(int(problem.system.constraints.wide.any()))
+        else None
+    )
 
 
 class _Factor:
@@ -118,7 +122,7 @@ class CoupledRows:
             divided.diagonalScale(R=right)
         transpose = rows.transpose(PETSc.Mat())
         M = divided.matMult(transpose)
-        coupled = _coupled(M, problem.wide[others])
+        coupled = _coupled(M, problem.system.constraints.wide[others])
         self._rows = others[coupled]
         gathered = self._gathered(M, np.flatnonzero(coupled))
         self.B = _with_rows(deforming, local_rows(divided)[coupled], self._rows)

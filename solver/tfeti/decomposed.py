@@ -99,19 +99,9 @@ class DecomposedProblem:
         return self.system.constraints.kinds
 
     @property
-    def wide(self) -> Mask:
-        """Mask (dual,) of contact, tangential and tied rows over several nodes, which overlap."""
-        return self.system.constraints.wide
-
-    @property
     def coarse(self) -> CoarseProblem | None:
         """The coarse problem; None where no subdomain floats."""
         return self.system.constraints.coarse
-
-    @property
-    def held_without_contact(self) -> bool:
-        """Whether gluing and held rows alone stop every rigid motion."""
-        return self.system.constraints.held_without_contact
 
     @property
     def contact(self) -> ContactRows:
@@ -127,11 +117,6 @@ class DecomposedProblem:
     def forces(self) -> tuple[Array, ...]:
         """Loads f, one (n, members) array per class."""
         return self.system.loads.forces
-
-    @property
-    def lifting(self) -> tuple[Array, ...]:
-        """Displacements of eliminated held unknowns, one (n, members) array per class."""
-        return self.system.loads.lifting
 
     @property
     def c(self) -> Array:
@@ -158,7 +143,9 @@ class DecomposedProblem:
         """Loads with the lifting of eliminated conditions subtracted, f - K u_held."""
         return tuple(
             force - cls.stiffness @ lift if lift.any() else force
-            for cls, force, lift in zip(self.classes, self.forces, self.lifting, strict=True)
+            for cls, force, lift in zip(
+                self.classes, self.forces, self.system.loads.lifting, strict=True
+            )
         )
 
     @cached_property
@@ -293,7 +280,7 @@ class DecomposedProblem:
         A body that comes back to its unloaded state is at rest but for rounding errors of the
         displacements from which slip is measured.
         """
-        motions = given_motions(self.bodies, self.lifting, self.comm)
+        motions = given_motions(self.bodies, self.system.loads.lifting, self.comm)
         resting = np.maximum(self.pushes[0], GIVEN * motions)
         before = self.system.loads.lengths_before
         return resting if before is None else np.maximum(resting, before)

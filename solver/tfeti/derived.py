@@ -73,7 +73,13 @@ def with_active(
         problem.F.solve_interface(problem.constraint_forces(tractions + keep * offset), moved)
         np.subtract(problem.free_displacements, moved, out=moved)
     return DualProblem(
-        system, Reused(free=problem.free, d=keep * problem.d, offset=offset, displacements=moved)
+        system,
+        Reused(
+            free_solution=problem.free_solution,
+            d=keep * problem.d,
+            offset=offset,
+            displacements=moved,
+        ),
     )
 
 
@@ -93,7 +99,9 @@ def turned(problem: DualProblem, turn: Turn) -> DualProblem:
         constraints=replace(constraints, B=B, coarse=coarse),
         loads=replace(loads, c=turn.turned(loads.c)),
     )
-    return DualProblem(system, Reused(free=problem.free, d=turn.turned(problem.d)))
+    return DualProblem(
+        system, Reused(free_solution=problem.free_solution, d=turn.turned(problem.d))
+    )
 
 
 def beginning_at(problem: DualProblem, change: Array, displacements: Array) -> DualProblem:
@@ -106,7 +114,7 @@ def beginning_at(problem: DualProblem, change: Array, displacements: Array) -> D
         K⁺ Bᵀ times the change.
     """
     reused = Reused(
-        problem.F, problem.free, problem.d, problem.offset + change,
+        problem.F, problem.free_solution, problem.d, problem.offset + change,
         problem.displacements_of_offset - displacements,
     )  # fmt: skip
     return DualProblem(problem.system, reused)

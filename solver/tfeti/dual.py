@@ -31,7 +31,7 @@ class Reused:
     ----------
     operator
         F.
-    free
+    free_solution
         The displacements under the loads without constraints.
     d : (dual,)
         B K⁺ f - c.
@@ -44,7 +44,7 @@ class Reused:
     """
 
     operator: DualOperator | None = None
-    free: FreeSolution | None = None
+    free_solution: FreeSolution | None = None
     d: Array | None = None
     offset: Array | None = None
     displacements: Array | None = None
@@ -143,16 +143,16 @@ class DualProblem(DecomposedProblem):
         return DualOperator(self.B, self.classes)
 
     @cached_property
-    def free(self) -> FreeSolution:
+    def free_solution(self) -> FreeSolution:
         """The displacements under the loads without constraints."""
-        if self.reused.free is not None:
-            return self.reused.free
+        if self.reused.free_solution is not None:
+            return self.reused.free_solution
         return solve_free(self.classes, self.loads)
 
     @property
     def free_displacements(self) -> Array:
         """K⁺ f on the interface."""
-        return self.free[0]
+        return self.free_solution[0]
 
     @cached_property
     def free_lengths(self) -> Array:
@@ -167,9 +167,9 @@ class DualProblem(DecomposedProblem):
         """fᵀ K⁺ f of each body, (bodies,), held unknowns at rest (collective at the first call)."""
         if not self.factored:
             return super().free_strains
-        works = list(self.free[1])
+        works = list(self.free_solution[1])
         for number, (cls, load, lift) in enumerate(
-            zip(self.classes, self.forces, self.lifting, strict=True)
+            zip(self.classes, self.forces, self.system.loads.lifting, strict=True)
         ):
             if lift.any():
                 works[number] = np.einsum("ij,ij->j", load, cls.solve(load.copy(order="F")))
@@ -183,7 +183,7 @@ class DualProblem(DecomposedProblem):
         displacements : (interface,)
             K⁺ (f - Bᵀ λ).
         """
-        free, works = self.free
+        free, works = self.free_solution
         total = sum(float(work.sum()) for work in works)
         total -= float(self.constraint_forces(multiplier) @ (free + displacements))
         return float(self.comm.allreduce(total))

@@ -52,7 +52,7 @@ def may_hold(problem: DecomposedProblem, solution: Solution) -> bool:
 
 def overcome(problem: DecomposedProblem, solution: Solution) -> list[Overcome]:
     """Groups whose friction, at the forces of an answer, the loads overcome (collective)."""
-    free, points, comm = problem.system.free, problem.friction, problem.comm
+    free, points, comm = problem.system.free_motions, problem.friction, problem.comm
     if free is None or not points.acts:
         return []
     limits = points.slip_limits(solution.multiplier)[points.point]

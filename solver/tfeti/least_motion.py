@@ -50,7 +50,7 @@ def with_least_motion(problem: DecomposedProblem, solution: Solution) -> Solutio
 
     The answer stays as it is if the certificate of the moved one does not pass.
     """
-    free = problem.system.free
+    free = problem.system.free_motions
     if free is None or not solution.converged:
         return solution
     moved = _moved(problem, free, solution)

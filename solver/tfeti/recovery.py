@@ -46,7 +46,10 @@ def interface_displacements(problem: DualProblem, multiplier: Array, alpha: Arra
     problem.F.solve_interface(problem.constraint_forces(multiplier), result)
     np.subtract(problem.free_displacements, result, out=result)
     for cls, part, lift in zip(
-        problem.classes, interface_slices(problem.classes), problem.lifting, strict=True
+        problem.classes,
+        interface_slices(problem.classes),
+        problem.system.loads.lifting,
+        strict=True,
     ):
         result[part].reshape(cls.members, -1)[:] += lift[cls.interface].T
     add_motions(problem, alpha, result)
@@ -71,7 +74,7 @@ def displacements(problem: DualProblem, multiplier: Array, alpha: Array) -> list
         interface_slices(problem.classes),
         problem.kernel_slices(),
         problem.loads,
-        problem.lifting,
+        problem.system.loads.lifting,
         strict=True,
     ):
         force = forces[interface].reshape(cls.members, -1)

@@ -201,7 +201,7 @@ class MeasuredAnswer:
         body that they move far, rounding errors are a share of its displacement: it has a small
         share of it at least.
         """
-        problem, free = self.problem, self.problem.system.free
+        problem, free = self.problem, self.problem.system.free_motions
         if free is None:
             return self.largest_displacements()
         along = _unresisted(problem, free, self.multiplier)

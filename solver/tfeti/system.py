@@ -127,7 +127,7 @@ class ContactSystem:
         Nodes of each class if the subdomains are not factored; otherwise empty.
     nodes
         Number of nodes on all ranks.
-    free
+    free_motions
         Rigid motions that nothing resists; None without such motions.
     """
 
@@ -140,7 +140,7 @@ class ContactSystem:
     bodies: Bodies
     places: tuple[NodePlaces, ...] = ()
     nodes: int = 0
-    free: FreeMotions | None = None
+    free_motions: FreeMotions | None = None
 
     def with_loads(
         self,
