@@ -38,6 +38,9 @@ from solver.tfeti.subdomain.kernels import MOTIONS, rigid_motions
 
 Array = NDArray[np.float64]
 
+CLOSES = 1e-6
+"""Speed at which a gap closes, over the largest relative motion, that is no rounding error."""
+
 
 def body_balances(
     scene: Scene,
@@ -86,6 +89,9 @@ def body_balances(
             hints = far_obstacle_hints(
                 scene.bodies, scene.contacts, contact.gaps, contact.sources, comm
             )
+            if moved is not None:
+                names = [touching.source for touching in scene.touching]
+                hints += _averaged_gap_hints(names, comm, contact, moved @ state.escape)
             raise NoEquilibriumError("\n  ".join([message, *hints]))
         for b, of_body in zip(group, rows.balances(comm, state, group < elastic), strict=True):
             balances[b] = of_body
@@ -136,6 +142,30 @@ def _no_equilibrium(
         + (", not even friction at its limit" if cones.acts else "")
         + (f"; it starts at {share:.3g} times all loads" if share is not None else "")
     )
+
+
+def _averaged_gap_hints(
+    names: Sequence[str], comm: MPI.Intracomm, contact: ContactRows, moved: Array
+) -> list[str]:
+    """A sentence for each contact that an escape closes at nodes and not in the mean (collective).
+
+    Parameters
+    ----------
+    names
+        Of all contacts.
+    moved : (rows · dimension,)
+        Relative motion of the sides at the node of each contact row.
+    """
+    motion = moved.reshape(contact.normals.shape)
+    size = comm.allreduce(float(np.abs(motion).max(initial=0.0)), op=MPI.MAX)
+    closing = -(motion * contact.normals).sum(axis=1) > CLOSES * size
+    count = comm.allreduce(np.bincount(contact.sources[closing], minlength=len(names)))
+    return [
+        f"{names[number]}: this motion closes the gap at nodes, but not in the "
+        "mean about them, where it is tested: the contact presses no nearer to an edge than a "
+        "third of a facet. Smaller cells there, or degree: 1, may hold the body"
+        for number in np.flatnonzero(count)
+    ]
 
 
 def loose_bodies(bodies: Sequence[Body], balances: list[BodyBalance]) -> LooseBodies:

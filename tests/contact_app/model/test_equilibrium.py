@@ -158,3 +158,30 @@ def test_turns_off_the_middle_are_named(motion: list[float], words: str) -> None
     from contact_app.model.equilibrium import directions_in_words
 
     assert directions_in_words(np.array(motion)[:, None]) == words
+
+
+@pytest.mark.parametrize(("degree", "hint"), [(1, False), (2, True)])
+def test_a_block_that_tips_in_the_mean_over_its_facets_gets_a_hint(degree: int, hint: bool) -> None:
+    """0.2 beside the middle of one facet: the pressure of degree 2 reaches to 0.167 on a pair."""
+    from contact_app.errors import NoEquilibriumError
+
+    boxes = {name: {"lower": [0, n], "upper": [1, n + 1], "cells": [1, 1]}
+             for n, name in enumerate(("base", "block"))}  # fmt: skip
+    made = {
+        "title": "", "dimension": 2,
+        "bodies": [
+            {"name": name, "mesh": {"box": box}, "degree": degree,
+             "material": {"young": 1000.0, "poisson": 0.3}} for name, box in boxes.items()
+        ],
+        "conditions": [
+            {"on": "base.y-", "displacement": [0, 0]},
+            {"on": "block.y+", "total_force": [0, -1], "at": [0.7, 2]},
+        ],
+        "contacts": [{"on": "block.y-", "against": "base.y+", "friction": {"coulomb": 0.3}}],
+    }  # fmt: skip
+    if not hint:
+        assert solve(made, None).summary["certificate"]["passed"]
+        made["conditions"][1]["at"] = [1.2, 2]
+    with pytest.raises(NoEquilibriumError) as caught:
+        solve(made, None)
+    assert ("contacts[0]: this motion closes the gap at nodes" in str(caught.value)) == hint
