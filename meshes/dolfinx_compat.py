@@ -92,7 +92,7 @@ def coordinate_element(cell: str, dimension: int, degree: int = 1) -> Any:
 def create_mesh(
     cells: Ints, points: Array, cell: str, degree: int = 1, comm: MPI.Intracomm = MPI.COMM_SELF
 ) -> Any:
-    """Mesh of given cells (nodes in dolfinx's order), on this process alone unless told otherwise.
+    """Mesh of given cells (nodes in dolfinx's order), on this process alone unless `comm` has more.
 
     Cells of degree 2 have the nodes of Lagrange cells of that degree and edges as curved as these.
     With several ranks each gives some of the cells and points; points are numbered over all ranks.

@@ -7,7 +7,6 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from meshes import dolfinx_compat
 from meshes.arrays import Array
 from meshes.quadratic import VERTICES
 from meshes.subdomains import Reference, vtk_order, vtk_places, vtk_shapes
@@ -30,19 +29,13 @@ class Located:
     distance: Array
 
 
-def locate(reference: Reference, points: Array, dimension: int) -> Located:
-    """Find points (n, 3), in the frame of the reference.
-
-    Distances near curved edges are right to some per cent.
-    """
-    cells = dolfinx_compat.cells_at(reference.mesh, points)
-    return locate_in(reference, cells, points, dimension)
-
-
 def locate_in(
     reference: Reference, cells: NDArray[np.integer], points: Array, dimension: int
 ) -> Located:
-    """Find points in given cells (points,)."""
+    """Find points (n, 3), in the frame of the reference, in given cells (n,).
+
+    Distances near curved edges are right to some per cent.
+    """
     order = 2 if reference.curved else 1
     nodes, targets = reference.cells[cells], points[:, :dimension]
     simplex = VERTICES[reference.cell] == dimension + 1

@@ -229,12 +229,12 @@ class ContactProblem:
         try:
             with timings.measure("setup"):
                 forms, model = (self.a, self.L), None
-                kept, self._model = self._model, None
-                if kept is not None and kept[:2] == kind:
+                former, self._model = self._model, None
+                if former is not None and former[:2] == kind:
                     model = with_new_loads(
-                        kept[2], forms, self.bcs, self.contacts, timings.measure
+                        former[2], forms, self.bcs, self.contacts, timings.measure
                     )  # fmt: skip
-                del kept  # its factors make room for new ones
+                del former  # its factors make room for new ones
                 if model is None:
                     model = build_model(
                         self._space, forms, self.bcs, self.contacts, timings.measure,

@@ -1,7 +1,8 @@
 """The automatic decomposition: splits of a box, and their predicted cost.
 
-The candidates are splits into sub-boxes of about equal length in every direction, and the undivided
-box. The model of `solver.tfeti.subdomain.costs` chooses the one with the least predicted time.
+The candidates are splits into sub-boxes of about equal length in every direction, and the
+undecomposed box. The model of `solver.tfeti.subdomain.costs` chooses the one with the least
+predicted time.
 `python -m contact_app.studies.settings` compares it with others.
 """
 
@@ -77,7 +78,7 @@ def seconds(box: BoxShape, split: tuple[int, ...], single: bool = True) -> float
 def groups_of(box: BoxShape, split: tuple[int, ...]) -> list[Group]:
     """Groups of sub-boxes of equal size.
 
-    An undivided box has no interface and uses no reflections.
+    An undecomposed box has no interface and uses no reflections.
     """
     d = box.dimension
     reflections = 2**d if box.cell in ("quadrilateral", "hexahedron") else 2

@@ -167,14 +167,14 @@ def model_of_case(model: Model, outline: Outline, scene: Scene) -> Model:
     """
     lifting, members = _lifting(outline), _members(model)
     vectors = [_vectors(outline, m, lifting) for m in members]
-    c = model.problem.right_hand_side(outline.held, outline.shared)
+    c = model.problem.right_hand_side(outline.rows.held, outline.shared)
     case = model.problem.with_loads(
         [forces for forces, _, _ in vectors], [lifted for _, _, lifted in vectors], c,
         [thermal for _, thermal, _ in vectors],
     )  # fmt: skip
     return replace(
         model, scene=scene, problem=case, needed=outline.needed, left_out=outline.left_out,
-        merged=outline.merged, linear=outline.linear,
+        merged=outline.rows.merged, linear=outline.acting.linear,
         temperatures=tuple(_temperatures(outline, m) for m in members),
         notes=_notes(scene, outline, case), cautions=_cautions(scene, outline),
     )  # fmt: skip
@@ -194,7 +194,7 @@ def model_of_outline(
     """Assemble, write the constraints, factor (collective)."""
     comm, options = outline.partition.comm, options or feti_options(scene.solver)
     partition, surface, exchange = outline.partition, outline.surface, outline.exchange
-    held, balances, eliminated = outline.held, outline.balances, outline.eliminated
+    held, balances, eliminated = outline.rows.held, outline.balances, outline.eliminated
     body_of_held = np.searchsorted(partition.first_node, held.nodes, side="right") - 1
     geometry, unknowns = outline.geometry, RigidUnknowns.of(outline.geometry)
     of_copies = subdomains_of_copies(surface, partition, unknowns.count)
@@ -232,9 +232,9 @@ def model_of_outline(
         materials=tuple(key[1] for key in classes),
         needed=outline.needed,
         left_out=outline.left_out,
-        merged=outline.merged,
+        merged=outline.rows.merged,
         node_exchange=NodeExchange(comm, np.concatenate(nodes), partition.nodes),
-        linear=outline.linear,
+        linear=outline.acting.linear,
         probes=outline.probes,
         temperatures=tuple(_temperatures(outline, members) for members in classes.values()),
         sections=outline.sections,
@@ -283,10 +283,14 @@ def _cautions(scene: Scene, outline: Outline) -> tuple[str, ...]:
     cautions += without_area(scene.touching, outline.tangential, outline.partition.comm)
     cautions += rough_at_tied_nodes(
         ContactsAndTies(
-            outline.geometry, scene.all_ties, scene.touching, outline.contact, outline.tied.rows
+            outline.geometry,
+            scene.all_ties,
+            scene.touching,
+            outline.contact,
+            outline.rows.tied.rows,
         )
     )
-    return (*cautions, *outline.tied.notes)
+    return (*cautions, *outline.rows.tied.notes)
 
 
 ClassKey = tuple[int, tuple[Material, ...], bytes | None]
@@ -351,7 +355,10 @@ def _vectors(
         for _ in range(3)
     )
     for nth, local in enumerate(members):
-        for sums, load in ((forces, outline.loads[local]), (thermal, outline.thermal[local])):
+        for sums, load in (
+            (forces, outline.acting.vectors[local]),
+            (thermal, outline.acting.thermal[local]),
+        ):
             if load is not None:
                 sums[:, nth] += load
         if (values := lifting[local]) is not None:
@@ -372,7 +379,7 @@ def _places(partition: Partition, members: list[int], levels: bool) -> NodePlace
 
 def _temperatures(outline: Outline, members: list[int]) -> NDArray[np.float64] | None:
     """Temperatures of a class, (nodes, members); None without heat."""
-    temperatures = [outline.temperatures[local] for local in members]
+    temperatures = [outline.acting.temperatures[local] for local in members]
     if all(t is None for t in temperatures):
         return None
     count = len(outline.partition.subdomains[members[0]].nodes)
@@ -388,7 +395,7 @@ def _lifting(outline: Outline) -> list[Lifting | None]:
 
     Collective.
     """
-    exchange, surface, held = outline.exchange, outline.surface, outline.held
+    exchange, surface, held = outline.exchange, outline.surface, outline.rows.held
     has_held = np.isin(exchange.nodes, held.nodes)
     at = np.searchsorted(held.nodes, exchange.nodes[has_held])
     mask, values = (np.zeros((len(has_held), held.held.shape[1]), kind) for kind in (bool, float))

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from functools import partial
+from functools import cached_property, partial
 
 import numpy as np
 from mpi4py import MPI
@@ -81,6 +81,48 @@ def partition_scene(scene: Scene, comm: MPI.Intracomm) -> Partition:
 
 
 @dataclass(frozen=True, eq=False)
+class CandidateRows:
+    """The rows of conditions, contacts and ties that this rank owns.
+
+    Attributes
+    ----------
+    held
+        Held nodes.
+    contact
+        Candidate rows of all contacts.
+    merged
+        Rows that a candidate row of the same node makes redundant.
+    tied
+        Rows of tied pairs.
+    """
+
+    held: HeldRows
+    contact: ContactRows
+    merged: ContactRows
+    tied: TiedRows
+
+
+@dataclass(frozen=True, eq=False)
+class ActingLoads:
+    """The loads of a scene on the subdomains of this rank.
+
+    Attributes
+    ----------
+    linear
+        The tractions of total forces and moments.
+    vectors
+        Load vector of each subdomain; None without loads.
+    temperatures, thermal
+        Temperatures at the nodes of each subdomain, and thermal loads; None without heat.
+    """
+
+    linear: tuple[LinearTraction, ...]
+    vectors: list[NDArray[np.float64] | None]
+    temperatures: list[NDArray[np.float64] | None]
+    thermal: list[NDArray[np.float64] | None]
+
+
+@dataclass(frozen=True, eq=False)
 class Outline:
     """The outline of a model: all data that need no assembled or factored matrices.
 
@@ -88,29 +130,16 @@ class Outline:
     ----------
     uncut
         Rows of contacts on averages, before held components are removed.
-    held, contact
-        Held nodes and contact rows that this rank owns.
-    needed, left_out
-        Mask of this rank's candidate rows in `contact`, and the other candidates.
-    merged
-        Rows that a candidate row of the same node makes redundant.
+    needed
+        Mask of the candidate rows that become contact rows.
     elements
         Finite-element forms by the identity of their reference.
-    linear
-        The tractions of total forces and moments.
     probes
         The cells of the probes' points.
     sections
         The cells on either side of planes with requested section forces.
-    loads
-        Load vector of each subdomain of this rank; None without loads.
-    tied
-        Rows of tied pairs.
     means
         Rows that hold rigid motions of bodies in the mean.
-    temperatures, thermal
-        Temperatures at the nodes of each subdomain of this rank, and thermal loads; None without
-        heat.
     balances
         Equilibrium of each body, elastic ones first, then moving rigid ones.
     friction
@@ -121,20 +150,13 @@ class Outline:
     surface: SurfaceCopies
     exchange: NodeExchange
     uncut: tuple[ContactRows, ...]
-    held: HeldRows
-    contact: ContactRows
+    rows: CandidateRows
     needed: NDArray[np.bool_]
-    left_out: ContactRows
-    merged: ContactRows
     elements: dict[int, Element]
-    linear: tuple[LinearTraction, ...]
+    acting: ActingLoads
     probes: tuple[Probe, ...]
     sections: tuple[SectionPiece, ...]
-    loads: list[NDArray[np.float64] | None]
-    tied: TiedRows
     means: ContactRows
-    temperatures: list[NDArray[np.float64] | None]
-    thermal: list[NDArray[np.float64] | None]
     balances: list[BodyBalance]
     friction: FrictionRows
 
@@ -143,24 +165,15 @@ class Outline:
         """The subdomains."""
         return self.geometry.partition
 
-    @property
-    def all_contact(self) -> ContactRows:
-        """All candidate rows of this rank, in the order of `needed`."""
-        return ContactRows.join([self.contact, self.left_out])
+    @cached_property
+    def contact(self) -> ContactRows:
+        """The contact rows of this rank."""
+        return self.rows.contact.of(self.needed)
 
-    def with_needed(self, needed: NDArray[np.bool_]) -> Outline:
-        """The outline with other candidate rows (mask) as contact rows, (candidate rows,)."""
-        rows = self.all_contact
-        return replace(self, needed=needed, contact=rows.of(needed), left_out=rows.of(~needed))
-
-    @property
-    def candidates(self) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
-        """Gaps and contacts of all candidate rows of this rank."""
-        parts = (self.contact, self.left_out)
-        gaps, sources = (
-            np.concatenate([getattr(p, n) for p in parts]) for n in ("gaps", "sources")
-        )
-        return gaps, sources
+    @cached_property
+    def left_out(self) -> ContactRows:
+        """The other candidate rows."""
+        return self.rows.contact.of(~self.needed)
 
     @property
     def tangential(self) -> FrictionRows:
@@ -170,7 +183,7 @@ class Outline:
     @property
     def shared(self) -> SharedRows:
         """The rows over nodes of several ranks."""
-        return SharedRows(self.contact, self.tangential, self.tied.rows, self.means)
+        return SharedRows(self.contact, self.tangential, self.rows.tied.rows, self.means)
 
     @property
     def eliminated(self) -> NDArray[np.bool_]:
@@ -222,7 +235,6 @@ def outline_of_scene(
         if has_averaged_rows(scene.bodies[c.body]) and c.rigid not in scene.moving
     )
     rows = _written_rows(scene, geometry, exchange, uncut)
-    contact = rows.contact
     elements: dict[int, Element] = {}
     for subdomain in partition.subdomains:
         reference = subdomain.reference
@@ -230,16 +242,15 @@ def outline_of_scene(
             elements[id(reference)] = Element(reference, scene.dimension)
     means = mean_motion_rows(geometry, exchange, elements, rows.held)
     acting = _loads(scene, geometry, elements, timings)
-    friction, balances = _friction_and_balances(scene, geometry, exchange, rows, acting.loads)
+    friction, balances = _friction_and_balances(scene, geometry, exchange, rows, acting.vectors)
     if isinstance(needed, str):
         groups = groups_in_contact(geometry, scene.touching, scene.all_ties)
-        some = _distinct(scene.touching, groups, contact, balances)
-        needed = np.ones(len(contact.nodes), bool) if needed == "all" else some
+        some = _distinct(scene.touching, groups, rows.contact, balances)
+        needed = np.ones(len(some), bool) if needed == "all" else some
+    sections = locate_sections(geometry, scene.output.sections)
     return Outline(
-        geometry, surface, exchange, uncut, rows.held, contact.of(needed), needed,
-        contact.of(~needed), rows.merged, elements, acting.linear, probes,
-        locate_sections(geometry, scene.output.sections), acting.loads, rows.tied, means,
-        acting.temperatures, acting.thermal, balances, friction,
+        geometry, surface, exchange, uncut, rows, needed, elements, acting, probes, sections,
+        means, balances, friction,
     )  # fmt: skip
 
 
@@ -264,38 +275,26 @@ def outline_of_case(
         return None
     timings, exchange = timings or Timings(), outline.exchange
     geometry = Geometry.of(scene, outline.partition)
-    means, contact = outline.means, outline.all_contact
-    rows = _Rows(outline.held, contact, outline.merged, outline.tied)
+    means, rows = outline.means, outline.rows
     if any(condition.name is not None for condition in scene.displacements):
         rows = _written_rows(scene, geometry, exchange, outline.uncut)
         means = mean_motion_rows(geometry, exchange, outline.elements, rows.held)
-        if not geometry.comm.allreduce(int(_same_rows(rows.contact, contact)), op=MPI.MIN):
+        same = _same_rows(rows.contact, outline.rows.contact)
+        if not geometry.comm.allreduce(int(same), op=MPI.MIN):
             return None
-    contact, acting = rows.contact, _loads(scene, geometry, outline.elements, timings)
-    friction, balances = _friction_and_balances(scene, geometry, exchange, rows, acting.loads)
+    acting = _loads(scene, geometry, outline.elements, timings)
+    friction, balances = _friction_and_balances(scene, geometry, exchange, rows, acting.vectors)
     groups = groups_in_contact(geometry, scene.touching, scene.all_ties)
-    needed = _distinct(scene.touching, groups, contact, balances)
+    needed = _distinct(scene.touching, groups, rows.contact, balances)
     return replace(
-        outline, geometry=geometry, held=rows.held, contact=contact.of(needed), needed=needed,
-        left_out=contact.of(~needed), merged=rows.merged, linear=acting.linear,
-        loads=acting.loads, tied=rows.tied, means=means, temperatures=acting.temperatures,
-        thermal=acting.thermal, balances=balances, friction=friction,
+        outline, geometry=geometry, rows=rows, needed=needed, acting=acting, means=means,
+        balances=balances, friction=friction,
     )  # fmt: skip
-
-
-@dataclass(frozen=True, eq=False)
-class _Rows:
-    """Held nodes, contact rows, redundant rows and tied rows, with the field names of `Outline`."""
-
-    held: HeldRows
-    contact: ContactRows
-    merged: ContactRows
-    tied: TiedRows
 
 
 def _written_rows(
     scene: Scene, geometry: Geometry, exchange: NodeExchange, uncut: Sequence[ContactRows]
-) -> _Rows:
+) -> CandidateRows:
     """The rows of conditions, contacts and ties (collective)."""
     contacts, touching, ties = scene.contacts, scene.touching, scene.all_ties
     conditions = _conditions(geometry, scene.displacements, contacts)
@@ -315,14 +314,14 @@ def _written_rows(
     tied = tied_rows(geometry, ties, exchange, held)
     constraints = ContactsAndTies(geometry, ties, touching, contact, tied.rows)
     contact, determined = without_determined(constraints)
-    return _Rows(held, contact, ContactRows.join([merged, determined]), tied)
+    return CandidateRows(held, contact, ContactRows.join([merged, determined]), tied)
 
 
 def _friction_and_balances(
     scene: Scene,
     geometry: Geometry,
     exchange: NodeExchange,
-    rows: _Rows,
+    rows: CandidateRows,
     loads: Sequence[NDArray[np.float64] | None],
 ) -> tuple[FrictionRows, list[BodyBalance]]:
     """Tangential rows and the equilibrium of each body (collective)."""
@@ -332,28 +331,18 @@ def _friction_and_balances(
     return friction, body_balances(scene, geometry, (held, tied), contact, loads, friction)
 
 
-@dataclass(frozen=True, eq=False)
-class _Loads:
-    """The loads of a scene, with the field names of `Outline`."""
-
-    linear: tuple[LinearTraction, ...]
-    loads: list[NDArray[np.float64] | None]
-    temperatures: list[NDArray[np.float64] | None]
-    thermal: list[NDArray[np.float64] | None]
-
-
 def _loads(
     scene: Scene, geometry: Geometry, elements: dict[int, Element], timings: Timings
-) -> _Loads:
+) -> ActingLoads:
     """The loads of a scene on its subdomains (collective)."""
     with timings.measure("assembly"):
         linear = linear_tractions(geometry, elements, scene.total_loads)
-        loads = load_vectors(geometry, Loads.of(scene), elements, linear)
+        vectors = load_vectors(geometry, Loads.of(scene), elements, linear)
         with agreed(geometry.comm):
             temperatures = node_temperatures(geometry, scene.temperatures)
         with agreed(geometry.comm):
             thermal = thermal_loads(geometry, elements, scene.plane, scene.temperatures)
-    return _Loads(linear, loads, temperatures, thermal)
+    return ActingLoads(linear, vectors, temperatures, thermal)
 
 
 def _same_rows(one: ContactRows, other: ContactRows) -> bool:

@@ -16,7 +16,7 @@ root, and its fourth differences would look like an alternation. A node between 
 counts as in contact: only an alternation opens such a node. At the ends of the lines, and where
 they do not go on straight, D is that of the other end of the facet, and S that of the middle with
 the other sign; half of that at the edge of the contact, towards which an alternation fades. The
-axes are told apart by the largest component of a line's direction.
+axes are distinguished by the largest component of a line's direction.
 """
 
 from __future__ import annotations

@@ -87,7 +87,7 @@ def outlines_of_cases(
     needed = np.any(
         [outline.needed for outline in outlines.values() if outline is not None], axis=0
     )
-    return {name: outline and outline.with_needed(needed) for name, outline in outlines.items()}
+    return {name: outline and replace(outline, needed=needed) for name, outline in outlines.items()}
 
 
 @dataclass(frozen=True, eq=False)
@@ -173,7 +173,7 @@ class CaseModels:
             return self._outlines[scene.case]
         first = next(outline for outline in self._outlines.values() if outline is not None)
         outline = outline_of_case(first, scene, timings)
-        return outline and outline.with_needed(first.needed)
+        return outline and replace(outline, needed=first.needed)
 
     def _shared(
         self,
@@ -192,9 +192,11 @@ class CaseModels:
         if self._model is not None:
             more = bool((rows & ~self._model.needed).any())
             if not self._comm.allreduce(int(more)):
-                return model_of_case(self._model, outline.with_needed(self._model.needed), scene)
+                return model_of_case(
+                    self._model, replace(outline, needed=self._model.needed), scene
+                )
             rows |= self._model.needed
-        outline = outline.with_needed(rows)
+        outline = replace(outline, needed=rows)
         if report is not None:
             report(self._scene, outline)
         self._patches = None

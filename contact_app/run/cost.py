@@ -53,7 +53,7 @@ def estimate(scene: Scene, outline: Outline) -> Cost:
     partition, d = outline.partition, scene.dimension
     gluing, groups = gluing_rows(outline), groups_of(scene, outline)
     contact = partition.comm.allreduce(len(outline.contact.gaps))
-    held = partition.comm.allreduce(int(outline.held.held.sum()))
+    held = partition.comm.allreduce(int(outline.rows.held.held.sum()))
     rows = gluing + contact + (0 if outline.eliminated.all() else held)
     dofs = partition.nodes * d
     memory = needed_bytes(dofs, rows, tuple((g.unknowns, d) for g in groups))

@@ -106,7 +106,7 @@ def _modelled(scene: Scene, outline: Outline) -> list[str]:
             f"{_name(pressure)}: {on(pressure)} under a pressure of "
             f"{pressure.value:g} {_facets(scene.bodies, outline, pressure)}"
         )
-    for load, linear in zip(scene.total_loads, outline.linear, strict=True):
+    for load, linear in zip(scene.total_loads, outline.acting.linear, strict=True):
         lines.append(
             f"{_name(load)}: {on(load)} loaded by a total force "
             f"{_vector(load.force)}{_moment(load, scene.dimension)} on an area of {linear.area:.4g}"
@@ -131,7 +131,7 @@ def _modelled(scene: Scene, outline: Outline) -> list[str]:
             f"({_candidates(outline, i, scene.bodies[contact.body], nodes)})"
             f"{_friction(contact)}{_interference(contact)}"
         )
-    gaps, sources = outline.candidates
+    gaps, sources = outline.rows.contact.gaps, outline.rows.contact.sources
     hints = far_obstacle_hints(scene.bodies, scene.contacts, gaps, sources, partition.comm)
     lines += [f"warning: {hint}" for hint in hints]
     for i, pair in enumerate(scene.pairs, start=len(scene.contacts)):
@@ -147,7 +147,7 @@ def _modelled(scene: Scene, outline: Outline) -> list[str]:
     for glued in scene.rigid_ties:
         name = scene.rigid_bodies[glued.rigid].name
         lines.append(f"{glued.source}: {on(glued)} moves with {name}, which is rigid")
-    lines += [f"warning: {note}" for note in outline.tied.notes]
+    lines += [f"warning: {note}" for note in outline.rows.tied.notes]
     return lines
 
 
@@ -328,7 +328,7 @@ def _unloaded(scene: Scene, outline: Outline) -> list[str]:
     """Bodies without load, heat, displacement or overlap, directly or through other bodies."""
     comm = outline.partition.comm
     acted = np.zeros(len(scene.bodies), bool)
-    for loads in (outline.loads, outline.thermal):
+    for loads in (outline.acting.vectors, outline.acting.thermal):
         for s, load in zip(outline.partition.subdomains, loads, strict=True):
             acted[s.body] |= load is not None and bool(load.any())
     for condition in scene.displacements:
@@ -337,7 +337,7 @@ def _unloaded(scene: Scene, outline: Outline) -> list[str]:
         acted[rigid.body] |= rigid.rigid is not None
     for tie in scene.rigid_ties:
         acted[tie.body] = True
-    gaps, sources = outline.candidates
+    gaps, sources = outline.rows.contact.gaps, outline.rows.contact.sources
     touched = np.array([c.body for c in scene.touching], int)
     acted[touched[sources[gaps < 0.0]]] = True
     group = group_numbers(outline.geometry, scene.touching, scene.all_ties)
@@ -373,7 +373,7 @@ def _candidates(outline: Outline, contact: int, body: Body, on_boundary: int = 0
     An overlap is explained.
     """
     comm = outline.partition.comm
-    gaps, sources = outline.candidates
+    gaps, sources = outline.rows.contact.gaps, outline.rows.contact.sources
     smallest = comm.allreduce(float(gaps[sources == contact].min(initial=np.inf)), op=MPI.MIN)
     if np.isinf(smallest):
         return "no candidate nodes: other conditions determine all nodes of the boundary"
@@ -388,7 +388,7 @@ def _candidates(outline: Outline, contact: int, body: Body, on_boundary: int = 0
 def _resultant(outline: Outline, body: int, dimension: int) -> tuple[float, ...]:
     """Sum of the loads on a body."""
     total = np.zeros(dimension)
-    for s, load in zip(outline.partition.subdomains, outline.loads, strict=True):
+    for s, load in zip(outline.partition.subdomains, outline.acting.vectors, strict=True):
         if s.body == body and load is not None:
             total += load.reshape(-1, dimension).sum(axis=0)
     total = outline.partition.comm.allreduce(total)

@@ -61,7 +61,7 @@ class Program:
         self.meshes = [self._mesh(body) for body in scene.bodies]
         self.spaces = [self._body(b) for b in range(len(scene.bodies))]
         self._conditions()
-        self.kept, self.forces = self._contact()
+        self.touching, self.forces = self._contact()
 
     def _mesh(self, body: PlainBody) -> Any:
         d = body.points.shape[1]
@@ -193,8 +193,8 @@ class Program:
         points = [space.basic_dof_nodes()[:, ::d].T for space in self.spaces]
         moved = [model.variable(f"u{i}").reshape(-1, d) for i in range(len(points))]
         every = np.zeros(self.forces.nbdof())
-        every[self.kept] = model.variable("force")
-        chosen = np.unique(self.kept // d)
+        every[self.touching] = model.variable("force")
+        chosen = np.unique(self.touching // d)
         force = every.reshape(-1, d)[chosen]
         places = self.forces.basic_dof_nodes()[:, ::d].T[chosen]
         normal = np.zeros_like(places)

@@ -235,7 +235,7 @@ def test_rows_left_out_join_where_a_case_crosses_them() -> None:
     scene = scenes.build(made, 4)
     outlines = outlines_of_cases(scene, MPI.COMM_WORLD)
     none = {
-        name: known and known.with_needed(np.zeros_like(known.needed))
+        name: known and replace(known, needed=np.zeros_like(known.needed))
         for name, known in outlines.items()
     }
     models = CaseModels(scene, MPI.COMM_WORLD, none)
