@@ -24,6 +24,12 @@ quotient of the two raises nothing: there the coarse estimate has to be right. O
 with mean dilatation and between bodies, energies may lie below the true one and rise. Their change
 is still of the order of the squared error and is compared with narrower limits; a rise counts for
 more than a fall (`quotient`).
+
+In a load history with friction slips count from the displacements of the last increment, which are
+others on each mesh. Their errors change the energy by the first order, so that squares of errors
+cannot be compared with it. There two meshes agree if
+
+    |J(u_l) - J(u_m)| ≤ (η_l + η_m) √a(u_m, u_m).
 """
 
 from __future__ import annotations
@@ -42,10 +48,13 @@ class Limits:
         Squared error of the coarser level over that of the finer, from which on they are compared.
     disagree
         Quotient from which on estimates do not follow the error.
+    inherited
+        Whether errors of earlier increments change the energy by the first order.
     """
 
     ratio: float
     disagree: float
+    inherited: bool = False
 
 
 FALLING = Limits(ratio=1.7, disagree=4.0)
@@ -60,6 +69,9 @@ EITHER_WAY = Limits(ratio=2.25, disagree=2.0)
 
 A disc on 5 by 5 cells, whose estimate was a quarter of its error, had a quotient of 2.6 against 2
 by 2 cells."""
+
+INHERITED = Limits(ratio=1.7, disagree=1.0, inherited=True)
+"""Limits of load histories with friction."""
 
 OTHER_KIND = 1.3
 """Largest quotient of levels of different degree that agree."""
@@ -89,11 +101,14 @@ class Measured:
         J(u_h).
     square
         η², the square of the estimated error in the same units.
+    strains
+        a(u_h, u_h).
     """
 
     degree: int
     energy: float
     square: float
+    strains: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -134,7 +149,7 @@ class Agreement:
     Attributes
     ----------
     limits
-        `FALLING` or `EITHER_WAY`.
+        `FALLING`, `EITHER_WAY` or `INHERITED`.
     """
 
     limits: Limits = FALLING
@@ -177,6 +192,8 @@ def compared(level: Measured, before: list[Measured], limits: Limits = FALLING) 
         level.energy
     ):
         return Verdict(1.0)  # exact to round-off on both meshes
+    if limits.inherited:
+        return _compared_at_first_order(level, before, limits)
     same = [other for other in before if other.degree == level.degree]
     for other in same:
         if differ_enough(other, level, limits):
@@ -191,6 +208,24 @@ def compared(level: Measured, before: list[Measured], limits: Limits = FALLING) 
     if quotient(before[0], level) > OTHER_KIND:
         return Verdict(1.0, _disagreement(before[0], level))
     return Verdict(1.0)
+
+
+def _compared_at_first_order(level: Measured, before: list[Measured], limits: Limits) -> Verdict:
+    """The verdict on the estimate of a level of a history by other levels, the last first."""
+    for other in before:
+        if differ_enough(other, level, limits):
+            change = abs(other.energy - level.energy)
+            estimated = math.sqrt(other.square) + math.sqrt(level.square)
+            if change <= limits.disagree * estimated * math.sqrt(level.strains):
+                return Verdict(1.0)
+            return Verdict(1.0, _FIRST_ORDER)
+    return Verdict(1.0, "the meshes so far differ too little to confirm its estimate")
+
+
+_FIRST_ORDER = (
+    "the last two meshes do not agree on it: their energies differ by more than the estimates "
+    "account for"
+)
 
 
 def differ_enough(coarse: Measured, fine: Measured, limits: Limits) -> bool:

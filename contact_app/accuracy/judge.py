@@ -13,6 +13,7 @@ from dataclasses import replace
 from contact_app.accuracy.agreement import (
     EITHER_WAY,
     FALLING,
+    INHERITED,
     Agreement,
     Measured,
     Verdict,
@@ -48,8 +49,10 @@ class Judge:
 
     def __init__(self, scene: Scene) -> None:
         self._scene = scene
-        self._falling = conforms(scene.bodies, scene.touching)
-        self._agreement = Agreement(FALLING if self._falling else EITHER_WAY)
+        inherits = bool(scene.steps) and scene.has_friction
+        self._falling = conforms(scene.bodies, scene.touching) and not inherits
+        either = INHERITED if inherits else EITHER_WAY
+        self._agreement = Agreement(FALLING if self._falling else either)
         stiff = any(body.nearly_incompressible(scene.plane) for body in scene.bodies)
         # there the ratio of estimate and error varies from mesh to mesh
         self._calibration = Calibration() if self._falling and not stiff else None
@@ -120,7 +123,8 @@ def coarser(bodies: Sequence[Body], even: bool) -> tuple[Body, ...] | None:
 
 def measured(accuracy: Accuracy, energy: float, bodies: Sequence[Body]) -> Measured:
     """The estimated error of an answer to a scene before any correction."""
-    return Measured(lowest_degree(bodies), energy, accuracy.discretisation**2 * accuracy.square)
+    square = accuracy.discretisation**2 * accuracy.square
+    return Measured(lowest_degree(bodies), energy, square, accuracy.square)
 
 
 def lowest_degree(bodies: Sequence[Body]) -> int:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -24,9 +24,10 @@ from contact_app.results.output import cells_of, write_fields
 from contact_app.results.report import write_summary
 from contact_app.results.series import Series
 from contact_app.run.cases import Overview, solved_cases
-from contact_app.run.increments import solved_increments
+from contact_app.run.increments import SolvedIncrement, solved_increments
+from contact_app.run.refined_steps import history_to_accuracy
 from contact_app.run.solve import solve_scene
-from contact_app.run.step_records import record_of, summary_of_steps, write_table
+from contact_app.run.step_records import Record, record_of, summary_of_steps, write_table
 from contact_app.scene.build import build_scene
 from contact_app.scene.configuration import from_mapping, load
 from contact_app.scene.scene import Scene
@@ -222,8 +223,12 @@ def solve(
         built = halved(built).scene
     if built.cases:
         return _answers(built, comm)
+    if built.steps and built.accuracy is not None:
+        history = history_to_accuracy(built, comm, lambda place: None, _refuse)
+        answers = map(_of_record, history.increments, history.records)
+        return StepAnswers(list(answers), history.summary)
     if built.steps:
-        return _step_answers(built, comm)
+        return _step_answers(solved_increments(built, comm, lambda place: None, _refuse))
     if built.accuracy is None:
         solved = solve_scene(built, comm, report=_refuse)
         return _answer(solved, solved.summary)
@@ -256,13 +261,17 @@ def _answers(scene: Scene, comm: MPI.Intracomm) -> CaseAnswers:
     return CaseAnswers(answers, overview)
 
 
-def _step_answers(scene: Scene, comm: MPI.Intracomm) -> StepAnswers:
+def _step_answers(increments: Iterable[SolvedIncrement]) -> StepAnswers:
     """The answers to all increments (collective)."""
     records, answers = [], []
-    for increment in solved_increments(scene, comm, lambda place: None, _refuse):
+    for increment in increments:
         records.append(record_of(increment))
-        answers.append(_answer(increment.solved, {**increment.solved.summary, **records[-1]}))
+        answers.append(_of_record(increment, records[-1]))
     return StepAnswers(answers, summary_of_steps(answers[-1].solved.summary, records))
+
+
+def _of_record(increment: SolvedIncrement, record: Record) -> Answer:
+    return _answer(increment.solved, {**increment.solved.summary, **record})
 
 
 def _refuse(scene: Scene, outline: Outline) -> None:

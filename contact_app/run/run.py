@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from mpi4py import MPI
 
@@ -21,14 +20,10 @@ from contact_app.run.files import (
     printed,
     write_run,
 )
-from contact_app.run.progress import Progress, together
+from contact_app.run.progress import together
 from contact_app.run.solve import solve_scene
 from contact_app.scene.scene import LoadCase, Scene
 from solver.contact.checkpoint import EVERY_SECONDS
-
-if TYPE_CHECKING:
-    from contact_app.accuracy.refine.levels import Refined
-    from contact_app.accuracy.refine.refinement import Solve
 
 
 def run(
@@ -51,14 +46,14 @@ def run(
     every
         Seconds of solving between two checkpoints.
     """
-    if scene.loadings:
-        return _run_of_loadings(scene.cases)(scene, directory, comm, resume, every)
-    first = comm.rank == 0
     if resume and scene.accuracy is not None:
         raise ConfigurationError(
             f"{scene.at('accuracy')}: a run to an accuracy leaves no checkpoint to resume from; "
             "start it anew"
         )
+    if scene.loadings:
+        return _run_of_loadings(scene.cases)(scene, directory, comm, resume, every)
+    first = comm.rank == 0
     with (
         attended(directory, comm, resume, every, saves=True) as run,
         History(directory / "history.csv" if first else None, run.checkpoint.exists) as history,
@@ -78,10 +73,11 @@ def run(
             report = partial(log_model_that_fits, directory=directory)
             solved = solve_scene(scene, comm, monitor, checkpoint, report)
         else:
+            from contact_app.accuracy.refine.refinement import solve_to_accuracy
+
             solve_level = partial(solve_scene, comm=comm, monitor=monitor, report=log_model)
-            refined = _to_accuracy(
-                scene, solve_level, progress, lambda: run.interruption.requested_by_any(comm)
-            )
+            stop = partial(run.interruption.requested_by_any, comm)
+            refined = solve_to_accuracy(scene, solve_level, progress.stage, stop=stop)
             solved = refined.solved
         stopped = solved.interrupted and refined is None
         # save the state of a long solve before its results are written
@@ -101,15 +97,6 @@ def run(
         printed(lambda: print_summary(summary, solved.solution.tolerance, files), directory)
     reached = refined is None or not refined.missed
     return Exit.CERTIFIED if solved.certified and reached else Exit.NOT_CERTIFIED
-
-
-def _to_accuracy(
-    scene: Scene, solve_level: Solve, progress: Progress, stop: Callable[[], bool]
-) -> Refined:
-    """The answer on meshes refined to the requested accuracy (collective)."""
-    from contact_app.accuracy.refine.refinement import solve_to_accuracy
-
-    return solve_to_accuracy(scene, solve_level, progress.stage, stop=stop)
 
 
 def _run_of_loadings(

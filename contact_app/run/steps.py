@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -18,10 +19,16 @@ from contact_app.results.report import log, print_steps, write_summary
 from contact_app.results.result_size import file_names
 from contact_app.results.series import Series
 from contact_app.run.attended import Attended, attended
-from contact_app.run.files import log_model_that_fits, part_that_is_solved, printed
+from contact_app.run.files import (
+    log_model,
+    log_model_that_fits,
+    part_that_is_solved,
+    printed,
+)
 from contact_app.run.increment_models import IncrementModels
 from contact_app.run.increments import Place, Position, SolvedIncrement, solved_increments
 from contact_app.run.progress import together
+from contact_app.run.refined_steps import RefinedHistory, history_to_accuracy
 from contact_app.run.step_checkpoint import StepCheckpoint
 from contact_app.run.step_records import Record, record_of, summary_of_steps, write_table
 from contact_app.scene.scene import Scene
@@ -50,7 +57,8 @@ def run_steps(
         with History(
             directory / "history.csv" if first else None, files.is_resumed, increments=True
         ) as history:
-            code = _solve_and_write(files, run, history)
+            solve = _solve_and_write if scene.accuracy is None else _refine_and_write
+            code = solve(files, run, history)
     summary = files.summary
     if first and summary is not None:
         paths = [*files.paths, directory / "run.log"]
@@ -90,18 +98,11 @@ class _Files:
         return self.reached.position if self.reached is not None else Position()
 
     def add(self, increment: SolvedIncrement) -> None:
-        """Write an increment."""
-        solved, directory = increment.solved, self.directory
-        self.series.begin(increment.place.time)
-        paths: list[Path] = []
-        if file_names(solved.model.scene.output):
-            with solved.timings.measure("output"):
-                paths = write_fields(solved.model, solved.fields, directory, self.series)
-        self.records.append(record_of(increment))
+        """Write an increment, and the state from which the next one begins."""
+        solved = increment.solved
         last = {**solved.summary, "steps": None}
+        self.write(increment)
         self.summary = summary_of_steps(last, self.records)
-        names = ("summary.json", "increments.csv", "history.csv")
-        self.paths = [*paths, *(directory / name for name in names)]
         on_first(self.comm, self._write_texts)
         if solved.solution.converged:
             place = increment.place
@@ -110,6 +111,25 @@ class _Files:
             pressed = NormalForces.of(model.problem, solution)
             state = model.scene, solution.displacements, pressed
             self._checkpoint.write(at, self.records, last, *state)
+
+    def add_all(self, history: RefinedHistory) -> None:
+        """Write the increments on the last mesh of a run to an accuracy."""
+        for increment in history.increments:
+            self.write(increment)
+        self.records, self.summary = history.records, history.summary
+        on_first(self.comm, self._write_texts)
+
+    def write(self, increment: SolvedIncrement) -> None:
+        """Write the fields of an increment, and add its record."""
+        solved, directory = increment.solved, self.directory
+        self.series.begin(increment.place.time)
+        paths: list[Path] = []
+        if file_names(solved.model.scene.output):
+            with solved.timings.measure("output"):
+                paths = write_fields(solved.model, solved.fields, directory, self.series)
+        self.records.append(record_of(increment))
+        names = ("summary.json", "increments.csv", "history.csv")
+        self.paths = [*paths, *(directory / name for name in names)]
 
     def finish(self) -> None:
         """Remove the checkpoint: the history has reached its end."""
@@ -121,20 +141,41 @@ class _Files:
         write_summary(self.directory / "summary.json", self.summary)
 
 
-def _solve_and_write(files: _Files, run: Attended, history: History) -> int:
-    """Solve the increments and write each; return the exit code (collective)."""
-    scene, comm, progress = files.scene, files.comm, run.progress
+def _monitors(files: _Files, run: Attended, history: History) -> Callable[[Place], Monitor]:
+    """The function that returns the monitor of an increment, and shows its place."""
+    progress, steps = run.progress, files.scene.steps
+    count = sum(step.increments for step in steps)
     monitor = together(progress, history, run.attention)
-    count = sum(step.increments for step in scene.steps)
 
     def monitor_of(place: Place) -> Monitor:
         progress.stage(
-            f"step {place.step} of {len(scene.steps)}, factor {float(place.share):.6g} "
+            f"step {place.step} of {len(steps)}, factor {float(place.share):.6g} "
             f"(increment {place.number} of {max(count, place.number)})"
         )
         history.increment = place.number
         return monitor
 
+    return monitor_of
+
+
+def _refine_and_write(files: _Files, run: Attended, history: History) -> int:
+    """Solve the history to an accuracy, then write it; return the exit code (collective)."""
+    comm = files.comm
+    stop = partial(run.interruption.requested_by_any, comm)
+    rest = _monitors(files, run, history), log_model, run.progress.stage, stop
+    refined = history_to_accuracy(files.scene, comm, *rest)
+    run.progress.stage("writing")
+    files.add_all(refined)
+    if comm.rank == 0:
+        for warning in refined.summary["certificate"]["warnings"]:
+            log.warning("%s", warning)
+    return Exit.CERTIFIED if refined.certified else Exit.NOT_CERTIFIED
+
+
+def _solve_and_write(files: _Files, run: Attended, history: History) -> int:
+    """Solve the increments and write each; return the exit code (collective)."""
+    scene, comm, progress = files.scene, files.comm, run.progress
+    monitor_of = _monitors(files, run, history)
     models = IncrementModels(scene, comm)
     if files.reached is not None:
         progress.stage(

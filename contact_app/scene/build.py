@@ -116,12 +116,6 @@ def _refuse_with_loadings(keys: Keys, scene: Scene) -> None:
             "is not available with cases: each case needs another mesh, and all cases share one; "
             "find the mesh by a scene without cases that has the loads of the worst case",
         )
-    if scene.steps and scene.accuracy is not None:
-        keys.fail(
-            ("accuracy",),
-            "is not available with steps: slip is known at the nodes of one mesh only; find the "
-            "mesh by a scene without steps that has the loads of the worst increment",
-        )
     if scene.steps and not any(_loaded(scene.under(end)) for end in scene.loadings):
         keys.fail(("steps",), "load nothing: give a factor to a condition that is a load")
     for case in scene.cases:

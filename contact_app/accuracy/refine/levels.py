@@ -105,17 +105,21 @@ def with_levels(summary: dict[str, Any], refined: Refined) -> dict[str, Any]:
 
 
 def level_of(solved: SolvedScene, calibration: float) -> Level:
-    """The level of an answer whose estimate was corrected by a factor."""
+    """The level of an answer whose estimate was corrected by a factor.
+
+    The cost of a load history is that of all its increments.
+    """
     mesh, accuracy = solved.summary["mesh"], solved.accuracy
+    solves = solved.summary.get("steps") or [solved.summary]
     return Level(
         cells=mesh["cells"],
         dofs=mesh["dofs"],
         discretisation=accuracy.discretisation,
         algebraic=accuracy.algebraic,
         total=accuracy.total,
-        hessian_multiplications=solved.summary["solver"]["hessian_multiplications"],
+        hessian_multiplications=sum(one["solver"]["hessian_multiplications"] for one in solves),
         seconds=solved.summary["timings"]["total"],
         calibration=calibration,
-        warm=solved.solution.warm,
+        warm=solved.solution.warm and len(solves) == 1,
         guaranteed=solved.guaranteed.bound if solved.guaranteed is not None else None,
     )

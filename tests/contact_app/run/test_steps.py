@@ -549,14 +549,6 @@ def test_wrong_steps_are_located(changes: Config, message: str, tmp_path: Path) 
         contact_app.solve(scenes.write(made, tmp_path / "scene.yaml"))
 
 
-def test_an_accuracy_is_refused_with_steps(tmp_path: Path) -> None:
-    made = block([{"press": 1}], 3)
-    del made["contacts"][0]["friction"]
-    path = scenes.write({**made, "accuracy": 0.1}, tmp_path / "scene.yaml")
-    with pytest.raises(ConfigurationError, match=r"accuracy is not available with steps"):
-        contact_app.solve(path)
-
-
 def test_slips_that_turn_aside_ask_for_more_increments() -> None:
     made = scenes.config(
         "hexahedron",
