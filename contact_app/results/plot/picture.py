@@ -110,7 +110,7 @@ def plot(
             draw_plane(stored, shown, LABELS, factor, part, caption)
         else:
             between = bool(summary.get("solution", {}).get("pair_forces"))
-            draw_space(stored, shown, LABELS, factor, part, caption, camera, between)
+            remarks += draw_space(stored, shown, LABELS, factor, part, caption, camera, between)
     pictures = [bodies]
     smoothed = SMOOTHED in shown and "contact_pressure" not in shown
     name = SMOOTHED if smoothed else "contact_pressure"

@@ -160,12 +160,21 @@ def _shares(x: Array, y: Array, at_x: Array, at_y: Array) -> Array:
 
 def wires(triangles: Triangles, triangle: Integers, shares: Array) -> NDArray[np.bool_]:
     """Pixels in triangles, with their shares (n, 3), that lie on an edge that is drawn."""
-    corners = triangles.corners[:, :, :2]
-    sides = np.linalg.norm(np.roll(corners, -1, axis=1) - np.roll(corners, 1, axis=1), axis=2)
-    heights = np.abs(_twice_area(corners))[:, None] / np.maximum(sides, 1e-12)
-    high = heights.min(axis=1) > 10.0 * WIDE
-    near = shares * heights[triangle] < WIDE
-    return np.asarray((near & triangles.wired[triangle]).any(axis=1) & high[triangle])
+    near = shares * _heights(triangles.corners)[triangle] < WIDE
+    return np.asarray((near & drawn_edges(triangles)[triangle]).any(axis=1))
+
+
+def drawn_edges(triangles: Triangles) -> NDArray[np.bool_]:
+    """Mask (n, 3) of the edges, opposite to corners, of triangles that are high enough for them."""
+    high = _heights(triangles.corners).min(axis=1) > 10.0 * WIDE
+    return np.asarray(triangles.wired & high[:, None])
+
+
+def _heights(corners: Array) -> Array:
+    """Heights (n, 3) of triangles in pixels, over the edges opposite to their corners."""
+    ends = corners[:, :, :2]
+    sides = np.linalg.norm(np.roll(ends, -1, axis=1) - np.roll(ends, 1, axis=1), axis=2)
+    return np.asarray(np.abs(_twice_area(ends))[:, None] / np.maximum(sides, 1e-12))
 
 
 def visible_share(corners: Array, chosen: NDArray[np.bool_], width: int, height: int) -> float:

@@ -1,17 +1,20 @@
 """Deformed bodies in space coloured by fields, one panel per field, with undeformed edges.
 
 The picture shows the skin of the cells, seen along one direction without perspective
-(`contact_app.results.plot.raster`). Titles and scales are matplotlib's.
+(`contact_app.results.plot.raster`, or VTK where it is installed). Titles and scales are
+matplotlib's.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from contact_app.results.plot import vtk_images
 from contact_app.results.plot.arrangement import of_bodies
 from contact_app.results.plot.contact_picture import touchable
 from contact_app.results.plot.node_values import (
@@ -25,6 +28,7 @@ from contact_app.results.plot.raster import (
     WIRE,
     DepthBuffer,
     Triangles,
+    drawn_edges,
     visible_share,
     wires,
 )
@@ -43,6 +47,8 @@ COARSE = 300
 SHARPNESS = 300
 #: Light that falls on every face, and what comes from one side.
 AMBIENT, DIFFUSE = 0.72, 0.30
+#: Direction to the light: right, up, towards the eye.
+LIGHT = (-0.35, 0.7, 1.0)
 BARE, GREY = (0.82, 0.82, 0.82), (0.5, 0.5, 0.5)
 #: Opacity of translucent faces.
 VEIL = 0.12
@@ -97,7 +103,8 @@ class View:
     @property
     def light(self) -> NDArray[np.float64]:
         """Unit vector (3,) to the light: above and to the left of the camera."""
-        towards = self.direction + 0.7 * self.up - 0.35 * self.right
+        right, up, towards_eye = LIGHT
+        towards = towards_eye * self.direction + up * self.up + right * self.right
         return towards / np.linalg.norm(towards)
 
 
@@ -140,14 +147,19 @@ def draw_space(
     caption: str,
     camera: tuple[float, float, float] | None = None,
     between: bool = False,
-) -> None:
-    """Write a picture with a panel for each field.
+) -> list[str]:
+    """Write a picture with a panel for each field; by VTK if Python has it and it draws.
 
     Parameters
     ----------
     between
         Whether bodies touch each other: then they are translucent in pictures of pressure. They are
         also translucent if most of the contact surface is hidden.
+
+    Returns
+    -------
+    remarks
+        Why VTK did not draw, if it is installed.
     """
     from matplotlib.cm import ScalarMappable
     from matplotlib.colors import Normalize
@@ -169,7 +181,12 @@ def draw_space(
     ratio = float(np.clip(view.half[1] / view.half[0], 0.1, 1.6))
     figure, places, wide = of_bodies(len(panels), ratio)
     frame = Frame.of(view, (wide, wide * ratio), SHARPNESS)
-    images = [_image(moved, faces, outline, panel, frame, vertices) for panel in panels]
+    skins = [skin_triangles(moved, faces, panel, frame, vertices) for panel in panels]
+    lines, nodes = frame.places(outline), triangle_nodes(faces) % len(stored.points)
+    drawn, lack = vtk_images.images(
+        [drawing_of(*skin, nodes, lines, frame) for skin in zip(skins, panels, strict=True)]
+    )
+    images = drawn or [image_of(*skin, lines, frame) for skin in zip(skins, panels, strict=True)]
     for image, axes, panel in zip(images, places, panels, strict=True):
         axes.imshow(image, interpolation="antialiased")
         shades = ScalarMappable(Normalize(*panel.limits), panel.colours)
@@ -180,6 +197,7 @@ def draw_space(
         bar.formatter.set_powerlimits((-3, 4))
     figure.suptitle(caption, fontsize=12)
     figure.savefig(target, dpi=150, format="png")
+    return [f"bodies are drawn without VTK, which does not draw here: {lack}"] if lack else []
 
 
 def panel_of(
@@ -289,18 +307,49 @@ def _normals(points: NDArray[np.float64], sides: NDArray[np.int64]) -> NDArray[n
     return normals / np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-300)
 
 
-def _image(
-    points: NDArray[np.float64],
-    faces: list[NDArray[np.int64]],
-    outline: NDArray[np.float64],
+def triangle_nodes(faces: list[NDArray[np.int64]]) -> NDArray[np.int64]:
+    """Nodes (n, 3) of the triangles of faces, in the order of `skin_triangles`."""
+    return np.concatenate(
+        [sides[:, pick] for sides in faces for pick, _ in _HALVES[sides.shape[1]]]
+    )
+
+
+def drawing_of(
+    triangles: Triangles,
     panel: Panel,
+    nodes: NDArray[np.int64],
+    outline: NDArray[np.float64],
     frame: Frame,
-    vertices: NDArray[np.bool_],
-) -> NDArray[np.float64]:
-    """Image (height, width, 3) of a panel."""
+) -> dict[str, Any]:
+    """Arrays for VTK of what `image_of` draws, by the names of `vtk_images.images`."""
     from matplotlib import colormaps
 
-    triangles = skin_triangles(points, faces, panel, frame, vertices)
+    ends = triangles.corners[:, [[1, 2], [2, 0], [0, 1]]]  # of the edges opposite to the corners
+    seen = drawn_edges(triangles) & ~(triangles.bare & panel.through)[:, None]
+    return {
+        "corners": triangles.corners,
+        "nodes": nodes,
+        "values": triangles.values,
+        "edges": ends[seen],
+        "outline": outline,
+        "colours": colormaps[panel.colours](np.linspace(0.0, 1.0, 256))[:, :3],
+        "limits": panel.limits,
+        "light": LIGHT,
+        "bright": (AMBIENT, DIFFUSE),
+        "size": frame.size,
+        "bare": BARE,
+        "grey": GREY,
+        "crease": SHARP,
+        "veil": VEIL if panel.through else 1.0,
+    }
+
+
+def image_of(
+    triangles: Triangles, panel: Panel, outline: NDArray[np.float64], frame: Frame
+) -> NDArray[np.float64]:
+    """Image (height, width, 3) of a panel; lines (n, 2, 3) in pixels."""
+    from matplotlib import colormaps
+
     bare = triangles.bare
     toward = triangles.towards
     veiled = bare & toward if panel.through else np.zeros(len(bare), bool)
@@ -316,7 +365,7 @@ def _image(
     bright = np.where(wires(opaque, triangle, shares), WIRE * bright, bright)
     image = np.ones((frame.size[0] * frame.size[1], 3))
     image[pixel] = np.minimum(colours * bright[:, None], 1.0)
-    image[_line_pixels(frame.places(outline), buffer)] = GREY
+    image[_line_pixels(outline, buffer)] = GREY
     if veiled.any():
         veil = triangles.some(veiled)
         count, bright = buffer.in_front(veil.corners, veil.bright)
