@@ -267,10 +267,8 @@ def _rows(
         part = replace(scene, contacts=(), pairs=())
         field = "pairs" if hasattr(touching, "other") else "contacts"
         rows = assemble(replace(part, **{field: (touching,)})).contact_node
-        friction = touching.friction
-        mu = 0.0 if friction is None else friction.coulomb or 0.0
-        limit = 0.0 if friction is None else friction.tresca or 0.0
-        coefficient.append(np.full(len(rows), mu))
+        limit = touching.law.limit
+        coefficient.append(np.full(len(rows), touching.law.coefficient))
         given.append(limit * _areas(scene, touching)[rows] if limit else np.zeros(len(rows)))
     limits = np.concatenate(coefficient), np.concatenate(given)
     return np.stack(frames, axis=1), tangents, *limits

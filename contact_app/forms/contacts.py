@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from contact_app.errors import ConfigurationError
 from contact_app.model.facets import moments
-from contact_app.scene.conditions import Friction
+from contact_app.scene.conditions import FRICTIONLESS, Friction
 from contact_app.scene.obstacles import SHAPES, Cylinder, Obstacle, Plane, Sphere
 
 Array = NDArray[np.float64]
@@ -160,9 +160,11 @@ class Contact:
     weight: Callable[[Array], Array] | None = None
 
     @property
-    def law(self) -> Friction | None:
+    def law(self) -> Friction:
         """The law of friction."""
-        return Friction(**self.friction) if isinstance(self.friction, Mapping) else self.friction
+        if isinstance(self.friction, Mapping):
+            return Friction(**self.friction)
+        return self.friction or FRICTIONLESS
 
     @property
     def on(self) -> str:

@@ -33,7 +33,7 @@ def jumps_of(
     """Mortar means of the motions along each other, of pairs with friction (collective)."""
     jumps: list[MeanJumps | None] = []
     for contact, side in zip(contacts, sides, strict=True):
-        if contact.law is None or contact.against is None:
+        if not contact.law.acts or contact.against is None:
             jumps.append(None)
         else:
             on, against = side.surfaces
@@ -62,7 +62,7 @@ def friction_rows(
     rough = [
         _rough(parts, exchange, held, (contact, side.facets, jumps), number)
         for number, (contact, side, jumps) in enumerate(zip(contacts, *sides, strict=True))
-        if contact.law is not None
+        if contact.law.acts
     ]
     contact, merged = rows
     return tangential_rows(exchange, rough, contact, merged, held, contact.none())
@@ -77,7 +77,6 @@ def _rough(
 ) -> RoughContact:
     """One contact with friction."""
     contact, facets, jumps = touching
-    assert contact.law is not None
 
     def slips(contact_rows: ContactRows) -> tuple[ContactRows, NDArray[np.bool_]]:
         if jumps is None:

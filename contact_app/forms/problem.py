@@ -287,7 +287,7 @@ class ContactProblem:
             function(pressure, "contact_pressure")
             function(smoothed, "smoothed_contact_pressure")
             function(nearest_gap(at_nodes, owners.count), "gap")
-            if any(contact.law for contact in model.contacts):
+            if any(contact.friction for contact in model.contacts):
                 traction, slip, status = friction_fields(at_nodes, owners.count, d)
                 vectors(traction, "friction_traction")
                 vectors(slip, "slip")

@@ -195,7 +195,7 @@ def _of_contact(answer: FormAnswer, number: int, contact: Contact) -> Iterator[s
         yield entering_each_other(names, depth, moved)
     yield rubbing_where_open(comm.allreduce(int((nodes.rubs & ~nodes.closed).sum())))
     pressed = comm.allreduce(int(nodes.closed.any()), op=MPI.MAX)
-    yield several_answers((contact.law and contact.law.coulomb) or 0.0, bool(pressed))
+    yield several_answers(contact.law.coefficient, bool(pressed))
 
 
 def _presses(answer: FormAnswer, number: int) -> bool:

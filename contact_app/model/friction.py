@@ -38,7 +38,7 @@ def rough_contacts(
     return [
         _rough(geometry, exchange, held, item, number)
         for number, item in enumerate(touching)
-        if item.friction is not None
+        if item.law.acts
     ]
 
 
@@ -46,8 +46,7 @@ def always_rough(
     touching: Sequence[Contact | BodyContact], contact: ContactRows
 ) -> NDArray[np.bool_]:
     """Mask of contact rows whose friction acts also while they are open, (rows,)."""
-    has_limit = [c.friction is not None and c.friction.tresca is not None for c in touching]
-    return np.array([*has_limit, False])[contact.sources]
+    return np.array([*(c.law.limit > 0.0 for c in touching), False])[contact.sources]
 
 
 def without_area(
@@ -56,7 +55,7 @@ def without_area(
     """Sentences on contact points where Tresca friction has no area to act on (collective)."""
     sentences = []
     for number, contact in enumerate(touching):
-        if contact.friction is None or not contact.friction.tresca:
+        if contact.law.limit == 0.0:
             continue
         rows = friction.rows
         lost = rows.nodes[(rows.sources == number) & (friction.limits == 0.0)]
@@ -77,7 +76,6 @@ def _rough(
     number: int,
 ) -> RoughContact:
     """One contact with friction."""
-    assert touching.friction is not None
 
     def slips(contact: ContactRows) -> tuple[ContactRows, NDArray[np.bool_]]:
         if isinstance(touching, BodyContact):
@@ -93,7 +91,7 @@ def _rough(
     def shares(nodes: NDArray[np.int64]) -> Array:
         return _shares(geometry, exchange, touching, nodes)
 
-    return RoughContact(number, touching.friction, shares, slips)
+    return RoughContact(number, touching.law, shares, slips)
 
 
 def _jumps(

@@ -184,7 +184,7 @@ def on_motions(constraints: ContactsAndTies) -> ContactRows:
     on rigid motions: S = C D⁻¹ Cᵀ would be singular. Collective.
     """
     unknowns, contact = RigidUnknowns.of(constraints.geometry), constraints.contact
-    rough = np.array([item.friction is not None for item in constraints.touching] or [False])
+    rough = np.array([item.law.acts for item in constraints.touching] or [False])
     slips = rough[contact.sources]
     rows = contact.of(~slips)
     for tie, nodes in constraints.nodes_tied_to_moving():
@@ -207,7 +207,7 @@ def rough_at_tied_nodes(constraints: ContactsAndTies) -> list[str]:
             "that pressures at these nodes depend on the method and the decomposition; let one of "
             "the two boundaries end before the other"
             for item, count in zip(touching, shared, strict=True)
-            if count and item.friction is not None
+            if count and item.law.acts
         ]
     return sentences
 

@@ -72,10 +72,10 @@ class RoughContact:
 
     def limits(self, rows: ContactRows) -> Array:
         """Given slip limits of contact rows, forces (rows,); zero without any (collective)."""
-        if not self.law.tresca:
+        if self.law.limit == 0.0:
             return np.zeros(len(rows.nodes))
         shares = self.shares(rows.nodes)
-        return self.law.tresca * np.where(np.isnan(rows.areas), shares, rows.areas)
+        return self.law.limit * np.where(np.isnan(rows.areas), shares, rows.areas)
 
 
 def tangential_rows(
@@ -109,7 +109,7 @@ def tangential_rows(
         rows, is_free = each.slips(of_contact_rows)
         parts.append(rows.of(is_free))
         limits.append(np.repeat(each.limits(of_contact_rows) + reused[of_contact], d - 1)[is_free])
-        coefficients.append(np.full(int(is_free.sum()), each.law.coulomb or 0.0))
+        coefficients.append(np.full(int(is_free.sum()), each.law.coefficient))
     of_rows, of_limits = np.concatenate(coefficients), np.concatenate(limits)
     nodes, sources = (np.concatenate([getattr(p, n) for p in parts]) for n in ("nodes", "sources"))
     order = np.lexsort((sources, nodes))  # as `join` sorts them

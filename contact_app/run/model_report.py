@@ -192,12 +192,7 @@ def _components(names: Sequence[str], values: Sequence[float | None]) -> str:
 
 def _friction(contact: Contact | BodyContact) -> str:
     """The law of friction of a contact as a phrase; empty without friction."""
-    law = contact.friction
-    if law is None:
-        return ""
-    if law.coulomb is not None:
-        return f", with Coulomb friction of {law.coulomb:g}"
-    return f", with Tresca friction up to {law.tresca:g} per area"
+    return f", with {contact.law.description}" if contact.law.acts else ""
 
 
 def _interference(contact: Contact | BodyContact) -> str:
@@ -295,7 +290,7 @@ def _left_out(scene: Scene, outline: Outline) -> list[str]:
     notes += [] if scene.loadings else _unloaded(scene, outline)
     notes = without_repetitions(notes, [body.name for body in scene.bodies])
     lines = ["left out:", *(f"  {sentence}" for sentence in notes)]
-    smooth = [contact.source for contact in scene.touching if contact.friction is None]
+    smooth = [contact.source for contact in scene.touching if not contact.law.acts]
     if smooth:
         of = f" of {', '.join(dict.fromkeys(smooth))}" if scene.has_friction else ""
         lines.append(f"  friction: contact forces{of} act along the normal of the surface")

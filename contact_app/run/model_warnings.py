@@ -341,9 +341,8 @@ def _rubs_where_open(answer: SolvedScene) -> Iterator[str]:
 def _several_answers(answer: SolvedScene) -> Iterator[str]:
     """Friction so large, or in so many contacts of a node, that the answer need not be unique."""
     for contact, nodes in zip(answer.model.scene.touching, answer.nodes.contacts, strict=True):
-        law = contact.friction
         pressed = answer.model.comm.allreduce(int(nodes.closed.any()), op=MPI.MAX)
-        if text := several_answers((law and law.coulomb) or 0.0, bool(pressed)):
+        if text := several_answers(contact.law.coefficient, bool(pressed)):
             yield f"{contact.source}: {text}"
 
     names = [contact.source for contact in answer.model.scene.touching]

@@ -127,7 +127,7 @@ class Temperature(Scaled):
 
 @dataclass(frozen=True)
 class Friction:
-    """A law of friction; one of its numbers is None.
+    """A law of friction; one of its numbers is None, without friction both.
 
     Attributes
     ----------
@@ -139,6 +139,31 @@ class Friction:
 
     coulomb: float | None = None
     tresca: float | None = None
+
+    @property
+    def coefficient(self) -> float:
+        """μ, zero with Tresca's law."""
+        return self.coulomb or 0.0
+
+    @property
+    def limit(self) -> float:
+        """s, zero with Coulomb's law."""
+        return self.tresca or 0.0
+
+    @property
+    def acts(self) -> bool:
+        """Whether there is friction."""
+        return self.coefficient > 0.0 or self.limit > 0.0
+
+    @property
+    def description(self) -> str:
+        """Name and number of the law, for messages."""
+        if self.coulomb is not None:
+            return f"Coulomb friction of {self.coulomb:g}"
+        return f"Tresca friction up to {self.limit:g} per area"
+
+
+FRICTIONLESS = Friction()
 
 
 @dataclass(frozen=True)
@@ -156,7 +181,7 @@ class Contact:
         and zero for a plain obstacle. A contact with a rigid body of several obstacles is one
         record for each obstacle, with the same source.
     friction
-        None where the boundary slides freely.
+        None where the boundary slides freely; `law` answers what it does.
     """
 
     body: int
@@ -167,6 +192,11 @@ class Contact:
     friction: Friction | None = None
     rigid: int | None = None
     part: int = 0
+
+    @property
+    def law(self) -> Friction:
+        """The law of friction."""
+        return self.friction or FRICTIONLESS
 
     def gap_and_normal(
         self, points: NDArray[np.float64]
@@ -191,7 +221,7 @@ class BodyContact:
     interference
         Overlap along the normal (length), added to that of the geometry.
     friction
-        None where the boundaries slide freely.
+        None where the boundaries slide freely; `law` answers what it does.
     round
         Whether flat facets stand for smooth surfaces.
     """
@@ -204,6 +234,11 @@ class BodyContact:
     interference: float = 0.0
     friction: Friction | None = None
     round: bool = False
+
+    @property
+    def law(self) -> Friction:
+        """The law of friction."""
+        return self.friction or FRICTIONLESS
 
 
 @dataclass(frozen=True)

@@ -334,7 +334,7 @@ class Scene:
     @property
     def has_friction(self) -> bool:
         """Whether some contact has friction."""
-        return any(contact.friction is not None for contact in self.touching)
+        return any(contact.law.acts for contact in self.touching)
 
     @property
     def contact_names(self) -> tuple[ContactName, ...]:

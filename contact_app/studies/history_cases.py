@@ -94,9 +94,7 @@ class _Strip:
     @classmethod
     def of(cls, increment: SolvedIncrement) -> _Strip:
         nodes, scene = increment.solved.nodes, increment.solved.model.scene
-        friction = scene.contacts[0].friction
-        assert friction is not None
-        coefficient = friction.coulomb or 0.0
+        coefficient = scene.contacts[0].law.coefficient
         at = np.flatnonzero(nodes.contact_pressure > 0.0)
         at = at[np.argsort(nodes.points[at, 0])]
         x, pressure = nodes.points[at, 0], nodes.contact_pressure[at]

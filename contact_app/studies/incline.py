@@ -30,10 +30,7 @@ DIGITS = 1e-6
 def incline(increments: Sequence[SolvedIncrement]) -> list[Quantity]:
     """A block that rests on an incline and is pushed up to just below its limit."""
     scene = increments[-1].solved.model.scene
-    friction = scene.contacts[0].friction
-    assert friction is not None
-    assert friction.coulomb is not None
-    mu, weight = friction.coulomb, np.array(scene.forces[0].vector)
+    mu, weight = scene.contacts[0].law.coefficient, np.array(scene.forces[0].vector)
     slope, push = float(weight[0] / weight[1]), increments[-1].factors["push"]
     limit = (slope + mu) / (1.0 - mu * slope)
     force = increments[-1].solved.summary["contacts"][0]["force"]

@@ -43,9 +43,7 @@ GROWTH, FINE = 1.6, 1.4
 def mindlin(increments: Sequence[SolvedIncrement]) -> list[Quantity]:
     """The block at the end of the push: radii, and tractions as a root mean square of μ p0."""
     solved = increments[-1].solved
-    nodes, friction = solved.nodes, solved.model.scene.contacts[0].friction
-    assert friction is not None
-    coefficient = friction.coulomb or 0.0
+    nodes, coefficient = solved.nodes, solved.model.scene.contacts[0].law.coefficient
     at = nodes.contact_pressure > 0.0
     r2 = (nodes.points[at, :2] ** 2).sum(axis=1)
     a, peak = fitted(r2, nodes.contact_pressure[at])

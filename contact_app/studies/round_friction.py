@@ -100,7 +100,4 @@ def turned_ring(solved: SolvedScene) -> list[Quantity]:
 
 
 def _coefficient(solved: SolvedScene) -> float:
-    friction = solved.model.scene.contacts[0].friction
-    assert friction is not None
-    assert friction.coulomb is not None
-    return friction.coulomb
+    return solved.model.scene.contacts[0].law.coefficient

@@ -46,7 +46,7 @@ def conforms(bodies: Sequence[Body], touching: Sequence[Contact | BodyContact]) 
     boxes = all(isinstance(body.mesh, Box) for body in bodies)
     averaged = any(body.mean_dilatation for body in bodies)
     flat = all(isinstance(c, Contact) and isinstance(c.obstacle, Plane) for c in touching)
-    rough = any(c.friction is not None for c in touching)
+    rough = any(c.law.acts for c in touching)
     return boxes and flat and not (averaged or rough)
 
 

@@ -63,7 +63,7 @@ def touching_nodes(model: Model, solution: Solution) -> Touching:
     touching = [
         _friction(problem, solution, number)
         for number, contact in enumerate(model.scene.touching)
-        if contact.friction is not None
+        if contact.law.acts
     ]
     return Touching(pushed, tuple(touching))
 

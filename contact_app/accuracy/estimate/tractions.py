@@ -260,18 +260,15 @@ def _meet_friction(
     facets, stuck = subdomain.reference.facets, []
     for number, sticks, forces in touch.friction:
         contact = touching[number]
-        assert contact.friction is not None
         for boundary in _sides(contact, subdomain.body):
             rows = boundary_facets(subdomain, bodies[subdomain.body], boundary)
             held = sticks[facets[rows]].any(axis=1)
             stuck.append(rows[held])
             slides = rows[~held & forces[facets[rows]].any(axis=(1, 2))]
             along = _directions(forces[facets[slides]], normal[slides])
-            if contact.friction.tresca is not None:
-                load[slides] += contact.friction.tresca * along
-            else:
-                mu = contact.friction.coulomb or 0.0
-                directions[slides] += mu * along[..., :, None] * normal[slides][..., None, :]
+            load[slides] += contact.law.limit * along
+            pressed = contact.law.coefficient * along
+            directions[slides] += pressed[..., :, None] * normal[slides][..., None, :]
     for rows in stuck:
         n = normal[rows]
         directions[rows] = n[..., :, None] * (n[..., None, :] @ directions[rows])

@@ -111,7 +111,7 @@ def _refuse_whole(scene: Scene) -> None:
     for section in scene.output.sections:
         if isinstance(section, InnerSection):
             raise AsymmetryError(f"section {section.name} is on an inner surface")
-    rough = [contact for contact in scene.touching if contact.friction is not None]
+    rough = [contact for contact in scene.touching if contact.law.acts]
     if rough:
         raise AsymmetryError(f"{rough[0].source} has friction")
 
