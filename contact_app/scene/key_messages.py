@@ -77,6 +77,10 @@ def message(
         allowed += suggestion(value, re.findall(r"'([^']+)'", allowed))
     if kind in ("float_type", "int_type") and isinstance(value, str):
         allowed += _remedy(value)
+    if kind == "list_type" and len(path) == 1:
+        allowed += ", with a dash before each entry"
+    elif kind == "list_type" and isinstance(value, int | float):
+        allowed += ", with a number for each direction"
     return f"{at} is {text}; {allowed}"
 
 

@@ -140,10 +140,10 @@ class ConditionReader:
         if kind in ("force", "temperature"):
             if condition.inside is None or condition.on is not None:
                 example = {"force": "[0, 0, -1]", "temperature": "80"}[kind]
-                name = self.names[0]
-                self.keys.fail(
-                    path, f"a {kind} acts `in` a body, e.g. {{in: {name}, {kind}: {example}}}"
-                )
+                text = f"a {kind} acts `in` a body, e.g. {{in: {self.names[0]}, {kind}: {example}}}"
+                if kind == "force":
+                    text += "; on a boundary there are traction, pressure and total_force"
+                self.keys.fail(path, text)
             body = self._name(condition.inside, (*path, "in"))
             if kind == "temperature":
                 return self._temperature(body, condition.temperature, path)

@@ -117,11 +117,17 @@ def parse(text: str, name: str) -> tuple[Any, dict[Key, int]]:
         if "\\t" in problem:
             problem += "; indent with spaces, not tabs"
         if "mapping values are not allowed" in problem:
-            problem += "; put text that contains a colon in quotes, and indent keys alike"
+            problem += (
+                "; put text that contains a colon in quotes, indent keys alike, and see whether "
+                "the line before lacks its colon"
+            )
         if "<block end>" in problem:
             problem += "; begin all entries of a list, and all keys of a mapping, in one column"
         if "expected ',' or" in problem or "<stream end>" in problem:
             problem += "; a bracket or a quote is not closed, or a comma is missing"
+        begun = getattr(error, "context_mark", None)
+        if mark and begun and begun.line < mark.line:
+            problem += f" (after line {begun.line + 1})"
         if "another document" in problem:
             problem = "a second document begins (---); one file holds one scene"
         raise ConfigurationError(f"{name}{at}: this is not YAML: {problem}") from None

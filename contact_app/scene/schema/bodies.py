@@ -65,7 +65,10 @@ class Mesh(Model):
 class Material(Model):
     """Isotropic linear elasticity."""
 
-    why_absent: ClassVar[dict[str, str]] = {"density": WEIGHT}
+    why_absent: ClassVar[dict[str, str]] = {
+        "density": WEIGHT, "E": "Young's modulus is young", "nu": "Poisson's ratio is poisson",
+        "alpha": "the coefficient of thermal expansion is expansion",
+    }  # fmt: skip
 
     young: Positive = Field(description="Young's modulus (force per area), above 0.")
     poisson: Number = Field(description="Poisson's ratio, -1 < ν < 0.5.")

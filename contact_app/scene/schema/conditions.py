@@ -73,6 +73,8 @@ class Condition(Model):
 class Friction(Model):
     """Friction between two surfaces: exactly one law."""
 
+    why_absent: ClassVar[dict[str, str]] = {"mu": "the coefficient of friction is coulomb"}
+
     coulomb: NotNegative | None = Field(
         None,
         description="Coefficient of friction: the friction traction is at most this times the "

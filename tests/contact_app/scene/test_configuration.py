@@ -232,6 +232,18 @@ def test_wrong_values_are_refused(file: Path, override: str, expected: str) -> N
         ("title: cube", "title: cube: again", "cube.yaml:1: this is not YAML: mapping values"),
         ("title: cube", "title: cube: again", "put text that contains a colon in quotes"),
         ("normal: [-1, 0, 0]", "normal: [-1, 0, 0", "a bracket or a quote is not closed"),
+        ("title: cube", "title cube", "see whether the line before lacks its colon"),
+        ("poisson: 0.33}", "poisson: 0.33", "cube.yaml:7: this is not YAML: expected ',' or '}'"),
+        ("poisson: 0.33}", "poisson: 0.33", "not closed, or a comma is missing (after line 6)"),
+        ("young: ", "E: ", "material.E is an unknown key; Young's modulus is young; allowed"),
+        ("displacement: [0, 0, 0]", "displacement: 0", "a list is allowed, with a number for each"),
+        (
+            "traction: [",
+            "force: [",
+            "a force acts `in` a body, e.g. {in: cube, force: [0, 0, -1]}; "
+            "on a boundary there are traction, pressure and total_force",
+        ),
+        ("title: cube", "title: cube\nsteps: 3", "steps is 3; a list is allowed, with a dash"),
         ("cube.z+", "foot", "conditions[1].on is 'foot'; it has the form body.boundary, e.g."),
     ],
 )
