@@ -35,12 +35,14 @@ from contact_app.forms.model import FormModel
 from contact_app.forms.results import ContactAtNodes, OnSpace, Owners
 from contact_app.forms.rows import held_components, in_the_mean
 from contact_app.model.facets import moments
+from contact_app.results.carried import carried
 from contact_app.results.free_motions import sliding_bodies
 from contact_app.results.friction import closing_points
 from contact_app.results.overcome_friction import overcome_friction
 from contact_app.results.repeated_sentences import without_repetitions
 from contact_app.results.shared_forces import shared_force_warnings
 from contact_app.results.sliding import largest_sliding, sliding_on_each_other
+from contact_app.results.tilted_pairs import tilted
 from contact_app.results.undetermined import Movable, play_warnings, undetermined_of
 from contact_app.run.warning_texts import (
     beside_boundary,
@@ -146,6 +148,8 @@ def _of_bodies(answer: FormAnswer) -> Iterator[str]:
     motions_of = partial(contact_motions, bodies, model.exchange, d=problem.dimension)
     movable = Movable(groups, names, bodies.size_of)
     yield from play_warnings(undetermined_of(problem, solution, motions_of, movable), fixes)
+    if solution.converged:
+        yield from carried(problem, solution, motions_of, movable)
 
 
 def _locking(answer: FormAnswer, fit: Fit) -> Iterator[str]:
@@ -193,6 +197,8 @@ def _of_contact(answer: FormAnswer, number: int, contact: Contact) -> Iterator[s
         displaced = _displaced(answer, on), _displaced(answer, against)
         depth = depth_in_each_other(comm, (on, against), displaced, contact.round)
         yield entering_each_other(names, depth, moved)
+        both = [model.bodies.name(min(bodies)) for bodies in touching]
+        yield tilted(model.problem, solution, number, against, (both[0], both[1]), moved)
     yield rubbing_where_open(comm.allreduce(int((nodes.rubs & ~nodes.closed).sum())))
     pressed = comm.allreduce(int(nodes.closed.any()), op=MPI.MAX)
     yield several_answers(contact.law.coefficient, bool(pressed))

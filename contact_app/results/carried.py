@@ -10,24 +10,19 @@ slip and d the direction of the friction force of a point.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 
 import numpy as np
 from mpi4py import MPI
 from scipy import sparse
 
-from contact_app.model.equilibrium import (
-    contact_motions,
-    directions_in_words,
-    groups_in_contact,
-    motion_size,
-    upward,
-)
-from contact_app.model.model import Model
-from contact_app.results.undetermined import PRESSING, SMALL_PLAY
+from contact_app.model.equilibrium import directions_in_words, upward
+from contact_app.results.undetermined import PRESSING, SMALL_PLAY, Movable
 from solver.contact.equilibrium import held_motions
 from solver.contact.friction_points import FrictionPoints
 from solver.contact.solution import Solution
+from solver.tfeti.constraints.conditions import ContactRows
+from solver.tfeti.dual import DualProblem
 from solver.tfeti.subdomain.kernels import MOTIONS
 from solver.vectors import Array, largest_magnitude
 
@@ -42,10 +37,20 @@ SEEN = 1e-3
 """Share of the largest motion along the slips below which a point does not limit it."""
 
 
-def carried(model: Model, solution: Solution) -> Iterator[str]:
-    """One sentence for each motion along the slips that friction leaves open (collective)."""
-    scene, problem, comm = model.scene, model.problem, model.comm
-    free, points = problem.system.free_motions, problem.friction
+def carried(
+    problem: DualProblem,
+    solution: Solution,
+    motions_of: Callable[[ContactRows], sparse.csr_matrix],
+    bodies: Movable,
+) -> Iterator[str]:
+    """One sentence for each motion along the slips that friction leaves open (collective).
+
+    Parameters
+    ----------
+    motions_of
+        Rows applied to the rigid motions of each body, (rows, bodies · motions).
+    """
+    free, points, comm = problem.system.free_motions, problem.friction, problem.comm
     if free is None or not points.acts:
         return
     multiplier, point = solution.multiplier, points.point
@@ -55,11 +60,11 @@ def carried(model: Model, solution: Solution) -> Iterator[str]:
     rubs = (limits > least)[point]
     yields = points.sliding(multiplier)[points.rows] & rubs
     slips = points.slips(problem.residual(problem.on_interface(solution.displacements)))
-    rows = contact_motions(model.geometry, problem.shared.friction.rows)
-    pressing = contact_motions(model.geometry, problem.contact)[force > least]
+    rows = motions_of(problem.shared.friction.rows)
+    pressing = motions_of(problem.contact)[force > least]
     holding = sparse.vstack([pressing, rows[rubs & ~yields]])
     m = MOTIONS[problem.dimension]
-    for group in groups_in_contact(model.geometry, scene.touching, scene.all_ties):
+    for group in bodies.groups:
         columns = (group[:, None] * m + np.arange(m)).ravel()
         allowed = np.concatenate([free.loose.allowed[b] for b in group])
         base = allowed @ held_motions(comm, np.asarray(holding[:, columns] @ allowed))
@@ -69,14 +74,12 @@ def carried(model: Model, solution: Solution) -> Iterator[str]:
         grams = [s.T @ (w[:, None] * s) for s, w in zip((along, across), weights, strict=True)]
         for part in _parallel(*comm.allreduce(np.stack(grams))).T:
             parts = (base @ part).reshape(len(group), m)
-            speeds = [
-                motion_size(scene.bodies, int(b), v) for b, v in zip(group, parts, strict=True)
-            ]
+            speeds = [bodies.size_of(int(b), v) for b, v in zip(group, parts, strict=True)]
             most = int(np.argmax(speeds))
             reach = speeds[most] * _reach(comm, along @ part, points.sizes(slips))
             if SMALL_PLAY * solution.measures.displacements[group[most]] < reach < np.inf:
                 yield (
-                    f"{scene.body_names[group[most]]} slides wherever friction acts on it, and the "
+                    f"{bodies.names[group[most]]} slides wherever friction acts on it, and the "
                     "forces stay as they are if it is carried along by up to "
                     f"{reach:.3g} less or more, along "
                     f"{directions_in_words(upward(parts[most][:, None]))}: the answer has one of "

@@ -15,7 +15,9 @@ from mpi4py import MPI
 from scipy.spatial import cKDTree
 
 from contact_app.model.model import Model
+from meshes.contact_surface import Surface
 from solver.contact.solution import Solution
+from solver.tfeti.dual import DualProblem
 
 TILTED = 0.03
 """Mean of g (1 - n · m) over the contact force, over the largest displacement, above which there is
@@ -26,30 +28,55 @@ and 0.088: energies are 3, 1.4 and 1.1 times apart, forces up to 2.2 times."""
 
 def tilted_pairs(model: Model, solution: Solution) -> Iterator[str]:
     """Sentences on pairs whose gaps depend much on the side they are measured from (collective)."""
-    scene, problem, comm = model.scene, model.problem, model.comm
-    force, d = solution.multiplier[problem.inequality], problem.dimension
+    scene, geometry = model.scene, model.geometry
     for source, pair in enumerate(scene.pairs, start=len(scene.contacts)):
-        surface = model.geometry.surface_of(
-            model.geometry.facets_of(pair.other, pair.other_boundary)
-        )
-        chosen = (force > 0.0) & (problem.contact.sources == source)
-        rows, pressed = problem.contact.of(chosen), force[chosen]
-        cosine = np.ones(len(pressed))
-        if surface is not None and len(pressed):
-            normals = rows.normals / np.linalg.norm(rows.normals, axis=1, keepdims=True)
-            touched = rows.points.copy()
-            touched[:, :d] -= rows.gaps[:, None] * normals
-            facets = cKDTree(surface.centres).query(touched)[1]
-            cosine = np.einsum("ri,ri->r", normals, surface.normals[facets, :d])
-        off = comm.allreduce(float(pressed @ (np.abs(rows.gaps) * (1.0 - cosine))))
-        total = comm.allreduce(float(pressed.sum()))
-        if off > TILTED * solution.measures.deformations[[pair.body, pair.other]].max() * total:
-            farthest = comm.allreduce(np.abs(rows.gaps).max(initial=0.0), op=MPI.MAX)
-            on, other = scene.bodies[pair.body].name, scene.bodies[pair.other].name
-            yield (
-                f"{pair.source}: surfaces of {on} and {other} press that are tilted against each "
-                f"other and up to {farthest:.2g} apart or inside each other before loading: gaps "
-                f"and forces are along the normals of {on}, and differ much if `on` and `against` "
-                "change places; take the smoother surface as `on`, or draw the bodies where they "
-                "touch"
-            )
+        surface = geometry.surface_of(geometry.facets_of(pair.other, pair.other_boundary))
+        names = scene.bodies[pair.body].name, scene.bodies[pair.other].name
+        moved = float(solution.measures.deformations[[pair.body, pair.other]].max())
+        if surface and (text := tilted(model.problem, solution, source, surface, names, moved)):
+            yield f"{pair.source}: {text}"
+
+
+def tilted(
+    problem: DualProblem,
+    solution: Solution,
+    source: int,
+    other: Surface,
+    names: tuple[str, str],
+    moved: float,
+) -> str:
+    """A sentence on a pair whose gaps depend much on their side; empty otherwise (collective).
+
+    Parameters
+    ----------
+    source
+        Number of the contact.
+    other
+        The surface that the `on` surface touches.
+    names
+        Of the bodies of both.
+    moved
+        Their largest displacement.
+    """
+    force, d, comm = solution.multiplier[problem.inequality], problem.dimension, problem.comm
+    chosen = (force > 0.0) & (problem.contact.sources == source)
+    rows, pressed = problem.contact.of(chosen), force[chosen]
+    cosine = np.ones(len(pressed))
+    if len(pressed):
+        normals = rows.normals / np.linalg.norm(rows.normals, axis=1, keepdims=True)
+        touched = rows.points.copy()
+        touched[:, :d] -= rows.gaps[:, None] * normals
+        facets = cKDTree(other.centres).query(touched)[1]
+        cosine = np.einsum("ri,ri->r", normals, other.normals[facets, :d])
+    off = comm.allreduce(float(pressed @ (np.abs(rows.gaps) * (1.0 - cosine))))
+    total = comm.allreduce(float(pressed.sum()))
+    if off <= TILTED * moved * total:
+        return ""
+    farthest = comm.allreduce(np.abs(rows.gaps).max(initial=0.0), op=MPI.MAX)
+    on, against = names
+    return (
+        f"surfaces of {on} and {against} press that are tilted against each other and up to "
+        f"{farthest:.2g} apart or inside each other before loading: gaps and forces are along the "
+        f"normals of {on}, and differ much if `on` and `against` change places; take the smoother "
+        "surface as `on`, or draw the bodies where they touch"
+    )

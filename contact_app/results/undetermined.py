@@ -103,10 +103,8 @@ def play_warnings(motions: list[Undetermined], remedy: str) -> list[str]:
 
 def undetermined(model: Model, solution: Solution) -> list[Undetermined]:
     """The motions that an answer leaves open (collective)."""
-    scene, problem = model.scene, model.problem
-    groups = groups_in_contact(model.geometry, scene.touching, scene.all_ties)
-    bodies = Movable(groups, scene.body_names, partial(motion_size, scene.bodies))
-    return undetermined_of(problem, solution, partial(contact_motions, model.geometry), bodies)
+    motions_of = partial(contact_motions, model.geometry)
+    return undetermined_of(model.problem, solution, motions_of, Movable.of(model))
 
 
 @dataclass(frozen=True, eq=False)
@@ -126,6 +124,13 @@ class Movable:
     groups: Sequence[NDArray[np.int64]]
     names: Sequence[str]
     size_of: Callable[[int, Array], float]
+
+    @classmethod
+    def of(cls, model: Model) -> Movable:
+        """The bodies of a scene."""
+        scene = model.scene
+        groups = groups_in_contact(model.geometry, scene.touching, scene.all_ties)
+        return cls(groups, scene.body_names, partial(motion_size, scene.bodies))
 
 
 def undetermined_of(

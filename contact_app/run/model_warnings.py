@@ -17,6 +17,7 @@ the mesh are tested.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator
+from functools import partial
 
 import numpy as np
 from mpi4py import MPI
@@ -34,7 +35,7 @@ from contact_app.accuracy.faceted_curves import median_gaps, pair_distances, sag
 from contact_app.accuracy.sharp_edges import sharp_peaks
 from contact_app.accuracy.solved_scene import SolvedScene
 from contact_app.accuracy.trust import few_cells
-from contact_app.model.equilibrium import body_frame, motion_size
+from contact_app.model.equilibrium import body_frame, contact_motions, motion_size
 from contact_app.model.loaded_area import loaded_facets, straddled_area
 from contact_app.results.carried import carried
 from contact_app.results.free_motions import free_motions
@@ -46,7 +47,7 @@ from contact_app.results.repeated_sentences import without_repetitions
 from contact_app.results.shared_forces import shared_force_warnings
 from contact_app.results.sliding import largest_sliding, sliding_on_each_other
 from contact_app.results.tilted_pairs import tilted_pairs
-from contact_app.results.undetermined import play_warnings, undetermined
+from contact_app.results.undetermined import Movable, play_warnings, undetermined
 from contact_app.run.warning_texts import (
     beside_boundary,
     closing_at_once,
@@ -397,7 +398,11 @@ def _plays(answer: SolvedScene) -> list[str]:
 
 def _carried(answer: SolvedScene) -> Iterable[str]:
     """Bodies that friction carries along by an amount that it leaves open (collective)."""
-    return carried(answer.model, answer.solution) if answer.solution.converged else []
+    model, solution = answer.model, answer.solution
+    if not solution.converged:
+        return []
+    motions_of = partial(contact_motions, model.geometry)
+    return carried(model.problem, solution, motions_of, Movable.of(model))
 
 
 def _yielding(answer: SolvedScene) -> list[str]:

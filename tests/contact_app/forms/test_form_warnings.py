@@ -266,3 +266,58 @@ def test_a_warning_names_a_play() -> None:
     problem.solve()
     told = problem.certificate.warnings
     assert any("the body has a play of 0.299 along +x" in text for text in told), told
+
+
+@pytest.mark.parametrize("steep", [True, False])
+def test_surfaces_that_press_and_are_tilted_cause_a_warning(steep: bool) -> None:
+    """A tooth, with flanks of 50° or of 6°, overlaps a block by 0.2."""
+    block = meshfiles.block("triangle", 16, 0.0)
+    below, cells = block.points[:, :2], block.cells_dict["triangle"].astype(np.int64)
+
+    def foot(x: np.ndarray) -> np.ndarray:
+        return 0.8 + (1.2 if steep else 0.1) * np.abs(x - 0.5)
+
+    tooth = below + [0.0, 0.8]
+    tooth[:, 1] += (foot(below[:, 0]) - 0.8) * (1.0 - below[:, 1])
+    mesh = dolfinx_compat.create_mesh(
+        np.concatenate([cells, cells + len(below)]), np.concatenate([below, tooth]), "triangle"
+    )
+    tags, V = problems.facet_tags(mesh, {
+        1: lambda x: np.isclose(x[1], foot(x[0])) & ~np.isclose(x[1], 1.0),
+        2: lambda x: np.isclose(x[1], 1.0),
+    }), problems.vector_space(mesh, 1)  # fmt: skip
+    u, v = ufl.TrialFunction(V), ufl.TestFunction(V)
+    a = ufl.inner(problems.isotropic(u, 1.0, 0.35), problems.strain(v)) * ufl.dx
+    L = ufl.inner(fem.Constant(mesh, np.zeros(2)), v) * ufl.dx
+    bcs = [problems.held(V, lambda x, y=y: np.isclose(x[1], y)) for y in (0.0, 1.8)]
+    problem = ContactProblem(a, L, bcs, [Contact(tags, 1, against=2)])
+    problem.solve()
+    assert problem.certificate.passed
+    told = "\n".join(problem.certificate.warnings)
+    tilted = "contacts[0]: surfaces of the body" in told and "tilted against each other" in told
+    assert tilted == steep, told
+
+
+@pytest.mark.parametrize(("above", "told"), [(0.3, True), (0.2, False)])
+def test_a_body_between_equally_rough_sides_is_carried_by_either(above: float, told: bool) -> None:
+    """A block on a rough floor under a slab that is pressed and pushed by 0.1."""
+    mesh = problems.stacked("quadrilateral", MPI.COMM_WORLD)
+    V = problems.vector_space(mesh, 1)
+    u, v = ufl.TrialFunction(V), ufl.TestFunction(V)
+    tags = problems.facet_tags(mesh, {
+        1: lambda x: np.isclose(x[1], 1.0),
+        2: lambda x: np.isclose(x[1], 0.99),
+        3: problems.bottom,
+    })  # fmt: skip
+    a = ufl.inner(problems.isotropic(u, 1.0, 0.3), problems.strain(v)) * ufl.dx
+    L = ufl.inner(fem.Constant(mesh, np.zeros(2)), v) * ufl.dx
+    top = [problems.held(V, lambda x: np.isclose(x[1], 2.0), i, (0.1, -0.011)[i]) for i in (0, 1)]
+    sides = [
+        Contact(tags, 3, Plane((0, 0), (0, 1)), friction={"coulomb": 0.3}),
+        Contact(tags, 1, against=2, friction={"coulomb": above}),
+    ]
+    problem = ContactProblem(a, L, top, sides)
+    problem.solve()
+    assert problem.certificate.passed
+    found = [w for w in problem.certificate.warnings if "wherever friction acts" in w]
+    assert len(found) == told, problem.certificate.warnings
