@@ -7,6 +7,7 @@ from dataclasses import replace
 import pytest
 
 import contact_app
+from contact_app.errors import NoEquilibriumError
 from contact_app.run.solve import solve_scene
 from solver.tfeti.friction_share import overcome
 from tests import scenes
@@ -55,3 +56,39 @@ def test_the_share_is_that_of_the_friction_forces_at_their_limit() -> None:
     assert found.share == pytest.approx(0.25, rel=1e-5)
     assert list(found.bodies) == [0]
     assert abs(found.motion[1]) > 0.99
+
+
+def turned_block(moment: float) -> scenes.Config:
+    """A block of weight 1 on a rough floor, turned about the normal by a moment over μ."""
+    return scenes.config(
+        "hexahedron",
+        [scenes.box("block", [1, 1, 0.5], [4, 4, 2])],
+        [
+            {"in": "block", "force": [0, 0, -2]},
+            {
+                "on": "block.z+", "at": [0.5, 0.5, 0.5], "total_force": [0, 0, 0],
+                "total_moment": [0, 0, FRICTION * moment],
+            },
+        ],
+        [
+            {
+                "on": "block.z-", "friction": {"coulomb": FRICTION},
+                "obstacle": scenes.plane("hexahedron", (0, 0, 0), (0, 0, 1)),
+            }
+        ],
+    )  # fmt: skip
+
+
+def test_a_turned_block_slides_below_the_limit_of_rigid_equilibrium() -> None:
+    """Pressed at its corners alone it could carry √½ μ W, but its pressure is nearly uniform.
+
+    A uniform one carries 0.38 μ W.
+    """
+    assert contact_app.solve(turned_block(0.36)).converged
+    answer = contact_app.solve(turned_block(0.41))
+    assert not answer.converged
+    told = [w for w in answer.summary["certificate"]["warnings"] if "friction at the" in w]
+    assert len(told) == 1
+    assert "does not stop block from leaving along a turn about z" in told[0]
+    with pytest.raises(NoEquilibriumError, match="leaving along a turn about z"):
+        contact_app.solve(turned_block(1.01 * 0.5**0.5))
