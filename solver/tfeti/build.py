@@ -22,7 +22,7 @@ from solver.tfeti.row_order import order_rows
 from solver.tfeti.subdomain.classes import (
     ClassData,
     SubdomainClass,
-    subdomain_class,
+    subdomain_classes,
     unfactored_class,
 )
 from solver.tfeti.system import Constraints, ContactSystem, NodePlaces, loads_on
@@ -212,20 +212,20 @@ def _classes(
     touched : (copies, dimension)
         Components that some row of B touches.
     """
-    classes: list[SubdomainClass] = []
-    failed = ""
-    make = subdomain_class if factored else unfactored_class
+    data = []
     for group in subdomains:
         node, component = np.nonzero(touched[group.copies].any(axis=0))
-        data = ClassData(
+        data.append(ClassData(
             group.stiffness, group.points, d, group.nodes[node] * d + component, len(group.bodies),
             group.eliminated, group.kernel,
-        )  # fmt: skip
-        with measure():
-            try:
-                classes.append(make(data))
-            except (ArithmeticError, ValueError) as error:  # the other ranks go on
-                failed = failed or f"{error}"
+        ))  # fmt: skip
+    classes: list[SubdomainClass] = []
+    failed = ""
+    with measure():
+        try:
+            classes = subdomain_classes(data) if factored else [unfactored_class(k) for k in data]
+        except (ArithmeticError, ValueError) as error:  # the other ranks go on
+            failed = f"{error}"
     for text in filter(None, comm.allgather(failed)):
         raise ArithmeticError(text)
     return classes

@@ -17,12 +17,16 @@ from solver.tfeti.subdomain.kernels import fixing_nodes, orthonormal_kernel
 from solver.tfeti.subdomain.reflections import find_symmetry
 
 
-def springs(cells: tuple[int, ...], strength: np.ndarray | None = None) -> tuple:
+def springs(
+    cells: tuple[int, ...],
+    strength: np.ndarray | None = None,
+    spacing: tuple[float, ...] = (1.0, 0.7, 1.3),
+) -> tuple:
     """A lattice of points, each tied by springs to all its neighbours, across diagonals too."""
     d = len(cells)
     index = np.array(list(product(*(range(n + 1) for n in cells))))
     points = np.zeros((len(index), 3))
-    points[:, :d] = index * np.array([1.0, 0.7, 1.3])[:d]
+    points[:, :d] = index * np.array(spacing)[:d]
     pairs = [
         (i, j)
         for i in range(len(index))
