@@ -36,6 +36,22 @@ def reserve(descriptor: int, size: int) -> None:
             raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC)) from None
 
 
+def reserve_for(path: Path, descriptor: int, size: int) -> None:
+    """Reserve room for the file of a result.
+
+    Raises
+    ------
+    CouldNotRunError
+        Disk, quota or limit on files are exhausted.
+    """
+    try:
+        reserve(descriptor, size)
+    except OSError as error:
+        if error.errno not in DISK_FULL:
+            raise
+        raise no_room(path, size) from error
+
+
 def free_bytes(directory: Path) -> int:
     """Bytes that this user can still write to the file system of a directory."""
     return shutil.disk_usage(directory).free
@@ -61,11 +77,6 @@ def no_room(path: Path, needed: int, free: int | None = None) -> CouldNotRunErro
         "free; make room there, name another directory with --output, or write fewer fields "
         "(output.fields, output.xdmf: false)"
     )
-
-
-def is_full(error: OSError) -> bool:
-    """Whether the cause of an error is an exhausted disk, quota or limit on files."""
-    return error.errno in DISK_FULL
 
 
 def _size(count: float) -> str:

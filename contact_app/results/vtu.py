@@ -21,7 +21,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from contact_app.errors import ContactError
 from contact_app.machine.atomic_file import part_of
-from contact_app.machine.disk import is_full, no_room, reserve
+from contact_app.machine.disk import reserve_for
 from contact_app.results.xdmf import CELL_TYPES, as_components, three_columns
 
 LENGTH_BYTES = 8
@@ -195,13 +195,7 @@ class VTUWriter:
 
     def _reserve(self) -> None:
         """Take room for all of the file."""
-        size = self._start + self._size + len(_END)
-        try:
-            reserve(self._file.fileno(), size)
-        except OSError as error:
-            if not is_full(error):
-                raise
-            raise no_room(self.path, size) from error
+        reserve_for(self.path, self._file.fileno(), self._start + self._size + len(_END))
         for array in self._arrays:
             self._file.seek(self._start + array.offset)
             self._file.write(np.array(array.bytes, np.uint64).tobytes())

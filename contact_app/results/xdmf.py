@@ -27,7 +27,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from contact_app.errors import ContactError
 from contact_app.machine.atomic_file import atomic, part_of
-from contact_app.machine.disk import is_full, no_room, reserve
+from contact_app.machine.disk import reserve_for
 from contact_app.results.series import Series, xdmf_text
 from meshes.quadratic import node_vertices
 
@@ -162,13 +162,7 @@ class XDMFWriter:
     def _reserve(self, count: int) -> None:
         """Take room for so many bytes more, and for all that are expected."""
         self._needed += count
-        size = max(self._needed, self._expected)
-        try:
-            reserve(self._room.fileno(), size)
-        except OSError as error:
-            if not is_full(error):
-                raise
-            raise no_room(self._data, size) from error
+        reserve_for(self._data, self._room.fileno(), max(self._needed, self._expected))
 
     def __enter__(self) -> XDMFWriter:
         return self

@@ -28,23 +28,17 @@ from contact_app.run.cost import distinct_nodes, gluing_rows, groups_of
 from contact_app.scene.bodies import Body
 from contact_app.scene.conditions import (
     BodyContact,
-    BodyForce,
     Contact,
     DisplacementCondition,
     Pressure,
     RigidTie,
-    Temperature,
     Tie,
     TotalLoad,
     Traction,
 )
-from contact_app.scene.rigid import RigidBodies, RigidLoad, RigidMotion
+from contact_app.scene.read_conditions import Condition
+from contact_app.scene.rigid import RigidBodies
 from contact_app.scene.scene import LoadCase, LoadStep, Scene
-
-Condition = (
-    DisplacementCondition | Traction | Pressure | TotalLoad | BodyForce | Temperature
-    | RigidMotion | RigidLoad
-)  # fmt: skip
 
 ROUNDED = 1e-9
 """Overlap over the size of the body that rounding errors of coordinates may make."""

@@ -198,34 +198,57 @@ class ConditionReader:
 
         A contact with a rigid body gives one contact for each of its obstacles.
         """
-        if contact.against not in self.rigid.names or contact.obstacle is not None:
-            return [self._contact(i, contact)]
-        path: Place = ("contacts", i)
-        if contact.on.partition(".")[0] in self.rigid.names:
-            self.keys.fail(
+        path, source, keys = ("contacts", i), f"contacts[{i}]", self.keys
+        if (contact.obstacle is None) == (contact.against is None):
+            forms = " or ".join(f"{{{kind}: …}}" for kind in SHAPES)
+            both = "has both; " if contact.obstacle else ""
+            keys.fail(
+                path, f"{both}needs an `obstacle`: {forms}; or `against`: another body.boundary"
+            )
+        rigid = contact.against in self.rigid.names
+        if rigid and contact.on.partition(".")[0] in self.rigid.names:
+            keys.fail(
                 (*path, "on"),
                 f"is {contact.on!r}, which is rigid as {contact.against} is, and two rigid bodies "
                 "do not touch each other: give one of them a mesh and a stiff material",
             )
-        number = self.rigid.names.index(contact.against or "")
+        body, boundary = self.boundary(contact.on, (*path, "on"))
         if contact.tied:
             self._refuse_beside_tied(contact, path)
-            body, boundary = self.boundary(contact.on, (*path, "on"))
-            self._refuse_repeated(i, contact)
-            return [RigidTie(body, boundary, number, f"contacts[{i}]")]
         friction = self._friction(contact.friction, (*path, "friction"))
-        if contact.round:
-            self.keys.fail(
+        if contact.round and (rigid or contact.obstacle is not None):
+            shape = f"{contact.against} is rigid and" if rigid else "a round obstacle is"
+            keys.fail(
                 (*path, "round"),
-                f"is for two elastic bodies; {contact.against} is rigid and round as it is: leave "
-                "it out",
+                f"is for two elastic bodies: {shape} round as it is; leave it out",
             )
-        body, boundary = self.boundary(contact.on, (*path, "on"))
+        overlap = contact.interference
+        if contact.obstacle is not None:
+            obstacle = read_obstacle(keys, contact.obstacle, (*path, "obstacle"))
+            self._refuse_other_friction(i, contact)
+            return [Contact(body, boundary, obstacle, source, overlap, friction)]
         self._refuse_repeated(i, contact)
-        source, overlap = f"contacts[{i}]", contact.interference
+        if rigid:
+            number = self.rigid.names.index(contact.against or "")
+            if contact.tied:
+                return [RigidTie(body, boundary, number, source)]
+            return [
+                Contact(body, boundary, shape, source, overlap, friction, rigid=number, part=part)
+                for part, shape in enumerate(self.rigid.bodies[number].obstacles)
+            ]
+        other, other_boundary = self.boundary(contact.against or "", (*path, "against"))
+        if other == body:
+            keys.fail(
+                (*path, "against"),
+                f"is a boundary of {self.names[body]} itself; contact of a body with itself is not "
+                "modelled",
+            )
+        if contact.tied:
+            return [Tie(body, boundary, other, other_boundary, source)]
         return [
-            Contact(body, boundary, shape, source, overlap, friction, rigid=number, part=part)
-            for part, shape in enumerate(self.rigid.bodies[number].obstacles)
+            BodyContact(
+                body, boundary, other, other_boundary, source, overlap, friction, contact.round
+            )
         ]
 
     def _refuse_repeated(self, i: int, contact: c.Contact) -> None:
@@ -247,45 +270,6 @@ class ConditionReader:
                     f"repeats contacts[{k}] with other friction: a node has one contact with an "
                     "obstacle; leave one of them out",
                 )
-
-    def _contact(self, i: int, contact: c.Contact) -> Contact | BodyContact | Tie:
-        """A contact or tie as resolved from its keys."""
-        path: Place = ("contacts", i)
-        if (contact.obstacle is None) == (contact.against is None):
-            forms = " or ".join(f"{{{kind}: …}}" for kind in SHAPES)
-            both = "has both; " if contact.obstacle else ""
-            self.keys.fail(
-                path, f"{both}needs an `obstacle`: {forms}; or `against`: another body.boundary"
-            )
-        body, boundary = self.boundary(contact.on, (*path, "on"))
-        if contact.tied:
-            self._refuse_beside_tied(contact, path)
-        friction = self._friction(contact.friction, (*path, "friction"))
-        if contact.obstacle is not None:
-            if contact.round:
-                self.keys.fail(
-                    (*path, "round"),
-                    "is for two elastic bodies: a round obstacle is round as it is; leave it out",
-                )
-            obstacle = read_obstacle(self.keys, contact.obstacle, (*path, "obstacle"))
-            self._refuse_other_friction(i, contact)
-            return Contact(
-                body, boundary, obstacle, f"contacts[{i}]", contact.interference, friction
-            )
-        other, other_boundary = self.boundary(contact.against or "", (*path, "against"))
-        if other == body:
-            self.keys.fail(
-                (*path, "against"),
-                f"is a boundary of {self.names[body]} itself; contact of a body with itself is not "
-                "modelled",
-            )
-        self._refuse_repeated(i, contact)
-        if contact.tied:
-            return Tie(body, boundary, other, other_boundary, f"contacts[{i}]")
-        return BodyContact(
-            body, boundary, other, other_boundary, f"contacts[{i}]", contact.interference,
-            friction, contact.round,
-        )  # fmt: skip
 
     def _friction(self, entry: c.Friction | None, path: Place) -> Friction | None:
         """A law of friction; None if its coefficient or limit is zero."""

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from contact_app.errors import CouldNotRunError
-from contact_app.results import vtu
+from contact_app.machine import disk
 from contact_app.results.plot.stored import read as read_xdmf
 from contact_app.results.vtu import VTUError, VTUWriter
 from contact_app.results.xdmf import CELL_TYPES
@@ -82,7 +82,7 @@ def test_a_full_disk_leaves_no_file_and_is_reported(
     def full(descriptor: int, size: int) -> None:
         raise OSError(28, "No space left on device")
 
-    monkeypatch.setattr(vtu, "reserve", full)
+    monkeypatch.setattr(disk, "reserve", full)
     with pytest.raises(CouldNotRunError, match=r"solution\.vtu needs"):
         VTUWriter(tmp_path / "solution.vtu", [("triangle", 1)], 3, {}, {})
     assert not list(tmp_path.iterdir())

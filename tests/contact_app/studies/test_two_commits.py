@@ -5,7 +5,7 @@ from __future__ import annotations
 import shutil
 from pathlib import Path
 
-from contact_app.studies.two_commits import CUBES, row, scenes_of
+from contact_app.studies.two_commits import CUBES, grouped, paper_rows, row, scenes_of
 
 ROOT = Path(__file__).parents[3]
 
@@ -39,3 +39,15 @@ def test_its_scenes_are_those_of_both_checkouts(tmp_path: Path) -> None:
     (tmp_path / "configs").mkdir()
     shutil.copy(ROOT / "configs/rod_cycle.yaml", tmp_path / "configs")
     assert scenes_of((ROOT, tmp_path)) == ["configs/rod_cycle.yaml", *CUBES]
+
+
+def test_rows_of_the_paper_are_compared_by_expansion(tmp_path: Path) -> None:
+    counts = [("fixed", 10), ("fixed", 12), ("fixed", 30), ("opt", 50)]
+    lines = [f"cube,{expansion},{count}" for expansion, count in counts]
+    (tmp_path / "counts.csv").write_text("\n".join(["benchmark,expansion,hessian", *lines]))
+    old = grouped(tmp_path / "counts.csv")
+    assert old == {"cube fixed": [10, 12, 30], "cube opt": [50]}
+    assert list(paper_rows(old, {"cube fixed": [10, 15, 31], "cube opt": [50]})) == [
+        "| cube fixed | 1 of 3 | 12 | 15 | +25.0 % |",
+        "| cube opt | 1 of 1 | 50 | 50 | +0.0 % |",
+    ]
