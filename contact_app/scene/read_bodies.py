@@ -79,7 +79,7 @@ def _meshes(keys: Keys, bodies: dict[int, c.Body]) -> dict[int, BodyMesh]:
     """The mesh of each body (collective).
 
     Ranks share the checks of each mesh, or the bodies if there are enough: then no part of reading
-    is done twice.
+    is done twice. Bodies go to the ranks there and back, as the first body is often the largest.
     """
     read, comm = _reading_once(), keys.comm
     files = [i for i, body in bodies.items() if body.mesh.file is not None]
@@ -87,17 +87,19 @@ def _meshes(keys: Keys, bodies: dict[int, c.Body]) -> dict[int, BodyMesh]:
         return {i: _mesh_of(keys, i, body, read) for i, body in bodies.items()}
     alone = Keys(keys.configuration, keys.memory)
     of_rank: dict[int, BodyMesh | ConfigurationError] = {}
-    for i in files[comm.rank :: comm.size]:
+    ranks = [*range(comm.size), *reversed(range(comm.size))]
+    reader = {i: ranks[k % len(ranks)] for k, i in enumerate(files)}
+    for i in (i for i in files if reader[i] == comm.rank):
         try:
             of_rank[i] = _mesh_of(alone, i, bodies[i], read)
         except ConfigurationError as error:
             of_rank[i] = error
     meshes: dict[int, BodyMesh] = {}
     for i, body in bodies.items():
-        if i not in files:
+        if i not in reader:
             meshes[i] = _mesh_of(keys, i, body, read)
             continue
-        result = comm.bcast(of_rank.get(i), root=files.index(i) % comm.size)
+        result = comm.bcast(of_rank.get(i), root=reader[i])
         if isinstance(result, ConfigurationError):
             raise result
         meshes[i] = result

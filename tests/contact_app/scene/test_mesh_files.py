@@ -17,7 +17,8 @@ from meshes.repair import load_mesh
 from tests import meshfiles
 from tests.ranks import execute
 
-HUB = Path(__file__).parents[3] / "configs" / "hub_on_shaft.yaml"
+CONFIGS = Path(__file__).parents[3] / "configs"
+HUB, BALL = CONFIGS / "hub_on_shaft.yaml", CONFIGS / "ball_in_grooves.yaml"
 
 
 def test_bodies_of_one_file_read_it_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -54,8 +55,11 @@ def test_bodies_of_one_file_read_it_once(tmp_path: Path, monkeypatch: pytest.Mon
 
 def read_together() -> None:
     """Ranks that share bodies have the meshes of one rank, and all of them the error of one."""
-    together, alone = (build_scene(load(HUB), comm=c) for c in (MPI.COMM_WORLD, MPI.COMM_SELF))
-    for one, other in zip(together.bodies, alone.bodies, strict=True):
+    together, alone = (
+        [body for scene in (HUB, BALL) for body in build_scene(load(scene), comm=comm).bodies]
+        for comm in (MPI.COMM_WORLD, MPI.COMM_SELF)
+    )
+    for one, other in zip(together, alone, strict=True):
         assert isinstance(one.mesh, CellMesh)
         assert isinstance(other.mesh, CellMesh)
         for name in ("points", "cells", "middles", "tags"):
