@@ -30,7 +30,8 @@ WIRE = 0.8
 """Brightness of the edges of faces, over that of the faces."""
 
 WIDE = 0.8
-"""Half the width of these edges in pixels; faces less than ten times as high have none."""
+"""Half the width of these edges in pixels; faces less than ten times as high have faint ones, and
+those of half this height none."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -158,16 +159,19 @@ def _shares(x: Array, y: Array, at_x: Array, at_y: Array) -> Array:
     return np.stack([a, b, c], axis=1) / (a + b + c)[:, None]
 
 
-def wires(triangles: Triangles, triangle: Integers, shares: Array) -> NDArray[np.bool_]:
-    """Pixels in triangles, with their shares (n, 3), that lie on an edge that is drawn."""
+def wires(triangles: Triangles, triangle: Integers, shares: Array) -> Array:
+    """How much of a drawn edge pixels in triangles show, with their shares (n, 3), from 0 to 1."""
     near = shares * _heights(triangles.corners)[triangle] < WIDE
-    return np.asarray((near & drawn_edges(triangles)[triangle]).any(axis=1))
+    return np.asarray((near * drawn_edges(triangles)[triangle]).max(axis=1))
 
 
-def drawn_edges(triangles: Triangles) -> NDArray[np.bool_]:
-    """Mask (n, 3) of the edges, opposite to corners, of triangles that are high enough for them."""
-    high = _heights(triangles.corners).min(axis=1) > 10.0 * WIDE
-    return np.asarray(triangles.wired & high[:, None])
+def drawn_edges(triangles: Triangles) -> Array:
+    """Strength (n, 3) of the edges opposite to corners, from 0, not drawn, to 1.
+
+    Edges of low triangles are faint, so that a fine mesh does not blacken its surface.
+    """
+    high = _heights(triangles.corners).min(axis=1) / (10.0 * WIDE)
+    return np.asarray(triangles.wired * np.clip(2.0 * high - 1.0, 0.0, 1.0)[:, None])
 
 
 def _heights(corners: Array) -> Array:

@@ -325,7 +325,7 @@ def drawing_of(
     from matplotlib import colormaps
 
     ends = triangles.corners[:, [[1, 2], [2, 0], [0, 1]]]  # of the edges opposite to the corners
-    seen = drawn_edges(triangles) & ~(triangles.bare & panel.through)[:, None]
+    seen = (drawn_edges(triangles) > 0.5) & ~(triangles.bare & panel.through)[:, None]
     return {
         "corners": triangles.corners,
         "nodes": nodes,
@@ -361,8 +361,7 @@ def image_of(
     low, high = panel.limits
     colours = colormaps[panel.colours](np.clip((values - low) / (high - low), 0.0, 1.0))[:, :3]
     colours[np.isnan(values)] = BARE
-    bright = opaque.bright[triangle]
-    bright = np.where(wires(opaque, triangle, shares), WIRE * bright, bright)
+    bright = opaque.bright[triangle] * (1.0 - (1.0 - WIRE) * wires(opaque, triangle, shares))
     image = np.ones((frame.size[0] * frame.size[1], 3))
     image[pixel] = np.minimum(colours * bright[:, None], 1.0)
     image[_line_pixels(outline, buffer)] = GREY

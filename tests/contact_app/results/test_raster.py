@@ -92,6 +92,16 @@ def test_edges_of_faces_are_drawn_and_not_their_diagonals() -> None:
     assert not dark[1:-1, 1:-1].any()
 
 
+@pytest.mark.parametrize(("height", "strength"), [(3.0, 0.0), (6.0, 0.5), (9.0, 1.0)])
+def test_edges_of_low_faces_are_faint(height: float, strength: float) -> None:
+    low = np.array([[[0.0, 0.0, 0.0], [50.0, height, 0.0], [50.0, 0.0, 0.0]]])
+    made = Triangles(low, np.zeros((1, 3)), np.ones(1), np.array([[True, False, False]]))
+    shares = np.array([[0.0, 0.5, 0.5], [0.8, 0.1, 0.1]])
+    inside = wires(made, np.zeros(2, int), shares)
+    assert inside[0] == pytest.approx(strength, abs=0.02)
+    assert inside[1] == 0.0
+
+
 def test_faces_that_look_away_are_known() -> None:
     front = square(np.zeros(4))
     made = Triangles(
