@@ -115,20 +115,25 @@ def plot(
         tuple[float, float, float] | None,
         typer.Option(help="In 3D: direction from the body to the camera, three numbers."),
     ] = None,
+    time: Annotated[
+        float | None,
+        typer.Option(help="Increment of a load history, by completed steps; the last by default."),
+    ] = None,
 ) -> None:
     """Draw a result: the deformed bodies, the contact pressure, and where friction sticks."""
     from contact_app.results.plot.picture import plot as draw
 
     if camera is not None and not any(camera):
         raise ConfigurationError("--camera is 0 0 0: it needs a direction")
-    if not all(map(math.isfinite, (*(camera or ()), scale or 0.0))):
-        raise ConfigurationError("--scale and --camera take finite numbers alone")
+    if not all(map(math.isfinite, (*(camera or ()), scale or 0.0, time or 0.0))):
+        raise ConfigurationError("--scale, --camera and --time take finite numbers alone")
     pictures, remarks = draw(
         directory,
         output=output,
         fields=tuple(field or ("von_mises", "contact_pressure")),
         exaggeration=scale,
         camera=camera,
+        time=time,
     )
     for sentence in remarks:
         typer.echo(sentence, err=True)

@@ -55,6 +55,7 @@ def plot(
     fields: tuple[str, ...] = ("von_mises", "contact_pressure"),
     exaggeration: float | None = None,
     camera: tuple[float, float, float] | None = None,
+    time: float | None = None,
 ) -> tuple[list[Path], list[str]]:
     """Draw the bodies (``bodies.png``) and the contact pressure (``contact_pressure.png``).
 
@@ -75,6 +76,8 @@ def plot(
         Factor on the displacements; by default a round number that makes them visible.
     camera
         In space the direction to the camera; by default one from which contact is visible.
+    time
+        Of the increment of a load history, in completed steps; by default the last.
 
     Returns
     -------
@@ -87,7 +90,7 @@ def plot(
         There is no result, or it holds none of the fields.
     """
     directory = Path(directory)
-    stored = read(directory)
+    stored = read(directory, time)
     names = {*stored.point_data, *stored.cell_data}
     unknown = [name for name in fields if name not in names]
     if len(unknown) == len(fields):
@@ -104,6 +107,7 @@ def plot(
     factor = exaggeration if exaggeration is not None else round_exaggeration(stored)
     summary = _summary(directory)
     title, bodies = str(summary.get("scene", {}).get("title", "")), target / "bodies.png"
+    title += "" if time is None else f", time {time:g}"
     caption = f"{title}\ndisplacements × {factor:g}".strip()
     with atomic(bodies) as part:
         if stored.plane:
@@ -111,7 +115,14 @@ def plot(
         else:
             between = bool(summary.get("solution", {}).get("pair_forces"))
             remarks += draw_space(stored, shown, LABELS, factor, part, caption, camera, between)
-    pictures = [bodies]
+    pictures = [bodies, *_of_contacts(stored, shown, target, title, remarks)]
+    return [*pictures, *_of_history(directory, target, title)], remarks
+
+
+def _of_contacts(
+    stored: Stored, shown: tuple[str, ...], target: Path, title: str, remarks: list[str]
+) -> list[Path]:
+    """Draw the pictures of the contact boundaries; adds a remark on each that is left out."""
     smoothed = SMOOTHED in shown and "contact_pressure" not in shown
     name = SMOOTHED if smoothed else "contact_pressure"
     of_contacts: dict[str, Callable[..., Path]] = {
@@ -119,6 +130,7 @@ def plot(
     }
     if STATUS in stored.point_data:
         of_contacts["contact_status.png"] = draw_friction
+    pictures = []
     for name, draw in of_contacts.items():
         try:
             with atomic(target / name) as part:
@@ -126,7 +138,7 @@ def plot(
             pictures.append(target / name)
         except NothingPressedError as error:
             remarks.append(f"left out: {name}: {error}")
-    return [*pictures, *_of_history(directory, target, title)], remarks
+    return pictures
 
 
 def _listed(names: set[str]) -> str:

@@ -33,6 +33,10 @@ STRESSES = ("von_mises", "stress", "nodal_von_mises", "nodal_stress")
 """Fields that are stresses, whose extremes may be those of a singularity."""
 
 
+SAME_TIME = 1e-4
+"""Relative difference of times up to which they are those of one increment."""
+
+
 class StoredError(ContactError):
     """There is no result, or it is not one of this application."""
 
@@ -109,13 +113,18 @@ class Stored:
             yield np.concatenate(parts), np.concatenate(rows[corners])
 
 
-def read(directory: Path | str) -> Stored:
-    """Read the result in a directory; for a load history the last increment.
+def read(directory: Path | str, time: float | None = None) -> Stored:
+    """Read the result in a directory.
+
+    Parameters
+    ----------
+    time
+        Of an increment of a load history, in completed steps; the last one unless given.
 
     Raises
     ------
     StoredError
-        There is no result, or its files are incomplete.
+        There is no result, its files are incomplete, or it has no increment at the time.
     """
     source = Path(directory) / "solution.xdmf"
     if not source.is_file():
@@ -127,7 +136,8 @@ def read(directory: Path | str) -> Stored:
             )
         raise StoredError(f"{source} is not there: run the scene first, with output.xdmf: true")
     try:
-        grid = ElementTree.parse(source).getroot().findall(".//Grid[@GridType='Uniform']")[-1]
+        grids = ElementTree.parse(source).getroot().findall(".//Grid[@GridType='Uniform']")
+        grid = grids[-1] if time is None else _at(grids, time, source)
         topology = grid.find("Topology")
         with h5py.File(source.with_suffix(".h5"), "r") as file:
             points = file["points"][:]
@@ -144,6 +154,16 @@ def read(directory: Path | str) -> Stored:
         raise StoredError(f"{source} names no cells: it is not a result of this application")
     cells, rows = _split(topology.get("TopologyType", ""), numbers)
     return Stored(points, cells, rows, data.get("node", {}), data.get("cell", {}))
+
+
+def _at(grids: list[ElementTree.Element], time: float, source: Path) -> ElementTree.Element:
+    """The frame of a time; its times are written with twelve digits."""
+    times = [None if (at := grid.find("Time")) is None else at.get("Value") for grid in grids]
+    for grid, text in zip(grids, times, strict=True):
+        if text is not None and abs(float(text) - time) <= SAME_TIME * max(1.0, abs(time)):
+            return grid
+    listed = ", ".join(text for text in times if text is not None) or "none: it is no load history"
+    raise StoredError(f"{source} has no increment at the time {time:g}; it has {listed}")
 
 
 def _last_numbers(grid: ElementTree.Element, source: Path) -> str:

@@ -4,12 +4,14 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import numpy as np
 import pytest
 from matplotlib.image import imread
 
 import contact_app
 from contact_app.results.plot.history_picture import HistoryError, draw_history, panels, read_table
 from contact_app.results.plot.picture import plot
+from contact_app.results.plot.stored import StoredError, read
 from tests import scenes
 
 HEAD = "increment,step,factor,time,factor_press,energy,max_displacement,dissipated_work"
@@ -61,6 +63,24 @@ def test_plot_draws_it(tmp_path: Path) -> None:
     contact_app.solve(made).write(tmp_path)
     pictures, _ = plot(tmp_path)
     assert tmp_path / "history.png" in pictures
+
+
+def test_pictures_of_an_earlier_increment(tmp_path: Path) -> None:
+    """Half of a displacement, before anything touches."""
+    made = scenes.wall("quadrilateral", 3)
+    del made["contacts"], made["conditions"][1:]
+    made["conditions"].append({"name": "up", "on": "block.y+", "displacement": [0, 0.1]})
+    made["steps"] = [{"up": 1, "increments": 2}]
+    contact_app.solve(made).write(tmp_path)
+    largest = [
+        float(np.abs(read(tmp_path, time).point_data["displacement"][:, 1]).max())
+        for time in (0.5, 1.0, None)
+    ]
+    assert largest == pytest.approx([0.05, 0.1, 0.1])
+    pictures, _ = plot(tmp_path, output=tmp_path / "half", time=0.5, fields=("von_mises",))
+    assert [path.name for path in pictures] == ["bodies.png", "history.png"]
+    with pytest.raises(StoredError, match=r"no increment at the time 0.7; it has 0.5, 1"):
+        plot(tmp_path, time=0.7)
 
 
 def test_nodes_in_contact_without_friction_do_not_count_as_slipping(tmp_path: Path) -> None:
