@@ -20,6 +20,7 @@ from solver.errors import QPError
 from solver.primal.blocks import in_blocks
 from solver.primal.cycle import Cycle, CycleOnSets
 from solver.primal.factor import Factor, FactorOptions
+from solver.primal.factor_on_sets import FactorOnSets
 from solver.primal.first_set import FirstSet, find_first_set
 from solver.primal.held_energy import HeldEnergy
 from solver.primal.lanczos import Lanczos
@@ -107,6 +108,7 @@ class Multigrid:
         self.direct = self.matrices.direct
         self.begin_at(self.system.at_rest)
         self._cycle: Cycle | CycleOnSets | None = None
+        self._factor: FactorOnSets | None = None
         self._first_set: FirstSet | None = None
         self.motions = self.matrices.floating
         self._held = HeldEnergy(self.system)
@@ -183,6 +185,19 @@ class Multigrid:
         if isinstance(self._cycle, CycleOnSets):
             self._cycle.adapt_to(projector)
         return self._cycle
+
+    def factor(self, projector: Projector) -> FactorOnSets:
+        """The factor that follows the sets (collective).
+
+        Raises
+        ------
+        ArithmeticError
+            The matrix of the set has no factor.
+        """
+        if self._factor is None:
+            self._factor = FactorOnSets(self.system, self.factors)
+        self._factor.adapt_to(projector)
+        return self._factor
 
     def prepare_motions(self, projector: Projector, springs: Springs) -> int:
         """Add lifts of means to the rigid motions before the first set (collective).
@@ -284,9 +299,12 @@ class PrimalSet:
 
     def _make_preconditioner(self) -> Preconditioner:
         backend, projector, springs = self._backend, self._projector, self._springs
-        if backend.direct:
-            factor = Factor(self._system, projector, backend.factors, springs.stiffness)
+        if backend.direct and springs.empty and self._system is backend.system:
+            factor = backend.factor(projector)
             return Preconditioner(factor, projector, self._rigid, False)
+        if backend.direct:
+            alone = Factor(self._system, projector, backend.factors, springs.stiffness)
+            return Preconditioner(alone, projector, self._rigid, False)
         soft = springs.softened(projector)
         cycle = backend.cycle(soft)
         if self._rigid.holds_means:

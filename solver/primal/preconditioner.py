@@ -6,6 +6,7 @@ import numpy as np
 
 from solver.primal.cycle import Cycle, CycleOnSets
 from solver.primal.factor import Factor
+from solver.primal.factor_on_sets import FactorOnSets
 from solver.primal.projector import Projector
 from solver.primal.rigid_space import RigidSpace
 from solver.vectors import Mask, Vector
@@ -27,7 +28,7 @@ class Preconditioner:
 
     def __init__(
         self,
-        cycle: Cycle | CycleOnSets | Factor,
+        cycle: Cycle | CycleOnSets | Factor | FactorOnSets,
         projector: Projector,
         rigid: RigidSpace,
         rigid_holds_means: bool,
