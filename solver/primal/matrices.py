@@ -67,10 +67,11 @@ class Matrices:
         """The matrices of an unfactored problem (collective)."""
         system = merge(problem)
         seconds = predicted_seconds(system)
-        rough = problem.dimension == 3 and problem.friction.acts
-        thin = not rough and thinness(system) >= factors.thin
+        held = problem.system.constraints.held_without_contact
+        by_cycles = problem.dimension == 3 and (problem.friction.acts or not held)
+        thin = not by_cycles and thinness(system) >= factors.thin
         direct = seconds <= (factors.thin_seconds if thin else factors.small)
-        peels = thin and direct and problem.system.constraints.held_without_contact
+        peels = thin and direct and held
         # thin bodies take their first set from levels, though a factor solves on the sets
         make = build_hierarchy if not direct or (thin and not peels) else no_hierarchy
         free_matrices(problem.comm)

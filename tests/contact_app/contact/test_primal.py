@@ -122,23 +122,6 @@ def test_a_strip_that_lifts_off_takes_few_products(degree: int) -> None:
 
 
 @pytest.mark.ratchet
-def test_a_strip_that_lies_on_the_floor_and_lifts_off_starts_near_its_set() -> None:
-    """A factor solves each set; coarse levels find the first one."""
-    floor = {"plane": {"point": [0, 0, 0], "normal": [0, 0, 1]}}
-    found = solve({
-        "dimension": 3,
-        "bodies": [scenes.box("strip", [200, 20, 6], [40, 6, 3], young=2.1e5)],
-        "conditions": [{"on": "strip.x-", "displacement": [0, 0, None]},
-                       {"on": "strip.z+", "traction": [0, 0, -0.1]},
-                       {"on": "strip.x+", "total_force": [0, 0, 150]}],
-        "contacts": [{"on": "strip.z-", "obstacle": floor}],
-    }, method="primal").summary  # fmt: skip
-    assert found["certificate"]["passed"]
-    assert found["solver"]["method"] == "primal"
-    assert found["solver"]["hessian_multiplications"] < 20  # 6; 92 from all rows on
-
-
-@pytest.mark.ratchet
 def test_multigrid_alone_finds_the_line_where_a_shelf_rests() -> None:
     """If the solve began with all rows, most sets would only release rows that never touch."""
     shelf = CONFIGS / "cylinder.yaml"
