@@ -33,6 +33,15 @@ def test_congruent_sub_boxes_are_preferred() -> None:
     assert not np.any(np.array((24, 24, 24)) % split)
 
 
+def test_of_like_splits_several_boxes_take_the_one_with_fewer_subdomains() -> None:
+    shape = box((48, 48, 48))
+    fine, coarse = (6, 6, 6), (4, 4, 4)
+    assert seconds(shape, fine) == pytest.approx(seconds(shape, coarse), rel=0.02)
+    assert choose_split(shape, single=False) == coarse
+    # these have parts of 5 and 6 cells, as cubes of 29 cells in 5 × 5 × 5, and share their factors
+    assert choose_split(box((23, 23, 23)), single=False) == coarse
+
+
 def test_small_and_slender_boxes_stay_whole() -> None:
     assert choose_split(box((2, 2, 4))) == (1, 1, 1)
     assert choose_split(box((300, 4, 4))) == (1, 1, 1)
