@@ -10,6 +10,7 @@ from mpi4py import MPI
 
 from contact_app.results.shared_forces import SharedNode
 from contact_app.run.increments import SolvedIncrement, solved_increments
+from contact_app.run.solve import solve_scene
 from tests import scenes
 from tests.stability.friction_scenes import history_scene
 
@@ -81,3 +82,52 @@ def test_two_certified_answers_warn_that_there_are_several() -> None:
         told = [w for w in certificate["warnings"] if "rest in several contacts" in w]
         assert "contacts[1]" in [w.split(":")[0] for w in told]
         assert all("so may displacements" in w for w in told)
+
+
+def brick_on_two(gap: float) -> scenes.Config:
+    """Three bricks of matching meshes, the upper one on the joint of the others."""
+    boxes = {"left": (-2.0 - gap, 0), "right": (0, 0), "upper": (-1, 1)}
+    rough = {"coulomb": 0.4}
+    return {
+        "title": "three bricks", "dimension": 2,
+        "bodies": [
+            {"name": name, "material": {"young": 1e4, "poisson": 0.3},
+             "mesh": {"box": {"lower": [x, y], "upper": [x + 2.0, y + 1.0], "cells": [4, 2]}}}
+            for name, (x, y) in boxes.items()
+        ],
+        "conditions": [
+            {"on": "left.y-", "displacement": [0, 0]},
+            {"on": "right.y-", "displacement": [None if gap == 0.0 else 0, 0]},
+            {"on": "right.x+", "total_force": [-3, 0]},
+            {"on": "upper.y+", "total_force": [0.5, -6]},
+        ],
+        "contacts": [
+            {"on": "right.x-", "against": "left.x+", "friction": rough},
+            {"on": "upper.y-", "against": "left.y+", "friction": rough},
+            {"on": "upper.y-", "against": "right.y+", "friction": rough},
+        ],
+        "solver": {"tolerance": 1e-9},
+    }  # fmt: skip
+
+
+def test_a_brick_on_two_others_may_share_its_friction_with_their_thrust() -> None:
+    """Two methods give other forces of the joint at one energy, and the warning has the range."""
+    answers = []
+    for method in ("primal", "smalbe"):
+        made = brick_on_two(0.0)
+        made["solver"]["method"] = method
+        answers.append(solve_scene(scenes.build(made), MPI.COMM_SELF).summary)
+    one, other = answers
+    assert one["solution"]["energy"] == pytest.approx(other["solution"]["energy"], rel=1e-8)
+    thrust, other_thrust = (made["contacts"][0]["force"][0] for made in answers)
+    warned = [w for w in one["certificate"]["warnings"] if "rest in several contacts" in w]
+    (text,) = (w for w in warned if w.startswith("contacts[0]: 2 nodes"))
+    share = float(text.split("may differ by ")[1].split(" %")[0]) / 100.0
+    assert 0.02 < abs(thrust / other_thrust - 1.0) < share < 0.5
+
+
+def test_bricks_that_do_not_meet_share_no_force() -> None:
+    made = brick_on_two(0.5)
+    summary = solve_scene(scenes.build(made), MPI.COMM_SELF).summary
+    assert summary["certificate"]["passed"]
+    assert not any("several contacts" in w for w in summary["certificate"]["warnings"])
