@@ -22,6 +22,7 @@ rows harmless; both vanish from the limit, whose optimality conditions are check
 
 from __future__ import annotations
 
+from bisect import bisect_left
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -501,27 +502,25 @@ def assemble(scene: Any) -> System:
 
 
 def _step_length(slope: float, curvature: float, excess: np.ndarray, rate: np.ndarray) -> float:
-    """Minimiser t > 0 of a convex piecewise quadratic along a descent direction.
+    """Minimiser t ≥ 0 of a convex piecewise quadratic along a descent direction.
 
     Its derivative is slope + curvature·t + Σ rate_i·max(0, excess_i + t·rate_i) with the parts
-    of the rows that are scaled by 1/δ already; it is increasing, so bisect, then solve exactly.
+    of the rows that are scaled by 1/δ already. It is increasing and linear between the places
+    where rows come in or drop out: bisect these, then solve in the piece that holds its root.
     """
 
     def derivative(t: float) -> float:
         return slope + curvature * t + float(rate @ np.maximum(0.0, excess + t * rate))
 
-    upper = 1.0
-    while derivative(upper) < 0:
-        upper *= 2.0
-        if upper > 1e30:
-            raise ReferenceError("the energy is unbounded below: no equilibrium")
-    lower = 0.0
-    for _ in range(200):
-        middle = 0.5 * (lower + upper)
-        if middle in (lower, upper):
-            break
-        lower, upper = (middle, upper) if derivative(middle) < 0 else (lower, middle)
-    return upper
+    changes = -excess[rate != 0.0] / rate[rate != 0.0]
+    ends = np.concatenate([[0.0], np.sort(changes[changes > 0.0]), [np.inf]])
+    first = bisect_left(ends, 0.0, 1, len(ends) - 1, key=derivative)
+    begin, inside = ends[first - 1], 0.5 * (ends[first - 1] + min(ends[first], 1e300))
+    active = rate[excess + inside * rate > 0.0]
+    length = begin - derivative(begin) / (curvature + float(active @ active))
+    if not length < 1e30:
+        raise ReferenceError("the energy is unbounded below: no equilibrium")
+    return max(float(length), 0.0)
 
 
 def minimise(
