@@ -21,7 +21,7 @@ from contact_app.forms.checks import (
 )
 from contact_app.forms.contacts import Contact
 from contact_app.forms.grid import Grid, grid_of
-from contact_app.forms.increments import following
+from contact_app.forms.increments import differs_in_halves, following
 from contact_app.forms.model import (
     FormModel,
     NotCongruentError,
@@ -138,6 +138,7 @@ class ContactProblem:
         self._answer: _Answer | None = None
         self._begin: NDArray[np.float64] | None = None
         self._pressed: NormalForces | None = None
+        self._in_halves: str | None = None
         self._model: tuple[bool, bool, FormModel] | None = None
 
     def solve(self, monitor: Monitor | None = None, increment: bool = False) -> Any:
@@ -234,6 +235,7 @@ class ContactProblem:
                     model = with_new_loads(
                         former[2], forms, self.bcs, self.contacts, timings.measure
                     )  # fmt: skip
+                before = None if former is None or model is None else former[2].problem
                 del former  # its factors make room for new ones
                 if model is None:
                     model = build_model(
@@ -244,7 +246,13 @@ class ContactProblem:
                 if self._begin is not None:
                     model = following(model, self._begin)
             with timings.measure("solve"):
-                return model, solve(model.problem, replace(self.options, method=method), monitor)
+                options = replace(self.options, method=method)
+                solution = solve(model.problem, options, monitor)
+                self._in_halves = None
+                if before is not None and self._begin is not None:
+                    ends = before, model.problem
+                    self._in_halves = differs_in_halves(*ends, solution, options, monitor)
+                return model, solution
         except NotCongruentError:
             raise
         except FAILURES as error:
@@ -265,7 +273,9 @@ class ContactProblem:
                 contact_at_nodes(model, solution, owners, rough, i, planes)
                 for i, planes in enumerate(planes_of_contacts(model, owners, self.bcs))
             ]
-            answer = FormAnswer(model, solution, owners, on_space, displacement, at_nodes, self.bcs)
+            answer = FormAnswer(
+                model, solution, owners, on_space, displacement, at_nodes, self.bcs, self._in_halves
+            )
             messages = [*messages, *model.notes, *form_warnings(answer)]
             certificate = replace(solution.certificate, warnings=tuple(messages))
             solution = replace(solution, certificate=certificate)

@@ -86,6 +86,8 @@ class FormAnswer:
         Each contact at nodes.
     bcs
         Dirichlet conditions.
+    in_halves
+        The warning of two half increments; None if they were not tried.
     """
 
     model: FormModel
@@ -95,6 +97,7 @@ class FormAnswer:
     displacement: Array
     contacts: Sequence[ContactAtNodes]
     bcs: Sequence[object]
+    in_halves: str | None = None
 
     def bodies_on(self, number: int) -> list[int]:
         """Bodies of the first side of a contact."""
@@ -115,7 +118,8 @@ def form_warnings(answer: FormAnswer) -> list[str]:
     changed = closing_points(problem, answer.solution, list(before) if before else None)
     since = "the last increment" if before else "the unloaded state"
     remedy = "loads in several increments, solve(increment=True), show how much this matters"
-    warnings.append(closing_at_once(*changed, since, remedy))
+    closing = closing_at_once(*changed, since, remedy)
+    warnings.append(closing if answer.in_halves is None else answer.in_halves)
     numbers = [f"contacts[{number}]" for number in range(len(answer.model.contacts))]
     warnings += shared_force_warnings(answer.model.problem, answer.solution, numbers)
     bodies = answer.model.bodies

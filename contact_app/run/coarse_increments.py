@@ -156,7 +156,8 @@ class CoarseIncrements:
         coarser.multiplications += in_pairs.counts.hessian
         if not at_end:
             return ""
-        change = change_to(now, in_pairs.multiplier, in_pairs.displacements)
+        of_pairs = in_pairs.multiplier, in_pairs.displacements
+        change = change_to(now.model.problem, now.solution, *of_pairs)
         if now.model.comm.rank == 0:
             log.info(
                 "step %d in half as many increments, %d Hessian multiplications: changes %s",

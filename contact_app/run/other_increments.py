@@ -87,7 +87,8 @@ def in_twice_the_length(
     problem = _problem_from(models, scene, begin, now)
     if problem is None:
         return None
-    answer = solve(problem, *_loosely(now, monitor), start=now.solution.guess)
+    options = loosely(now.model.scene.solver, now.solution, monitor)
+    answer = solve(problem, *options, start=now.solution.guess)
     return answer if answer.converged else None
 
 
@@ -110,7 +111,7 @@ def halved(
     same = rigid or model.problem.B is model_now.problem.B
     if not comm.allreduce(int(same), op=MPI.MIN):
         return None
-    options, limited = _loosely(now, monitor)
+    options, limited = loosely(model_now.scene.solver, now.solution, monitor)
     first = solve(model.problem, options, limited, start=models.on(model))
     if not first.converged:
         return None
@@ -120,7 +121,7 @@ def halved(
     second = solve(problem, options, limited, start=now.solution.guess)
     if not second.converged:
         return None
-    change = change_to(now, second.multiplier, second.displacements)
+    change = change_to(model_now.problem, now.solution, second.multiplier, second.displacements)
     if comm.rank == 0:
         log.info(
             "%s in halves, %d Hessian multiplications: changes %s",
@@ -154,11 +155,13 @@ def _problem_from(
     return problem if same else None
 
 
-def _loosely(now: SolvedScene, monitor: Monitor | None) -> tuple[SolverOptions, Monitor | None]:
+def loosely(
+    options: SolverOptions, solution: Solution, monitor: Monitor | None
+) -> tuple[SolverOptions, Monitor | None]:
     """Options with the tolerance of the test, and a monitor with its limit of iterations."""
-    options = replace(now.model.scene.solver, tolerance=max(TOLERANCE, now.solution.tolerance))
-    iterations = max(LEAST, int(TIMES * now.solution.counts.hessian))
-    return options, together(monitor, _Patience(iterations))
+    iterations = max(LEAST, int(TIMES * solution.counts.hessian))
+    tolerance = max(TOLERANCE, solution.tolerance)
+    return replace(options, tolerance=tolerance), together(monitor, _Patience(iterations))
 
 
 class _Patience:
@@ -173,10 +176,13 @@ class _Patience:
 
 
 def change_to(
-    now: SolvedScene, multiplier: NDArray[np.float64], displacements: list[NDArray[np.float64]]
+    problem: DualProblem,
+    solution: Solution,
+    multiplier: NDArray[np.float64],
+    displacements: list[NDArray[np.float64]],
 ) -> Change:
-    """Difference between two answers with the same rows."""
-    comm, points, solution = now.model.comm, now.model.problem.friction, now.solution
+    """Difference between two answers with the same rows (collective)."""
+    comm, points = problem.comm, problem.friction
     forces = points.forces(multiplier) - points.forces(solution.multiplier)
     sums = points.sizes(forces).sum(), points.slip_limits(solution.multiplier).sum()
     moved, limits = comm.allreduce(np.array(sums))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import replace
 from typing import Any
 
@@ -12,7 +13,7 @@ from dolfinx import fem
 from mpi4py import MPI
 
 import contact_app
-from contact_app import Contact, ContactProblem, Plane
+from contact_app import Contact, ContactProblem, Plane, Sphere
 from contact_app.errors import NoEquilibriumError
 from contact_app.forms.stress_loads import stress_loads
 from meshes import dolfinx_compat
@@ -133,6 +134,39 @@ def test_increments_are_those_of_a_load_history(
     problem.solve()
     forgotten = problem.u.x.array.copy()
     assert np.abs(np.sort(forgotten) - np.sort(known.ravel())).max() > 1e-3 * size
+
+
+@pytest.mark.parametrize("method", ["auto", "primal"])
+def test_changes_by_halving_an_increment_cause_a_warning(method: str) -> None:
+    """The warning has the change to the answer in two halves; small increments have none."""
+    (one, said), (two, _), (_, small) = (pressed_on_a_ball(n, method) for n in (1, 2, 8))
+    (text,) = [w for w in said if "halving" in w]
+    found = re.search(r"displacements by ([\d.]+) % of the largest", text)
+    assert found is not None
+    change = np.abs(one - two).max() / np.abs(one).max()
+    assert float(found[1]) == pytest.approx(100.0 * change, rel=0.05)
+    assert not [w for w in said if "applied at once" in w]
+    assert not [w for w in small if "halving" in w]
+
+
+def pressed_on_a_ball(count: int, method: str) -> tuple[np.ndarray, tuple[str, ...]]:
+    """Displacement and warnings of a block that is pressed on a rough ball and aside."""
+    mesh = problems.box("quadrilateral", (20, 20), (1.0, 0.5), MPI.COMM_SELF)
+    V = problems.vector_space(mesh, 1)
+    tags = problems.facet_tags(mesh, {1: problems.bottom})
+    u, v = ufl.TrialFunction(V), ufl.TestFunction(V)
+    a = ufl.inner(problems.isotropic(u, 1.0, 0.3), problems.strain(v)) * ufl.dx
+    L = ufl.inner(fem.Constant(mesh, np.zeros(2)), v) * ufl.dx
+    ball = Contact(tags, 1, Sphere((0.45, -1), 1), friction={"coulomb": 0.3})
+    problem = ContactProblem(a, L, [], [ball], method=method)
+    for factor in np.linspace(0.01, 1.0, count + 1):
+        problem.bcs[:] = [
+            problems.held(V, lambda x: np.isclose(x[1], 0.5), i, factor * (0.02, -0.04)[i])
+            for i in range(2)
+        ]
+        problem.solve(increment=factor > 0.01)
+        assert problem.certificate.passed
+    return problem.u.x.array.copy(), problem.certificate.warnings
 
 
 PROGRAM = """
