@@ -8,20 +8,22 @@ docs/benchmarks/speed.md). One body from a mesh file:
   multigrid, in both degrees. Its iterations hardly grow with the mesh. Between 5,000 and 10,000
   unknowns it is 0.14 to 1.25 (1.7 on a graded block with three contact rows): the median is 0.9,
   and a bracket on three bumps takes 50 operator applications where Total FETI takes 910.
-- On thin bodies smoothed aggregation fails. Each set needs a factor or hundreds of iterations; that
-  takes 0.9 to 5.5 times the seconds of Total FETI (22,000 to 100,000 unknowns, both degrees). Total
-  FETI takes 55 to 282 operator applications there, and more than 800 if contact peels off row by
-  row. So the solve begins with Total FETI, with a limit on its iterations (`patience`), and
-  continues with multigrid.
+- Thin bodies of 20,000 unknowns or more take 0.5 to 1.2 of the seconds of Total FETI by multigrid,
+  in both degrees. Between 11,000 and 16,000 unknowns it is 0.5 to 1.4, and up to 2.5 for bodies of
+  degree 2 that Total FETI need not cut (0.8 s in place of 0.3). Total FETI takes 55 to 282 operator
+  applications on the thin trial parts, and more than 800 if contact peels off row by row. So small
+  thin bodies begin with Total FETI, with a limit on its iterations (`patience`), and continue with
+  multigrid.
 
 Several bodies from mesh files: multigrid takes 0.54 to 1.16 of the seconds of Total FETI (27,000 to
 176,000 unknowns, both degrees), least where many sets are needed. On 20 scenes without thin bodies
 (10,000 to 37,000 unknowns, both degrees; the four of `configs/`, a hinge, a key, a dovetail, a
 clamp, crossed bars, a taper lock, a cardan joint, an elastomer between plates) it takes 0.26 to
 1.10 of the CPU seconds, in the median 0.78, and 13 to 102 operator applications in place of 19 to
-797. With thin bodies, whose sets have a factor each, it takes up to 2.8 times (a retaining ring
-below a washer, 23,553 unknowns). Boxes take a fifth to a half by Total FETI, whose subdomains share
-their factors.
+797. Between 7,000 and 9,000 unknowns five pairs take 0.76 to 1.2, a bearing cap on its housing 1.5
+(0.6 s in place of 0.4). Two thin plates (40,000 and 46,000 unknowns, degrees 1 and 2) take 1.2 and
+1.05, and 0.55 and 0.33 if contact alone holds the upper one. Boxes take a fifth to a half by Total
+FETI, whose subdomains share their factors.
 
 Nearly incompressible material counts as any other. One body of rubber alone or with steel (21,000
 to 34,000 unknowns, Poisson's ratios 0.49 to 0.4999, moduli up to 10⁴ apart, both degrees) takes
@@ -86,16 +88,12 @@ from solver.contact.options import SolverOptions
 from solver.primal.factor import THIN
 from solver.tfeti.options import TotalFetiOptions
 
-LEAST_ALONE, LEAST_OF_SEVERAL, LEAST_THIN = 5_000, 10_000, 40_000
-"""Unknowns of bodies from mesh files from which on multigrid is used: one body, several, and
-several of which one is thin. With friction it is used for all."""
+LEAST, LEAST_THIN = 5_000, 20_000
+"""Unknowns of bodies from mesh files from which on multigrid is used, and those where one body is
+thin. With friction it is used for all."""
 
 LARGEST_THIN = {2: 500_000, 3: 60_000}
 """Unknowns up to which factors of thin scenes are inexpensive, by dimension."""
-
-LARGEST_THIN_ALONE = 100_000
-"""Unknowns of one thin body from a mesh file in space up to which its factor is inexpensive; the
-largest measured size."""
 
 PATIENCE, PATIENCE_UNKNOWNS = 300, 25_000
 """Iterations of Total FETI on a thin scene after which the undecomposed problem is solved, and
@@ -124,31 +122,24 @@ def with_chosen_method(scene: Scene) -> Scene:
     """The scene with `method: primal` if `auto` chooses multigrid.
 
     It does so if all bodies come from mesh files, in space, with friction or enough unknowns for
-    its levels to save time, and if the scene names no other method or decomposition. One thin body
-    without friction begins with Total FETI (`may_peel`). Bodies that ties join to one piece count
-    as one body there. In the plane one thin body with friction has multigrid, as have thin tied
-    bodies without contact.
+    its levels to save time, and if the scene names no other method or decomposition. In the plane
+    one thin body with friction has multigrid, as have thin tied bodies without contact.
     """
-    bodies, alone = scene.bodies, _is_one_piece(scene.bodies, scene.ties)
     if scene.solver.method != "auto" or scene.decomposition.subdomains is not None:
         return scene
     if _is_thin_in_plane(scene):
         return replace(scene, solver=replace(scene.solver, method="primal"))
-    congruent = any(body.mesh.congruent for body in bodies)
-    if scene.dimension == 2 or scene.unknowns < _least(scene, alone) or congruent:
-        return scene
-    if alone and may_peel(scene):
+    congruent = any(body.mesh.congruent for body in scene.bodies)
+    if scene.dimension == 2 or scene.unknowns < _least(scene) or congruent:
         return scene
     return replace(scene, solver=replace(scene.solver, method="primal"))
 
 
-def _least(scene: Scene, alone: bool) -> int:
+def _least(scene: Scene) -> int:
     """Unknowns of a scene from which on multigrid is used."""
     if scene.has_friction:
         return 0
-    if alone:
-        return LEAST_ALONE
-    return LEAST_THIN if _has_thin_body(scene.bodies) else LEAST_OF_SEVERAL
+    return LEAST_THIN if _has_thin_body(scene.bodies) else LEAST
 
 
 def may_peel(scene: Scene) -> bool:
@@ -159,7 +150,7 @@ def may_peel(scene: Scene) -> bool:
     free = scene.solver.method == "auto" and scene.decomposition.subdomains is None
     if not free or scene.has_friction:
         return False
-    small = scene.unknowns <= _largest_thin(scene.bodies)
+    small = scene.unknowns <= LARGEST_THIN[scene.bodies[0].mesh.dimension]
     return bool(scene.touching and small and _has_thin_body(scene.bodies))
 
 
@@ -186,13 +177,6 @@ def patience(bodies: Sequence[Body]) -> int:
         return PATIENCE_IN_PLANE
     unknowns = dimension * sum(body.nodes for body in bodies)
     return round(PATIENCE * math.sqrt(max(1.0, unknowns / PATIENCE_UNKNOWNS)))
-
-
-def _largest_thin(bodies: Sequence[Body]) -> int:
-    """Unknowns up to which a thin scene begins with Total FETI and goes on with factors."""
-    d = bodies[0].mesh.dimension
-    from_file = len(bodies) == 1 and not bodies[0].mesh.congruent
-    return LARGEST_THIN_ALONE if d == 3 and from_file else LARGEST_THIN[d]
 
 
 def why_total_feti(scene: Scene) -> str:

@@ -99,19 +99,18 @@ def ways_to(scene: Scene, keeps_subdomains: bool = False) -> Iterator[Way]:
     """All methods to solve a scene, in order; parameters as of `first_certified`."""
     instead = ""
     stalls = may_stall(scene) and not keeps_subdomains
-    jumps = may_jump(scene)
-    tried = stalls or jumps or may_peel(scene) or is_undecomposed(scene.solver)
+    jumps, peels = may_jump(scene), may_peel(scene)
+    tried = stalls or jumps or peels or is_undecomposed(scene.solver)
     if is_undecomposed(scene.solver):
         yield Way(scene, None if scene.has_friction else PATIENCE_OF_MULTIGRID)
         if keeps_subdomains:
             return
         instead = "multigrid left no certified answer ({why}){cause}: solved by Total FETI instead"
         scene = _by(scene, "auto")
-    if may_peel(scene):
-        yield Way(_by(scene, "active-set"), patience(scene.bodies), instead)
-        peels = "contact opens row by row: solving for the displacements instead"
-        yield Way(_by(scene, "primal"), instead=peels, warns=False)
-        instead = ""
+    if peels:
+        yield Way(_by(scene, "active-set"), patience(scene.bodies))
+        peeling = "contact opens row by row: solving for the displacements instead"
+        yield Way(_by(scene, "primal"), instead=peeling, warns=False)
     elif stalls:
         yield Way(_by(scene, "active-set"), PATIENCE_WITH_FRICTION)
         slow = "friction converges slowly in subdomains: solving for the displacements instead"
