@@ -47,13 +47,14 @@ class Triangles:
     bright : (n,)
         Brightness.
     wired : (n, 3)
-        Whether the edge opposite each corner is drawn.
+        0 where the edge opposite each corner is not drawn, else the number of parts in which the
+        edges of the face are cut.
     """
 
     corners: Array
     values: Array
     bright: Array
-    wired: NDArray[np.bool_]
+    wired: Integers
 
     def some(self, chosen: NDArray[np.bool_]) -> Triangles:
         """Some of the triangles."""
@@ -170,8 +171,8 @@ def drawn_edges(triangles: Triangles) -> Array:
 
     Edges of low triangles are faint, so that a fine mesh does not blacken its surface.
     """
-    high = _heights(triangles.corners).min(axis=1) / (10.0 * WIDE)
-    return np.asarray(triangles.wired * np.clip(2.0 * high - 1.0, 0.0, 1.0)[:, None])
+    high = _heights(triangles.corners).min(axis=1, keepdims=True) / (10.0 * WIDE)
+    return np.asarray(np.clip(2.0 * high * triangles.wired - 1.0, 0.0, 1.0))
 
 
 def _heights(corners: Array) -> Array:

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from contact_app.results.plot import vtk_images
 from contact_app.results.plot.arrangement import of_bodies
 from contact_app.results.plot.contact_picture import touchable
+from contact_app.results.plot.curved import finer
 from contact_app.results.plot.node_values import (
     copies,
     limits,
@@ -164,7 +165,7 @@ def draw_space(
     from matplotlib.cm import ScalarMappable
     from matplotlib.colors import Normalize
 
-    skin = stored.skin()
+    stored, skin, levels = finer(stored)
     rows = np.concatenate([owners for _, owners in skin])
     outline = stored.points[sharp_edges(stored.points, [sides for sides, _ in skin])]
     moved = stored.points + exaggeration * stored.point_data.get("displacement", 0.0)
@@ -173,7 +174,7 @@ def draw_space(
     view = view_from(direction, np.concatenate([stored.points[seen], moved[seen]]))
     inside = between or mostly_hidden(stored, [sides for sides, _ in skin], moved, view)
     faces = [sides + shifts(stored, owners)[:, None] for sides, owners in skin]
-    moved, vertices = np.tile(moved, (copies(stored), 1)), np.tile(stored.vertices, copies(stored))
+    moved, levels = np.tile(moved, (copies(stored), 1)), np.tile(levels, copies(stored))
     panels = [
         panel_of(stored, name, labels.get(name, name), faces, rows, inside) for name in fields
     ]
@@ -181,7 +182,7 @@ def draw_space(
     ratio = float(np.clip(view.half[1] / view.half[0], 0.1, 1.6))
     figure, places, wide = of_bodies(len(panels), ratio)
     frame = Frame.of(view, (wide, wide * ratio), SHARPNESS)
-    skins = [skin_triangles(moved, faces, panel, frame, vertices) for panel in panels]
+    skins = [skin_triangles(moved, faces, panel, frame, levels) for panel in panels]
     lines, nodes = frame.places(outline), triangle_nodes(faces) % len(stored.points)
     drawn, lack = vtk_images.images(
         [drawing_of(*skin, nodes, lines, frame) for skin in zip(skins, panels, strict=True)]
@@ -378,13 +379,15 @@ def skin_triangles(
     faces: list[NDArray[np.int64]],
     panel: Panel,
     frame: Frame,
-    vertices: NDArray[np.bool_],
+    levels: NDArray[np.int64],
 ) -> Triangles:
     """The skin in pixel coordinates; quadrilaterals in two halves, with edges for few faces.
 
-    Of the pieces of second-order sides those edges are drawn that end at a vertex of a cell.
+    Of the pieces of second-order sides those edges are drawn whose nodes have `levels` of at most 1
+    together, as in `contact_app.results.plot.curved.finer`.
     """
-    places, view, few = frame.places(points), frame.view, sum(map(len, faces)) <= EDGES_UP_TO
+    places, view, parts = frame.places(points), frame.view, 4 if (levels > 1).any() else 1
+    few = sum(map(len, faces)) <= EDGES_UP_TO * parts**2
     corners, values, bright, wired = [], [], [], []
     start = 0
     for sides in faces:
@@ -397,12 +400,12 @@ def skin_triangles(
             corners.append(places[sides[:, pick]])
             values.append(at_corners[:, pick])
             bright.append(light)
-            ends = vertices[sides[:, pick]]
-            wired.append(edges & (np.roll(ends, 1, axis=1) | np.roll(ends, -1, axis=1)))
+            ends = levels[sides[:, pick]]
+            wired.append(edges & (np.roll(ends, 1, axis=1) + np.roll(ends, -1, axis=1) <= 1))
         start += len(sides)
     return Triangles(
         np.concatenate(corners), np.concatenate(values), np.concatenate(bright),
-        np.concatenate(wired) & few,
+        parts * (np.concatenate(wired) & few),
     )  # fmt: skip
 
 

@@ -20,6 +20,7 @@ from contact_app.results.plot.contact_picture import (
     pressure_lines,
     profiles,
 )
+from contact_app.results.plot.curved import finer
 from contact_app.results.plot.stored import Stored, StoredError, read
 from contact_app.results.report import write_summary
 from contact_app.results.xdmf import XDMFWriter, cell_type_name
@@ -453,12 +454,37 @@ def test_edges_of_cells_of_second_order_alone_are_drawn() -> None:
     kind = "tetrahedron10"
     stored = Stored(points, {kind: np.arange(10)[None]}, {kind: np.arange(1)}, {}, {})
     assert np.flatnonzero(stored.vertices).tolist() == [0, 1, 2, 3]
+    levels = (~stored.vertices).astype(int)
     panel = space_picture.Panel(np.zeros(10), (0.0, 1.0), False, "viridis", "", False)
     frame = space_picture.Frame.of(
         space_picture.view_from(np.array([1.0, -1.0, 0.5]), points), (1.0, 1.0), 100
     )
-    drawn = space_picture.skin_triangles(
-        points, stored.boundary(), panel, frame, stored.vertices
-    ).wired
+    drawn = space_picture.skin_triangles(points, stored.boundary(), panel, frame, levels).wired
     assert drawn.shape == (16, 3)
     assert drawn.sum() == 4 * 3 * 2
+
+
+def test_sides_of_curved_cells_are_cut_where_their_polynomials_are() -> None:
+    """A tetrahedron that is bent by a quadratic map: new nodes have their places and values."""
+    straight = np.array([[0, 0, 0], [2, 0, 0], [0, 2, 0], [0, 0, 2]], float)
+    straight = np.concatenate([straight, straight[np.array(EDGES["tetrahedron"])].mean(axis=1)])
+
+    def bent(x: np.ndarray) -> np.ndarray:
+        return x + 0.1 * x[:, [1, 2, 0]] * x
+
+    kind = "tetrahedron10"
+    fields = {"place": straight, "von_mises": straight[:, 0] * straight[:, 1]}
+    made = Stored(bent(straight), {kind: np.arange(10)[None]}, {kind: np.arange(1)}, fields, {})
+    stored, ((sides, rows),), levels = finer(made)
+    assert sides.shape == (4 * 16, 3)
+    assert not rows.any()
+    assert len(stored.points) == len(levels) == 10 + 6 * 2 + 4 * 3  # none twice
+    at = stored.point_data["place"]  # linear: the places before the map
+    np.testing.assert_allclose(stored.points, bent(at), atol=1e-12)
+    np.testing.assert_allclose(stored.point_data["von_mises"], at[:, 0] * at[:, 1], atol=1e-12)
+    # each edge of the closed skin has two sides, in opposite directions
+    around = np.stack([sides, np.roll(sides, -1, axis=1)], axis=2).reshape(-1, 2)
+    assert {tuple(edge) for edge in around} == {tuple(edge[::-1]) for edge in around}
+    assert len({tuple(edge) for edge in around}) == len(around)
+    on_edges = levels[around].sum(axis=1) <= 1
+    assert on_edges.sum() == 6 * 4 * 2  # of six edges in four parts
