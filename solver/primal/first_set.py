@@ -4,9 +4,9 @@ On the coarse space of a level, Q = C P₁ … P_k, `solver.primal.spring_levels
 s_i is the stiffness that K has against row i alone, so that the springs are as compliant as the
 finest mesh at one node. The faint springs (w) hold bodies that only contact holds, and pull open
 rows near, before proximal steps replace them. Tangential rows have springs that yield at the slip
-limit (`solver.primal.friction_springs`). The coarsest level is solved by a factor, the others by a
-few conjugate gradients with a cycle of the levels below. The rows with a pressing spring are the
-first active set, its points stick or slide as the springs do, and its solve begins with this
+limit (`solver.primal.friction_springs`). Small levels are solved by a factor, the others by a few
+conjugate gradients with a cycle of the levels below. The rows with a pressing spring are the first
+active set, its points stick or slide as the springs do, and its solve begins with this
 displacement.
 """
 
@@ -77,16 +77,13 @@ def find_first_set(
     for prolongation in P:
         Q.append(Q[-1].matMult(prolongation))
         loads.append(multiply_transposed(prolongation, loads[-1]))
-    depth = len(P)
-    while depth > 1 and A[depth - 1].getSize()[0] <= options.largest:
-        depth -= 1
-    x, pressed, cycle, tensions = np.zeros(len(loads[depth])), system.equality, None, None
-    for k in range(depth, 0, -1):
+    x, pressed, cycle, tensions = np.zeros(len(loads[-1])), system.equality, None, None
+    for k in range(len(P), 0, -1):
         below = replace(hierarchy, prolongations=P[k:], operators=tuple(A[k:]))
         level = CycleLevel(rows, below, Q[k], loads[k], options)
-        if k == depth and A[k].getSize()[0] <= options.largest:
-            x = _on_every_rank(level)
-        elif k == depth:  # bodies may have no place yet
+        if A[k].getSize()[0] <= options.largest:
+            x = _on_every_rank(level, x, k == 1 or A[k - 1].getSize()[0] > options.largest)
+        elif k == len(P):  # bodies may have no place yet
             x = level.minimise(x, options.steps)
         else:
             x = level.proximal_step(x, options.steps, options.settled)
@@ -97,12 +94,16 @@ def find_first_set(
     return FirstSet(pressed | system.equality, start + x, cycle, tensions)
 
 
-def _on_every_rank(level: SharedLevel) -> Array:
+def _on_every_rank(level: SharedLevel, start: Array, last: bool) -> Array:
     """The solution of a small level; every rank solves the whole problem (collective).
 
-    The messages of a small distributed problem cost more than its work.
+    The messages of a small distributed problem cost more than its work. Only the `last` such level
+    is solved without faint springs.
     """
-    x = DenseLevel.gathered(level).solve()
+    dense = DenseLevel.gathered(level)
+    x = dense.minimise(np.concatenate(level.comm.allgather(start)), level.options.exact_steps)
+    if last:
+        x = dense.without_faint_springs(x)
     return x[slice(*level.A.getOwnershipRange())].copy()
 
 

@@ -196,10 +196,9 @@ class Level(ABC):
         """Rows whose spring presses, (rows,)."""
         return np.asarray(self.rows.normal & (self.images(x) > self.rows.c))
 
-    def solve(self) -> Array:
-        """The minimum without the faint springs, as far as proximal steps find it (collective)."""
+    def without_faint_springs(self, x: Array) -> Array:
+        """The minimum without them, from that with them, by proximal steps (collective)."""
         options = self.options
-        x = self.minimise(np.zeros_like(self.load), options.exact_steps)
         for _ in range(options.proximal_steps):
             before = self.pressed(x)
             x = self.proximal_step(x, options.exact_steps, 0.0)
