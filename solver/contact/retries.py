@@ -26,6 +26,8 @@ def solve_with_retries(method: ActiveSetMethod[S], start: Start) -> Outcome[S]:
     outcome, failure = active_set_loop(method, start)
     if failure is Failure.UNSETTLED:
         outcome, statuses = _contact_without_friction(method.after(outcome), start)
+        if statuses is None and not method.options.insists:
+            return replace(outcome, reason=None)
         patient = method.with_options(settling=0).after(outcome)
         outcome, failure = active_set_loop(patient, replace(start, statuses=statuses))
     guessed = start.statuses is not None and outcome.reason in (None, Reason.SLIDES)

@@ -145,7 +145,7 @@ def _solve(
         method = method.with_options(significant=SIGNIFICANT, may_peel=may_peel)
     else:
         most_sets = min(method.options.most_sets, SETS_WITH_FRICTION)
-        method = method.with_options(most_sets=most_sets)
+        method = method.with_options(most_sets=most_sets, insists=False)
     statuses = None
     if restart is not None:
         active = problem.inequality & (restart.multiplier > 0.5)

@@ -12,10 +12,12 @@ from mpi4py import MPI
 
 from solver.contact.active_set_options import ActiveSetOptions
 from solver.driver import solve as solve_problem
+from solver.primal.augmented import AugmentedLagrangian
 from solver.primal.line_search import minimum_along
 from tests import scenes
 from tests.bearings import half_bearing
 from tests.comparison import solve
+from tests.contact_app.contact.test_friction import on_a_slope
 
 
 @pytest.mark.parametrize("friction", [{"tresca": 20.0}, {"coulomb": 0.4}])
@@ -35,6 +37,32 @@ def test_the_lagrangian_alone_finds_the_answer_of_the_active_sets(
     found = solve_problem(model.problem, options, active_sets=ActiveSetOptions(most_sets=0))
     assert found.converged
     assert found.method == "primal"
+    for one, other in zip(found.displacements, expected.displacements, strict=True):
+        assert one == pytest.approx(other, abs=1e-5 * np.abs(other).max())
+
+
+def test_sets_that_do_not_settle_where_friction_alone_holds_a_body(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """The Lagrangian goes on at once: the sets have no contact without friction to begin from."""
+    made = on_a_slope("hexahedron", {"coulomb": 0.4}, 0.36)
+    made["solver"] = {"method": "primal", "tolerance": 1e-8}
+    model = solve(made, None).model
+    options = model.scene.solver
+    expected = solve_problem(model.problem, options)
+    ended: list[int] = []
+
+    def watched(lagrangian: AugmentedLagrangian, u: Any) -> Any:
+        outcome = find(lagrangian, u)
+        ended.append(outcome.counts.hessian)
+        return outcome
+
+    find = AugmentedLagrangian.solve
+    monkeypatch.setattr(AugmentedLagrangian, "solve", watched)
+    never_settled = ActiveSetOptions(settling=1, unsettled=0.0)
+    found = solve_problem(model.problem, options, active_sets=never_settled)
+    assert found.converged
+    assert ended == [found.counts.hessian]
     for one, other in zip(found.displacements, expected.displacements, strict=True):
         assert one == pytest.approx(other, abs=1e-5 * np.abs(other).max())
 
