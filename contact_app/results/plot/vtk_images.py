@@ -38,7 +38,8 @@ def images(
         ``light``, its direction to the right, upwards and towards the eye, ``bright`` (2,), ambient
         and diffuse, and ``crease``, the angle in degrees of sharp edges.
     seconds
-        Limit on the time of the child, which draws two images of 40,000 triangles in about two.
+        Limit on the time of the child, which takes three of one core for two images of the hub on a
+        shaft, 40,000 triangles each.
     """
     if importlib.util.find_spec("vtkmodules") is None:
         return None, ""
