@@ -86,8 +86,9 @@ class Overlaps:
         axes = np.ascontiguousarray(frames(on).transpose(0, 2, 1))
         here = (on.points - on.centres[:, None]) @ axes
         other_side = (against.points[j] - on.centres[i][:, None]) @ axes[i]
-        box = here.min(axis=1)[i], here.max(axis=1)[i]
-        separate = (box[1] < other_side.min(axis=1)) | (other_side.max(axis=1) < box[0])
+        lower, upper = (bound[i] for bound in _bounds(here))
+        other_lower, other_upper = _bounds(other_side)
+        separate = (upper < other_lower) | (other_upper < lower)
         near = ~separate[:, :-1].any(axis=1)  # by their boxes in the plane
         i, j, other_side = i[near], j[near], other_side[near]
         here = here[i]
@@ -217,6 +218,17 @@ def facet_areas(surface: Surface) -> Array:
     return 0.5 * np.abs((x * np.roll(y, -1, axis=1) - y * np.roll(x, -1, axis=1)).sum(axis=1))
 
 
+def _bounds(points: Array) -> tuple[Array, Array]:
+    """Smallest and largest coordinates of sets of points (n, k, d), (n, d) each.
+
+    One point after another: numpy reduces short axes slowly.
+    """
+    lower = upper = points[:, 0]
+    for k in range(1, points.shape[1]):
+        lower, upper = np.minimum(lower, points[:, k]), np.maximum(upper, points[:, k])
+    return lower, upper
+
+
 def _segments(flat: Array, other: Array, linear: bool, curved: bool) -> tuple[Ints, Array, Array]:
     """Gauss points of the overlap of segments (n, 2, 1): pair, coordinate (q, 1), weight.
 
@@ -236,7 +248,7 @@ def _upright(polygons: Array) -> bool:
     """Mask (n,) of polygons (n, v, d - 1) that are rectangles along the axes."""
     if polygons.shape[1:] != (4, 2) or not len(polygons):
         return False
-    lower, upper = polygons.min(axis=1), polygons.max(axis=1)
+    lower, upper = _bounds(polygons)
     off = np.minimum(polygons - lower[:, None], upper[:, None] - polygons)
     return bool((off <= UPRIGHT * (upper - lower)[:, None]).all())
 
@@ -244,9 +256,10 @@ def _upright(polygons: Array) -> bool:
 def _rectangles(flat: Array, other: Array, linear: bool, curved: bool) -> tuple[Ints, Array, Array]:
     """Like `_polygons` for rectangles along the axes, with a third of the points."""
     at, share = np.polynomial.legendre.leggauss(5 if curved else 2 if linear else 3)
-    lower = np.maximum(flat.min(axis=1), other.min(axis=1))
-    half = 0.5 * (np.minimum(flat.max(axis=1), other.max(axis=1)) - lower)
-    pair = np.flatnonzero((half > SLIVER * np.ptp(flat, axis=1)).all(axis=1))
+    (begin, end), (other_begin, other_end) = _bounds(flat), _bounds(other)
+    lower = np.maximum(begin, other_begin)
+    half = 0.5 * (np.minimum(end, other_end) - lower)
+    pair = np.flatnonzero((half > SLIVER * (end - begin)).all(axis=1))
     lower, half = lower[pair], half[pair]
     at = np.stack(np.meshgrid(at, at), axis=-1).reshape(-1, 2)
     x = (lower + half)[:, None] + half[:, None] * at

@@ -278,9 +278,9 @@ class ContactSide:
         share = -value * normals[row, component]
         query = self.exchange.among(node)
         arrived = query.to_owners(share[:, None] * columns[row])
-        sums = np.zeros((len(self.owned), columns.shape[1]))
-        np.add.at(sums, np.searchsorted(self.owned, query.nodes), arrived)
-        return sums
+        place = np.searchsorted(self.owned, query.nodes)
+        sums = [np.bincount(place, column, len(self.owned)) for column in arrived.T]
+        return np.stack(sums, axis=1)
 
     def _at_vertices(self, values: Array) -> Array:
         """Σ_k φ_j(x_k) v_k over the nodes k of each facet, φ_j linear, (n,)."""

@@ -355,8 +355,8 @@ class _Neighbours:
         terms = self._quadratic_terms()
         squares = np.empty((len(self.total), len(terms), len(terms)))
         for i, first in enumerate(terms):
-            for j, second in enumerate(terms):
-                squares[:, i, j] = self.means(first * second)
+            for j, second in enumerate(terms[: i + 1]):
+                squares[:, i, j] = squares[:, j, i] = self.means(first * second)
         squares[:, 3:, 3:] += CURVATURE * np.eye(3)
         inverse = np.linalg.pinv(squares, rcond=1e-8, hermitian=True)[:, 0]
         factors = np.einsum("et,te->e", inverse[self.row], terms)
@@ -371,8 +371,8 @@ class _Neighbours:
         middle = self.middle
         off, spread = self.away - middle[self.row], np.empty((len(middle), 3, 3))
         for i in range(3):
-            for j in range(3):
-                spread[:, i, j] = self.means(off[:, i] * off[:, j])
+            for j in range(i + 1):
+                spread[:, i, j] = spread[:, j, i] = self.means(off[:, i] * off[:, j])
         variances, axes = np.linalg.eigh(spread)
         axes = np.where((variances > THIN * variances[:, -1:])[:, None], axes, 0.0)
         s, t = np.einsum("ei,eik->ke", self.away, axes[self.row][..., 1:])

@@ -109,7 +109,7 @@ class Helped:
         ----------
         polynomials : (sources, monomials, k)
         """
-        T = translations(self._shift, polynomials.shape[1])[:, :count]
+        T = translations(self._shift, polynomials.shape[1], count)
         return self._summed(polynomials, T) / self.weight[:, :, None]
 
     def first(self, moments: Array) -> Array:

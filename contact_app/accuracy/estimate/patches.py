@@ -51,7 +51,7 @@ def monomials(x: Array, degree: int) -> list[Array]:
     return result
 
 
-def translations(shift: Array, size: int) -> Array:
+def translations(shift: Array, size: int, rows: int | None = None) -> Array:
     """Matrices from coefficients about a point to those about the point plus a shift.
 
     Parameters
@@ -59,18 +59,21 @@ def translations(shift: Array, size: int) -> Array:
     shift : (n, dimension)
     size
         Monomials.
+    rows
+        Number of first coefficients about the other point; all unless given.
 
     Returns
     -------
-    (n, size, size)
+    (n, rows, size)
     """
-    d = shift.shape[1]
-    T = np.broadcast_to(np.eye(size), (len(shift), size, size)).copy()
+    d, rows = shift.shape[1], rows or size
+    T = np.broadcast_to(np.eye(rows, size), (len(shift), rows, size)).copy()
     T[:, 0, 1 : 1 + d] = shift
-    for row, (i, j) in enumerate(_pairs(d)[: size - 1 - d], 1 + d):
-        T[:, 0, row] = shift[:, i] * shift[:, j]
-        T[:, 1 + i, row] += shift[:, j]
-        T[:, 1 + j, row] += shift[:, i]
+    for column, (i, j) in enumerate(_pairs(d)[: size - 1 - d], 1 + d):
+        T[:, 0, column] = shift[:, i] * shift[:, j]
+        for one, other in ((i, j), (j, i)):
+            if 1 + one < rows:
+                T[:, 1 + one, column] += shift[:, other]
     return T
 
 
