@@ -24,6 +24,7 @@ from solver.contact.row_kinds import RowKind
 from solver.contact.solution import Solution
 from solver.driver import reason_text
 from solver.tfeti.dual import DualProblem
+from solver.tfeti.subdomain.classes import SubdomainClass
 
 
 def summary_of(solved: SolvedScene) -> dict[str, Any]:
@@ -129,7 +130,7 @@ def decomposition_record(problem: DualProblem, subdomains: int) -> dict[str, Any
     holding = RowKind.DIRICHLET, RowKind.SUPPORT, RowKind.MEAN
     return {
         "subdomains": subdomains,
-        "congruence_classes": _distinct_classes(problem),
+        "congruence_classes": distinct_classes(problem),
         "dual": problem.comm.allreduce(problem.size),
         "gluing": problem.count(RowKind.GLUING),
         "dirichlet": sum(map(problem.count, holding)),
@@ -139,14 +140,18 @@ def decomposition_record(problem: DualProblem, subdomains: int) -> dict[str, Any
     }
 
 
-def _distinct_classes(problem: DualProblem) -> int:
+def distinct_classes(problem: DualProblem) -> int:
     """Number of classes of equal stiffness on all ranks; a class on several ranks counts once."""
-    classes = []
-    for cls in problem.classes:
-        K = cls.stiffness
-        parts = K @ np.sin(np.arange(K.shape[0])), K.diagonal(), np.asarray(cls.free, float)
-        classes.append(sha1(np.concatenate(parts).tobytes(), usedforsecurity=False).digest())
+    classes = {_without_round_off(cls) for cls in problem.classes}
     return len(set().union(*problem.comm.allgather(classes)))
+
+
+def _without_round_off(cls: SubdomainClass) -> tuple[str, ...]:
+    """Numbers that tell classes apart; ranks have one from others of its similar subdomains."""
+    K, probe = cls.stiffness, np.sin(np.arange(cls.unknowns))
+    energies = probe @ (K @ probe), np.abs(probe) @ K.diagonal()
+    free = sha1(cls.free.tobytes(), usedforsecurity=False).hexdigest()
+    return (*(f"{energy:.6e}" for energy in energies), free)
 
 
 def solver_record(solution: Solution) -> dict[str, Any]:
