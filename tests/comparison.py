@@ -92,7 +92,7 @@ def load_resultant(scene: Any) -> tuple[np.ndarray, np.ndarray]:
     """Force and moment about the origin of the nodal loads of a scene."""
     known, d = outline_of_scene(scene, MPI.COMM_SELF), scene.dimension
     force, moment = np.zeros(3), np.zeros(3)
-    for s, vector in zip(known.partition.subdomains, known.loads, strict=True):
+    for s, vector in zip(known.partition.subdomains, known.acting.vectors, strict=True):
         if vector is not None:
             nodal = np.zeros((len(s.points()), 3))
             nodal[:, :d] = vector.reshape(-1, d)
