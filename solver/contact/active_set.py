@@ -249,9 +249,8 @@ def _failure(method: ActiveSetMethod[S], start: Start, loop: LoopState[S]) -> Fa
     options, law = method.options, method.law
     if law.settles:
         sets = loop.on_all_rows
-        peels = options.peels(sets) and options.all_peel(sets[-2:])
-        stops = (peels and not options.may_peel) or options.jumps(sets)
-        return Failure.OTHER if stops else None
+        peels = not options.may_peel and options.peels_on(sets)
+        return Failure.OTHER if peels or options.jumps(sets) else None
     if options.vanish(loop.strained) and not law.may_vanish:
         return Failure.VANISHED
     unsettled = start.multiplier is None and options.is_unsettled(loop.turnovers)

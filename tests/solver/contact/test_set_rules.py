@@ -77,6 +77,14 @@ def test_a_set_that_returns_is_solved_more_accurately_without_early_release() ->
     assert again.reduction == rules.reduction
 
 
+def test_contact_peels_on_after_four_sets_that_only_lose_rows() -> None:
+    """A bar in a vee loses 14 % and 16 % of its rows in two sets, and settles in the next ones."""
+    leaving = [Turnover(joined=0, left=20 - i, closed=140 - 20 * i) for i in range(4)]
+    assert OPTIONS.peels_on([Turnover(joined=79, left=0, closed=61), *leaving])
+    assert not OPTIONS.peels_on(leaving[:3])
+    assert not OPTIONS.peels_on([*leaving[:2], Turnover(joined=1, left=19, closed=100), leaving[3]])
+
+
 def test_contact_that_peels_off_goes_on_by_levels() -> None:
     statuses = Statuses(np.ones(ROWS, bool))
     peeling = [Turnover(joined=0, left=3, closed=ROWS), Turnover(joined=0, left=3, closed=ROWS)]
