@@ -33,7 +33,10 @@ def tilted_pairs(model: Model, solution: Solution) -> Iterator[str]:
         surface = geometry.surface_of(geometry.facets_of(pair.other, pair.other_boundary))
         names = scene.bodies[pair.body].name, scene.bodies[pair.other].name
         moved = float(solution.measures.deformations[[pair.body, pair.other]].max())
-        if surface and (text := tilted(model.problem, solution, source, surface, names, moved)):
+        if surface is None:
+            continue
+        text = tilted(model.problem, solution, source, surface, names, moved)
+        if text:
             yield f"{pair.source}: {text}"
 
 
