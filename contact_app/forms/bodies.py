@@ -22,7 +22,12 @@ from scipy import linalg, sparse
 
 from contact_app.errors import NoEquilibriumError
 from contact_app.forms.subdomains import Subdomains
-from contact_app.model.equilibrium import ContactPoints, entries_on_motions, leaving
+from contact_app.model.equilibrium import (
+    ContactPoints,
+    averaged_gap_hints,
+    entries_on_motions,
+    leaving,
+)
 from meshes.connected import connected
 from solver.contact.equilibrium import BodyBalance, slide
 from solver.contact.group_balance import GroupRows
@@ -224,12 +229,15 @@ class Resisting:
         The group of each body.
     friction
         Tangential rows.
+    contacts
+        Number of contacts.
     """
 
     held: HeldRows
     contact: ContactRows
     groups: NDArray[np.int64]
     friction: FrictionRows
+    contacts: int
 
 
 def holding(
@@ -273,11 +281,13 @@ def holding(
             holds_body, none, of_group[in_group].toarray(), moved[:, columns], cones
         )
         state = on_group.balance(comm, work[group].ravel(), float(scale[group].sum()))
-        if state.escape is not None:
-            escape = state.escape
+        if (escape := state.escape) is not None:
+            names = [f"contacts[{number}]" for number in range(rows.contacts)]
+            hints = averaged_gap_hints(names, comm, contact, moved[:, columns] @ escape)
             if cones.acts:
                 escape = slide(comm, on_group.holding, on_group.contact, escape, cones)
-            raise NoEquilibriumError(_leaving(bodies, group, escape, cones.acts))
+            message = _leaving(bodies, group, escape, cones.acts)
+            raise NoEquilibriumError("\n  ".join([message, *hints]))
         elastic = np.ones(len(group), bool)
         for b, of_body in zip(group, on_group.balances(comm, state, elastic), strict=True):
             balances[b] = of_body

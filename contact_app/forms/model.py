@@ -183,7 +183,7 @@ def build_model(
     of_rows = fingerprint_of_rows(held, contact)
     bodies = bodies_of(subdomains, exchange)
     groups = groups_of(bodies, exchange, contact)
-    resisting = Resisting(held, contact, groups, friction)
+    resisting = Resisting(held, contact, groups, friction, len(contacts))
     state = holding(subdomains, bodies, exchange, stiffness, acting.total, resisting)
     eliminated = state.held & (bodies.sizes == 1) & (not friction.acts)
     first = parts.comm.exscan(subdomains.count) or 0
@@ -252,7 +252,7 @@ def with_new_loads(
     groups = problem.bodies.groups
     sides = model.sides, model.jumps
     friction = friction_rows(parts, exchange, model.contacts, sides, held, (contact, merged))
-    resisting = Resisting(held, contact, groups, friction)
+    resisting = Resisting(held, contact, groups, friction, len(contacts))
     holding(model.subdomains, model.bodies, exchange, stiffness, acting.total, resisting)
     forces, heat = ([np.zeros_like(values) for values in problem.forces] for _ in range(2))
     lifting = [np.zeros_like(values) for values in problem.system.loads.lifting]

@@ -91,7 +91,7 @@ def body_balances(
             )
             if moved is not None:
                 names = [touching.source for touching in scene.touching]
-                hints += _averaged_gap_hints(names, comm, contact, moved @ state.escape)
+                hints += averaged_gap_hints(names, comm, contact, moved @ state.escape)
             raise NoEquilibriumError("\n  ".join([message, *hints]))
         for b, of_body in zip(group, rows.balances(comm, state, group < elastic), strict=True):
             balances[b] = of_body
@@ -144,7 +144,7 @@ def _no_equilibrium(
     )
 
 
-def _averaged_gap_hints(
+def averaged_gap_hints(
     names: Sequence[str], comm: MPI.Intracomm, contact: ContactRows, moved: Array
 ) -> list[str]:
     """A sentence for each contact that an escape closes at nodes and not in the mean (collective).
@@ -163,7 +163,7 @@ def _averaged_gap_hints(
     return [
         f"{names[number]}: this motion closes the gap at nodes, but not in the "
         "mean about them, where it is tested: the contact presses no nearer to an edge than a "
-        "third of a facet. Smaller cells there, or degree: 1, may hold the body"
+        "third of a facet. Smaller cells there, or degree 1, may hold the body"
         for number in np.flatnonzero(count)
     ]
 

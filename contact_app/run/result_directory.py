@@ -29,7 +29,7 @@ RESULTS = (
     "contact_pressure.png",
     "contact_status.png",
     "increments.csv",
-    "increments.png",
+    "history.png",
     "solution.pvd",
 )
 """Files of a run and of ``contact-app plot``, in the order in which they are removed."""

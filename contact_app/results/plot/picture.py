@@ -60,14 +60,15 @@ def plot(
     """Draw the bodies (``bodies.png``) and the contact pressure (``contact_pressure.png``).
 
     With ``contact_status`` also the sticking and slipping parts (``contact_status.png``);
-    for a load history, forces, probes and statuses over time (``history.png``).
+    for a load history, forces, probes and statuses over time (``history.png``). Of load cases each
+    one is drawn.
 
     Parameters
     ----------
     directory
         Directory of the results of a run.
     output
-        Directory of the pictures; by default that of the results.
+        Directory of the pictures; by default that of the results. Load cases have one each below.
     fields
         One panel for each field; fields that are not in the result are left out. With
         ``smoothed_contact_pressure`` among them and without ``contact_pressure`` the picture of the
@@ -90,6 +91,13 @@ def plot(
         There is no result, or it holds none of the fields.
     """
     directory = Path(directory)
+    target = Path(output) if output is not None else directory
+    summary = _summary(directory)
+    if cases := summary.get("cases"):
+        draw = partial(plot, fields=fields, exaggeration=exaggeration, camera=camera, time=time)
+        drawn = [(case, *draw(directory / case, output=target / case)) for case in cases]
+        pictures = [path for _, made, _ in drawn for path in made]
+        return pictures, [f"{case}: {remark}" for case, _, remarks in drawn for remark in remarks]
     stored = read(directory, time)
     names = {*stored.point_data, *stored.cell_data}
     unknown = [name for name in fields if name not in names]
@@ -102,10 +110,8 @@ def plot(
     ]
     shown = tuple(name for name in fields if name in names and acts(stored, name))
     shown = shown or tuple(name for name in fields if name in names)
-    target = Path(output) if output is not None else directory
     target.mkdir(parents=True, exist_ok=True)
     factor = exaggeration if exaggeration is not None else round_exaggeration(stored)
-    summary = _summary(directory)
     title, bodies = str(summary.get("scene", {}).get("title", "")), target / "bodies.png"
     title += "" if time is None else f", time {time:g}"
     caption = f"{title}\ndisplacements × {factor:g}".strip()

@@ -280,6 +280,27 @@ def test_distances_that_are_of_no_use(body: Square, tags: Any) -> None:
         ContactProblem(body.a, body.L, contacts=[Contact(tags, 1, wrong)]).solve()
 
 
+@pytest.mark.parametrize(
+    ("degree", "at", "hint"), [(1, 0.8, None), (1, 0.9, False), (2, 0.8, True)]
+)
+def test_a_block_that_tips_in_the_mean_over_its_facets_gets_a_hint(
+    degree: int, at: float, hint: bool | None
+) -> None:
+    """Facets of 0.233 end at 0.85: with degree 2 the pressure reaches to 0.772."""
+    forms = problems.two_blocks("quadrilateral", degree)
+    x, v = ufl.SpatialCoordinate(forms.space.mesh), ufl.TestFunction(forms.space)
+    off = 1.0 + (at - 0.5) * 12.0 / 0.49 * (x[0] - 0.5)
+    top = ufl.conditional(ufl.gt(x[1], 1.99), off, 0.0)
+    problem = ContactProblem(forms.a, -0.05 * top * v[1] * ufl.ds, forms.bcs, forms.contacts)
+    if hint is None:
+        problem.solve()
+        assert problem.certificate.passed
+        return
+    with pytest.raises(NoEquilibriumError, match="nothing stops") as caught:
+        problem.solve()
+    assert ("contacts[0]: this motion closes the gap at nodes" in str(caught.value)) == hint
+
+
 def test_a_body_that_leaves_is_refused(body: Square, tags: Any) -> None:
     floor = Contact(tags, 1, FLOOR)
     with pytest.raises(NoEquilibriumError, match=r"leaving along \+y"):

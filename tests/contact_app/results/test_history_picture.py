@@ -12,6 +12,7 @@ import contact_app
 from contact_app.results.plot.history_picture import HistoryError, draw_history, panels, read_table
 from contact_app.results.plot.picture import plot
 from contact_app.results.plot.stored import StoredError, read
+from contact_app.run.result_directory import clear
 from tests import scenes
 
 HEAD = "increment,step,factor,time,factor_press,energy,max_displacement,dissipated_work"
@@ -63,6 +64,8 @@ def test_plot_draws_it(tmp_path: Path) -> None:
     contact_app.solve(made).write(tmp_path)
     pictures, _ = plot(tmp_path)
     assert tmp_path / "history.png" in pictures
+    clear(tmp_path, resume=False)
+    assert not list(tmp_path.iterdir())
 
 
 def test_pictures_of_an_earlier_increment(tmp_path: Path) -> None:

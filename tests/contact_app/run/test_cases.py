@@ -501,10 +501,16 @@ def test_names_without_cases_change_nothing() -> None:
     assert energies[0] == energies[1]
 
 
-def test_a_picture_is_that_of_a_case(tmp_path: Path) -> None:
-    from contact_app.results.plot.stored import StoredError, read
+def test_each_case_has_pictures(tmp_path: Path) -> None:
+    from contact_app.results.plot.picture import plot
 
     assert run(scenes.build(slot(3)), tmp_path) == 0
-    with pytest.raises(StoredError, match="draw one of them"):
-        read(tmp_path)
-    assert len(read(tmp_path / "left").points) == 16
+    pictures, remarks = plot(tmp_path)
+    made = ("bodies.png", "contact_pressure.png")
+    assert pictures == [tmp_path / case / name for case in slot(3)["cases"] for name in made]
+    assert all(path.is_file() for path in pictures)
+    assert not remarks
+    pictures, _ = plot(tmp_path, output=tmp_path / "to")
+    assert pictures[0] == tmp_path / "to" / next(iter(slot(3)["cases"])) / "bodies.png"
+    assert run(scenes.build(slot(3)), tmp_path) == 0
+    assert not list(tmp_path.glob("[!t]*/*.png"))
