@@ -15,7 +15,6 @@ from contact_app.model.boundaries import boundary_nodes
 from contact_app.model.geometry import Geometry
 from contact_app.model.pairs import of_what_is_solved, owned_rows, sides_of
 from contact_app.scene.conditions import BodyContact, Contact, DisplacementCondition
-from contact_app.scene.scene import Scene
 from meshes.facing import SurfacesApartError
 from meshes.mortar import mean_gaps
 from solver.tfeti.constraints.conditions import ContactRows, ContradictionError, NodeConditions
@@ -23,7 +22,7 @@ from solver.tfeti.constraints.exchange import NodeExchange
 
 
 def node_conditions(
-    geometry: Geometry, displacements: Sequence[DisplacementCondition], contacts: Sequence[Contact]
+    geometry: Geometry, displacements: Sequence[DisplacementCondition]
 ) -> NodeConditions:
     """Held nodes and contact rows at the nodes of this rank's subdomains."""
     d = geometry.dimension
@@ -45,7 +44,7 @@ def node_conditions(
                     np.broadcast_to(values, shape), np.full(len(nodes), i),
                 )
             )  # fmt: skip
-        for i, contact in enumerate(contacts):
+        for i, contact in enumerate(geometry.contacts):
             if contact.body != s.body or has_averaged_rows(body):
                 continue
             nodes = boundary_nodes(s, body, contact.boundary)
@@ -104,13 +103,12 @@ def mortar_rows(
 def refuse_empty_boundaries(
     geometry: Geometry,
     displacements: Sequence[DisplacementCondition],
-    contacts: Sequence[Contact],
     conditions: NodeConditions,
 ) -> None:
     """Refuse conditions and contacts whose boundary has no node (collective)."""
     groups: tuple[tuple[Sequence[DisplacementCondition | Contact], NDArray[np.int64]], ...] = (
         (displacements, conditions.held_source),
-        (contacts, conditions.contact_source),
+        (geometry.contacts, conditions.contact_source),
     )
     for things, sources in groups:
         count = geometry.comm.allreduce(np.bincount(sources, minlength=len(things)))
@@ -125,25 +123,27 @@ def refuse_empty_boundaries(
                 )
 
 
-def contradiction(scene: Scene, error: ContradictionError) -> ContactError:
+def contradiction(
+    geometry: Geometry, displacements: Sequence[DisplacementCondition], error: ContradictionError
+) -> ContactError:
     """The error that names the conditions that exclude each other."""
     if error.kind == "held twice":
-        first, second = scene.displacements[error.first], scene.displacements[error.second]
+        first, second = displacements[error.first], displacements[error.second]
         return ConfigurationError(
-            f"{scene.at(first.source)} and {second.source} hold one node of "
-            f"{scene.bodies[first.body].name} at displacements {abs(error.amount):.6g} apart"
+            f"{geometry.at(first.source)} and {second.source} hold one node of "
+            f"{geometry.bodies[first.body].name} at displacements {abs(error.amount):.6g} apart"
         )
-    contact = scene.touching[error.first]
+    contact = geometry.touching[error.first]
     if error.kind == "squeezed":
-        other = scene.touching[error.second].source
+        other = geometry.touching[error.second].source
         return NoEquilibriumError(
-            f"{scene.source}: the obstacles of {contact.source} and {other} leave a node of "
-            f"{scene.bodies[contact.body].name} no room: they overlap by {error.amount:.6g} in "
+            f"{geometry.source}: the obstacles of {contact.source} and {other} leave a node of "
+            f"{geometry.bodies[contact.body].name} no room: they overlap by {error.amount:.6g} in "
             "the direction in which it can move, and no displacement satisfies both"
         )
     obstacle = "the obstacle" if isinstance(contact, Contact) else "the other body"
     return NoEquilibriumError(
-        f"{scene.source}: the displacement conditions on {scene.bodies[contact.body].name} push "
-        f"held nodes into {obstacle} of {contact.source}, by up to {error.amount:.6g}: no "
-        "displacement satisfies both"
+        f"{geometry.source}: the displacement conditions on "
+        f"{geometry.bodies[contact.body].name} push held nodes into {obstacle} of "
+        f"{contact.source}, by up to {error.amount:.6g}: no displacement satisfies both"
     )

@@ -21,7 +21,6 @@ from contact_app.model.geometry import Geometry
 from contact_app.model.rigid import RigidUnknowns
 from contact_app.scene.bodies import MOTION_NAMES, Body
 from contact_app.scene.conditions import BodyContact, Contact, RigidTie, Tie
-from contact_app.scene.scene import Scene
 from meshes.connected import connected
 from solver.contact.equilibrium import (
     BodyBalance,
@@ -43,12 +42,12 @@ CLOSES = 1e-6
 
 
 def body_balances(
-    scene: Scene,
     geometry: Geometry,
     holding: tuple[HeldRows, ContactRows],
     contact: ContactRows,
     loads: Iterable[Array | None],
     friction: FrictionRows,
+    in_step: bool = False,
 ) -> list[BodyBalance]:
     """The equilibrium of each body, (bodies,): elastic ones first, then moving rigid ones.
 
@@ -58,15 +57,17 @@ def body_balances(
     ----------
     holding
         Held nodes and tied rows that this rank owns.
+    in_step
+        Whether the loads are those of a place in a load history.
     """
     held, tied = holding
-    d, comm, elastic = geometry.dimension, geometry.comm, len(scene.bodies)
+    d, comm, elastic = geometry.dimension, geometry.comm, len(geometry.bodies)
     work, scale = _work_of_loads(geometry, loads)
     touching, joined = (contact_motions(geometry, rows) for rows in (contact, tied))
     slips = contact_motions(geometry, friction.rows)
     points = ContactPoints(friction, friction.places(contact), slips)
     balances: list[BodyBalance | None] = [None] * len(work)
-    for group in groups_in_contact(geometry, scene.touching, scene.all_ties):
+    for group in groups_in_contact(geometry):
         held_rows, requested = _holding(geometry, held, group)
         columns = (group[:, None] * MOTIONS[d] + np.arange(MOTIONS[d])).ravel()
         some, tied_rows = touching[:, columns], joined[:, columns]
@@ -74,7 +75,7 @@ def body_balances(
         tied_rows = tied_rows[np.diff(tied_rows.indptr) > 0].toarray()
         moved = None
         if group.max() < elastic:
-            moved = _moved_by_contact(scene.bodies, scene.touching, contact, group)
+            moved = _moved_by_contact(geometry, contact, group)
         rows = GroupRows(
             held_rows,
             np.concatenate([block_diag(*requested), tied_rows]),
@@ -85,12 +86,10 @@ def body_balances(
         load = work[group].ravel()
         state = rows.balance(comm, load, float(scale[group].sum()))
         if state.escape is not None:
-            message = _no_equilibrium(scene, comm, group, rows, load, state.escape)
-            hints = far_obstacle_hints(
-                scene.bodies, scene.contacts, contact.gaps, contact.sources, comm
-            )
+            message = _no_equilibrium(geometry, group, rows, load, state.escape, in_step)
+            hints = far_obstacle_hints(geometry, contact)
             if moved is not None:
-                names = [touching.source for touching in scene.touching]
+                names = [touching.source for touching in geometry.touching]
                 hints += averaged_gap_hints(names, comm, contact, moved @ state.escape)
             raise NoEquilibriumError("\n  ".join([message, *hints]))
         for b, of_body in zip(group, rows.balances(comm, state, group < elastic), strict=True):
@@ -120,25 +119,25 @@ def _work_of_loads(geometry: Geometry, loads: Iterable[Array | None]) -> tuple[A
 
 
 def _no_equilibrium(
-    scene: Scene,
-    comm: MPI.Intracomm,
+    geometry: Geometry,
     group: NDArray[np.int64],
     rows: GroupRows,
     load: Array,
     escape: Array,
+    in_step: bool,
 ) -> str:
     """The error for a group that a load drives away along an escape (collective).
 
     With given slip limits the message has the share of all loads at which this starts. In a load
     step only its own loads grow, and the message of the step has the factor.
     """
-    share, cones, both = None, rows.cones, (rows.holding, rows.contact)
+    share, cones, both, comm = None, rows.cones, (rows.holding, rows.contact), geometry.comm
     if cones.acts:
         escape = slide(comm, *both, escape, cones)
-        share = None if scene.in_step else carried_share(comm, *both, load, cones)
+        share = None if in_step else carried_share(comm, *both, load, cones)
     return (
-        f"{scene.source}: the scene has no equilibrium: nothing stops "
-        f"{leaving(scene.body_names.__getitem__, group, escape)} under its loads"
+        f"{geometry.source}: the scene has no equilibrium: nothing stops "
+        f"{leaving(geometry.body_names.__getitem__, group, escape)} under its loads"
         + (", not even friction at its limit" if cones.acts else "")
         + (f"; it starts at {share:.3g} times all loads" if share is not None else "")
     )
@@ -249,18 +248,14 @@ class ContactPoints:
         )  # fmt: skip
 
 
-def group_numbers(
-    geometry: Geometry,
-    touching: Sequence[Contact | BodyContact],
-    ties: Sequence[Tie | RigidTie],
-) -> NDArray[np.int64]:
+def group_numbers(geometry: Geometry) -> NDArray[np.int64]:
     """The group of each body, (bodies,): elastic ones first, then moving rigid ones.
 
     Bodies of a group may touch or hold together, directly or through others.
     """
     elastic, moving = len(geometry.bodies), geometry.rigid.moving
     place = {number: elastic + nth for nth, number in enumerate(moving)}
-    joints = (*touching, *ties)
+    joints = (*geometry.touching, *geometry.ties)
     pairs = [(j.body, j.other) for j in joints if isinstance(j, BodyContact | Tie)]
     with_rigid = [j for j in joints if isinstance(j, Contact | RigidTie)]
     pairs += [(j.body, place[j.rigid]) for j in with_rigid if j.rigid in place]
@@ -268,13 +263,9 @@ def group_numbers(
     return connected(ends.T, elastic + len(moving))
 
 
-def groups_in_contact(
-    geometry: Geometry,
-    touching: Sequence[Contact | BodyContact],
-    ties: Sequence[Tie | RigidTie],
-) -> list[NDArray[np.int64]]:
+def groups_in_contact(geometry: Geometry) -> list[NDArray[np.int64]]:
     """Bodies that may touch each other, directly or through others."""
-    label = group_numbers(geometry, touching, ties)
+    label = group_numbers(geometry)
     return [np.flatnonzero(label == k) for k in np.unique(label)]
 
 
@@ -323,19 +314,14 @@ def entries_on_motions(
     return values.ravel(), row.ravel(), column.ravel()
 
 
-def _moved_by_contact(
-    bodies: Sequence[Body],
-    touching: Sequence[Contact | BodyContact],
-    contact: ContactRows,
-    group: NDArray[np.int64],
-) -> Array:
+def _moved_by_contact(geometry: Geometry, contact: ContactRows, group: NDArray[np.int64]) -> Array:
     """Relative motion of the sides of the contact rows of a group under its rigid motions.
 
     (rows · dimension, bodies · motions).
     """
-    d = bodies[0].mesh.dimension
+    d, bodies = geometry.dimension, geometry.bodies
     moved = np.zeros((len(contact.nodes), d, len(group), MOTIONS[d]))
-    for number, item in enumerate(touching):
+    for number, item in enumerate(geometry.touching):
         of_contact = np.flatnonzero(contact.sources == number)
         sides = [(item.body, 1.0)]
         sides += [(item.other, -1.0)] if isinstance(item, BodyContact) else []

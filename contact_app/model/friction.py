@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from mpi4py import MPI
 from numpy.typing import NDArray
 
 from contact_app.model.facets import moments
@@ -29,15 +28,12 @@ Array = NDArray[np.float64]
 
 
 def rough_contacts(
-    geometry: Geometry,
-    touching: Sequence[Contact | BodyContact],
-    exchange: NodeExchange,
-    held: HeldRows,
+    geometry: Geometry, exchange: NodeExchange, held: HeldRows
 ) -> list[RoughContact]:
     """The contacts with friction among all contacts, in the order of their numbers."""
     return [
         _rough(geometry, exchange, held, item, number)
-        for number, item in enumerate(touching)
+        for number, item in enumerate(geometry.touching)
         if item.law.acts
     ]
 
@@ -49,17 +45,15 @@ def always_rough(
     return np.array([*(c.law.limit > 0.0 for c in touching), False])[contact.sources]
 
 
-def without_area(
-    touching: Sequence[Contact | BodyContact], friction: FrictionRows, comm: MPI.Intracomm
-) -> list[str]:
+def without_area(geometry: Geometry, friction: FrictionRows) -> list[str]:
     """Sentences on contact points where Tresca friction has no area to act on (collective)."""
     sentences = []
-    for number, contact in enumerate(touching):
+    for number, contact in enumerate(geometry.touching):
         if contact.law.limit == 0.0:
             continue
         rows = friction.rows
         lost = rows.nodes[(rows.sources == number) & (friction.limits == 0.0)]
-        count = comm.allreduce(len(np.unique(lost)))
+        count = geometry.comm.allreduce(len(np.unique(lost)))
         if count:
             sentences.append(
                 f"{contact.source}: {count} nodes lie on no whole facet of {contact.boundary}: "

@@ -1,4 +1,4 @@
-"""The geometry of a scene: its bodies cut into subdomains, and the facets of their boundaries."""
+"""The geometry of a scene: its bodies cut into subdomains, their boundaries and what may touch."""
 
 from __future__ import annotations
 
@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from contact_app.model.boundaries import boundary_facets, surface_facets
 from contact_app.model.planes import on_planes
 from contact_app.scene.bodies import Body
+from contact_app.scene.conditions import BodyContact, Contact, RigidTie, Tie
 from contact_app.scene.rigid import RigidBodies
 from contact_app.scene.scene import Mirror, Scene
 from meshes import Partition, Reference, dolfinx_compat
@@ -27,6 +28,10 @@ class Geometry:
     ----------
     bodies, rigid
         Elastic bodies, and rigid ones.
+    contacts, pairs
+        Contacts with obstacles and rigid bodies, and pairs of elastic bodies that may touch.
+    ties
+        Tied pairs, then boundaries tied to rigid bodies.
     mirrors
         Planes of symmetry at which the scene was cut.
     source
@@ -37,6 +42,9 @@ class Geometry:
 
     bodies: tuple[Body, ...]
     rigid: RigidBodies
+    contacts: tuple[Contact, ...]
+    pairs: tuple[BodyContact, ...]
+    ties: tuple[Tie | RigidTie, ...]
     mirrors: tuple[Mirror, ...]
     partition: Partition
     source: Path
@@ -45,7 +53,21 @@ class Geometry:
     @classmethod
     def of(cls, scene: Scene, partition: Partition) -> Geometry:
         """The geometry of a scene whose bodies were cut."""
-        return cls(scene.bodies, scene.rigid, scene.mirrors, partition, scene.source, scene.at)
+        return cls(
+            scene.bodies, scene.rigid, scene.contacts, scene.pairs, scene.all_ties, scene.mirrors,
+            partition, scene.source, scene.at,
+        )  # fmt: skip
+
+    @property
+    def touching(self) -> tuple[Contact | BodyContact, ...]:
+        """All contacts in the order of the sources of contact rows."""
+        return (*self.contacts, *self.pairs)
+
+    @property
+    def body_names(self) -> list[str]:
+        """Names of the bodies in the order of the solver: elastic ones, then moving rigid ones."""
+        rigid = [self.rigid.bodies[k].name for k in self.rigid.moving]
+        return [*(body.name for body in self.bodies), *rigid]
 
     @property
     def dimension(self) -> int:

@@ -14,7 +14,7 @@ from contact_app.model.boundaries import boundary_facets, refuse_without_facet
 from contact_app.model.geometry import Geometry
 from contact_app.model.total_loads import LinearTraction
 from contact_app.scene.bodies import Body
-from contact_app.scene.conditions import BodyForce, Pressure, Traction
+from contact_app.scene.conditions import BodyForce, Pressure, Temperature, TotalLoad, Traction
 from contact_app.scene.scene import Scene
 from meshes import Subdomain
 
@@ -23,15 +23,33 @@ FacetLoad = Traction | Pressure
 
 @dataclass(frozen=True)
 class Loads:
-    """Loads with a given density: on facets of boundaries, and on bodies."""
+    """The loads of a scene, and whether it is plane.
+
+    Attributes
+    ----------
+    on_facets, forces
+        Loads with a given density, on facets of boundaries and on bodies.
+    totals
+        Forces and moments on boundaries.
+    temperatures
+        Rises of temperature of bodies.
+    plane
+        None in space.
+    """
 
     on_facets: tuple[FacetLoad, ...]
     forces: tuple[BodyForce, ...]
+    totals: tuple[TotalLoad, ...]
+    temperatures: tuple[Temperature, ...]
+    plane: str | None
 
     @classmethod
     def of(cls, scene: Scene) -> Loads:
         """The loads of a scene."""
-        return cls((*scene.tractions, *scene.pressures), scene.forces)
+        return cls(
+            (*scene.tractions, *scene.pressures), scene.forces, scene.total_loads,
+            scene.temperatures, scene.plane,
+        )  # fmt: skip
 
 
 def load_vectors(

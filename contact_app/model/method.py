@@ -75,10 +75,9 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass
 
 import numpy as np
-from mpi4py import MPI
 
 from contact_app.scene.bodies import Body
 from contact_app.scene.conditions import Tie
@@ -119,55 +118,122 @@ multigrid 57."""
 
 
 def with_chosen_method(scene: Scene) -> Scene:
-    """The scene with `method: primal` if `auto` chooses multigrid.
-
-    It does so if all bodies come from mesh files, in space, with friction or enough unknowns for
-    its levels to save time, and if the scene names no other method or decomposition. In the plane
-    one thin body with friction has multigrid, as have thin tied bodies without contact.
-    """
-    if scene.solver.method != "auto" or scene.decomposition.subdomains is not None:
+    """The scene with `method: primal` if `auto` chooses multigrid."""
+    if not MethodChoice.of(scene).takes_multigrid:
         return scene
-    if _is_thin_in_plane(scene):
-        return replace(scene, solver=replace(scene.solver, method="primal"))
-    congruent = any(body.mesh.congruent for body in scene.bodies)
-    if scene.dimension == 2 or scene.unknowns < _least(scene) or congruent:
-        return scene
-    return replace(scene, solver=replace(scene.solver, method="primal"))
+    return scene.solved_by(method="primal")
 
 
-def _least(scene: Scene) -> int:
-    """Unknowns of a scene from which on multigrid is used."""
-    if scene.has_friction:
-        return 0
-    return LEAST_THIN if _has_thin_body(scene.bodies) else LEAST
+@dataclass(frozen=True)
+class MethodChoice:
+    """The properties of a scene on which the choice of its method depends.
 
-
-def may_peel(scene: Scene) -> bool:
-    """Whether contact may peel off row by row, as on thin bodies.
-
-    With friction contact hardly peels off; Total FETI has no limit there.
+    Attributes
+    ----------
+    bodies, ties
+        Elastic bodies, and the tied pairs of them.
+    free
+        Whether the scene names neither a method nor a decomposition.
+    decomposed
+        Whether the scene names its decomposition.
+    touches, rubs
+        Whether there are contacts, and contacts with friction.
     """
-    free = scene.solver.method == "auto" and scene.decomposition.subdomains is None
-    if not free or scene.has_friction:
-        return False
-    small = scene.unknowns <= LARGEST_THIN[scene.bodies[0].mesh.dimension]
-    return bool(scene.touching and small and _has_thin_body(scene.bodies))
 
+    bodies: Sequence[Body]
+    ties: Sequence[Tie]
+    free: bool
+    decomposed: bool
+    touches: bool
+    rubs: bool
 
-def may_jump(scene: Scene) -> bool:
-    """Whether active sets may move loose bodies back and forth, and multigrid can follow.
+    @classmethod
+    def of(cls, scene: Scene) -> MethodChoice:
+        """The properties of a scene."""
+        decomposed = scene.decomposition.subdomains is not None
+        free = scene.solver.method == "auto" and not decomposed
+        touches, rubs = bool(scene.touching), scene.has_friction
+        return cls(scene.bodies, scene.ties, free, decomposed, touches, rubs)
 
-    Bodies that only contact holds may roll or slide far on a set that holds them badly.
-    """
-    free = scene.solver.method == "auto" and scene.decomposition.subdomains is None
-    smooth = bool(scene.touching) and not scene.has_friction
-    return free and smooth and not _is_one_piece(scene.bodies, scene.ties)
+    @property
+    def dimension(self) -> int:
+        """2 or 3."""
+        return self.bodies[0].mesh.dimension
 
+    @property
+    def unknowns(self) -> int:
+        """Displacement components at the nodes of all bodies."""
+        return self.dimension * sum(body.nodes for body in self.bodies)
 
-def may_stall(scene: Scene) -> bool:
-    """Whether conjugate gradients of `auto` may stall with friction, and multigrid can follow."""
-    free = scene.solver.method == "auto" and scene.decomposition.subdomains is None
-    return free and scene.has_friction
+    @property
+    def takes_multigrid(self) -> bool:
+        """Whether `auto` chooses multigrid.
+
+        It does so if all bodies come from mesh files, in space, with friction or enough unknowns
+        for its levels to save time, and if the scene names no other method or decomposition. In the
+        plane one thin body with friction has multigrid, as have thin tied bodies without contact.
+        """
+        if not self.free or self._is_thin_in_plane():
+            return self.free
+        if self.dimension == 2 or any(body.mesh.congruent for body in self.bodies):
+            return False
+        return self.rubs or self.unknowns >= (LEAST_THIN if self._has_thin_body() else LEAST)
+
+    @property
+    def may_peel(self) -> bool:
+        """Whether contact may peel off row by row, as on thin bodies.
+
+        With friction contact hardly peels off; Total FETI has no limit there.
+        """
+        small = self.unknowns <= LARGEST_THIN[self.dimension]
+        smooth = self.touches and not self.rubs
+        return self.free and smooth and small and self._has_thin_body()
+
+    @property
+    def may_jump(self) -> bool:
+        """Whether active sets may move loose bodies back and forth, and multigrid can follow.
+
+        Bodies that only contact holds may roll or slide far on a set that holds them badly.
+        """
+        return self.free and self.touches and not self.rubs and not self._is_one_piece()
+
+    @property
+    def may_stall(self) -> bool:
+        """Whether conjugate gradients may stall with friction, and multigrid can follow."""
+        return self.free and self.rubs
+
+    @property
+    def why_total_feti(self) -> str:
+        """The reason why `auto` solves a scene by Total FETI, for the report of `check`."""
+        if self.decomposed:
+            return "the scene names its decomposition"
+        if any(body.mesh.congruent for body in self.bodies):
+            return "congruent subdomains of boxes share a factor"
+        if self.dimension == 2:
+            return "in the plane subdomains have cheap factors"
+        return "multigrid does not pay on so few unknowns"
+
+    def _is_thin_in_plane(self) -> bool:
+        """Whether one thin body in the plane has friction, or tied ones have no contact.
+
+        Thin bodies may be straight or curved.
+        """
+        small = self.dimension == 2 and self.unknowns <= LARGEST_THIN[2]
+        rubs = len(self.bodies) == 1 and self.rubs
+        linear = bool(self.ties) and not self.touches
+        if not small or not (rubs or linear):
+            return False
+        meshes = [body.mesh for body in self.bodies]
+        return any(max(np.subtract(m.upper, m.lower)) ** 2 >= THIN * m.size for m in meshes)
+
+    def _is_one_piece(self) -> bool:
+        """Whether there is one body, or ties join all bodies, directly or through others."""
+        ends = np.array([(tie.body, tie.other) for tie in self.ties], np.int64).reshape(-1, 2)
+        return not connected(ends.T, len(self.bodies)).any()
+
+    def _has_thin_body(self) -> bool:
+        extents = [np.subtract(body.mesh.upper, body.mesh.lower) for body in self.bodies]
+        return any(bool(e.max() >= THIN * e.min()) for e in extents)
 
 
 def patience(bodies: Sequence[Body]) -> int:
@@ -179,58 +245,9 @@ def patience(bodies: Sequence[Body]) -> int:
     return round(PATIENCE * math.sqrt(max(1.0, unknowns / PATIENCE_UNKNOWNS)))
 
 
-def why_total_feti(scene: Scene) -> str:
-    """The reason why `auto` solves a scene by Total FETI, for the report of `check`."""
-    bodies = scene.bodies
-    if scene.decomposition.subdomains is not None:
-        return "the scene names its decomposition"
-    if any(body.mesh.congruent for body in bodies):
-        return "congruent subdomains of boxes share a factor"
-    if scene.dimension == 2:
-        return "in the plane subdomains have cheap factors"
-    return "multigrid does not pay on so few unknowns"
-
-
-def _is_thin_in_plane(scene: Scene) -> bool:
-    """Whether one thin body in the plane has friction, or thin ones are tied and have no contact.
-
-    Thin bodies may be straight or curved.
-    """
-    small = scene.dimension == 2 and scene.unknowns <= LARGEST_THIN[2]
-    rubs = len(scene.bodies) == 1 and scene.has_friction
-    linear = bool(scene.ties) and not scene.touching
-    if not small or not (rubs or linear):
-        return False
-    meshes = [body.mesh for body in scene.bodies]
-    return any(max(np.subtract(m.upper, m.lower)) ** 2 >= THIN * m.size for m in meshes)
-
-
-def _is_one_piece(bodies: Sequence[Body], ties: Sequence[Tie]) -> bool:
-    """Whether there is one body, or ties join all bodies, directly or through others."""
-    ends = np.array([(tie.body, tie.other) for tie in ties], np.int64).reshape(-1, 2)
-    return not connected(ends.T, len(bodies)).any()
-
-
-def _has_thin_body(bodies: Sequence[Body]) -> bool:
-    extents = [np.subtract(body.mesh.upper, body.mesh.lower) for body in bodies]
-    return any(bool(e.max() >= THIN * e.min()) for e in extents)
-
-
 def is_undecomposed(solver: SolverOptions) -> bool:
     """Whether the scene is solved for the displacements of undecomposed bodies."""
     return solver.method == "primal"
-
-
-def subdomains_of(scene: Scene, comm: MPI.Intracomm) -> None | int | tuple[int, ...]:
-    """Requested subdomains in the form of `meshes.decompose`.
-
-    A method for undecomposed bodies has the fewest possible: one for each body, and one for each
-    rank.
-    """
-    subdomains = scene.decomposition.subdomains
-    if subdomains is None and is_undecomposed(scene.solver):
-        return max(len(scene.bodies), comm.size)
-    return subdomains
 
 
 def feti_options(solver: SolverOptions) -> TotalFetiOptions | None:

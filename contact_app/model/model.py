@@ -176,7 +176,7 @@ def model_of_case(model: Model, outline: Outline, scene: Scene) -> Model:
         model, scene=scene, problem=case, needed=outline.needed, left_out=outline.left_out,
         merged=outline.rows.merged, linear=outline.acting.linear,
         temperatures=tuple(_temperatures(outline, m) for m in members),
-        notes=_notes(scene, outline, case), cautions=_cautions(scene, outline),
+        notes=_notes(outline, is_undecomposed(scene.solver), case), cautions=_cautions(outline),
     )  # fmt: skip
 
 
@@ -217,7 +217,7 @@ def model_of_outline(
     constraints = ConstraintRows(exchange, rows, shared, supports, steady)
     problem = DualProblem(
         build_system(
-            subdomains, constraints, group_numbers(geometry, scene.touching, scene.all_ties),
+            subdomains, constraints, group_numbers(geometry),
             lambda: timings.measure("factorization"), options, loose_bodies(scene.bodies, balances),
         )
     )  # fmt: skip
@@ -238,17 +238,17 @@ def model_of_outline(
         probes=outline.probes,
         temperatures=tuple(_temperatures(outline, members) for members in classes.values()),
         sections=outline.sections,
-        notes=_notes(scene, outline, problem),
-        cautions=_cautions(scene, outline),
+        notes=_notes(outline, levels, problem),
+        cautions=_cautions(outline),
     )
 
 
-def _notes(scene: Scene, outline: Outline, problem: DualProblem) -> tuple[str, ...]:
-    """Sentences on how the scene is modelled (collective)."""
+def _notes(outline: Outline, undecomposed: bool, problem: DualProblem) -> tuple[str, ...]:
+    """Sentences on how a scene is modelled (collective)."""
     partition, eliminated = outline.partition, outline.eliminated
-    notes = [f"{body.name}: {note}" for body in scene.bodies for note in body.mesh.notes]
-    notes += _cautions(scene, outline)
-    if is_undecomposed(scene.solver):
+    notes = [f"{body.name}: {note}" for body in outline.geometry.bodies for note in body.mesh.notes]
+    notes += _cautions(outline)
+    if undecomposed:
         notes.append("undecomposed bodies: conjugate gradients with algebraic multigrid")
     elif not eliminated.all():
         floating = int((~eliminated).sum())
@@ -263,32 +263,27 @@ def _notes(scene: Scene, outline: Outline, problem: DualProblem) -> tuple[str, .
     return tuple(notes)
 
 
-def _cautions(scene: Scene, outline: Outline) -> tuple[str, ...]:
+def _cautions(outline: Outline) -> tuple[str, ...]:
     """Sentences on bodies that no load drives, loads and friction without effect, and ties.
 
     Collective.
     """
+    geometry, rigid = outline.geometry, outline.geometry.rigid
     cautions = [
         f"{name} can move freely along {directions_in_words(upward(balance.free_motions))} and no "
         "load does work in that motion: the run holds it in its place"
-        for name, balance in zip(scene.body_names, outline.balances, strict=True)
+        for name, balance in zip(geometry.body_names, outline.balances, strict=True)
         if balance.free_motions.shape[1]
     ]
-    held = idle_loads(scene.rigid_loads, scene.rigid_motions, scene.dimension)
+    held = idle_loads(rigid.loads, rigid.motions, rigid.dimension)
     cautions += [
-        f"{load.source}: {scene.rigid_bodies[load.body].name} is held against this load: its "
+        f"{load.source}: {rigid.bodies[load.body].name} is held against this load: its "
         "reaction takes the load, which acts on no other body"
         for load in held
     ]
-    cautions += without_area(scene.touching, outline.tangential, outline.partition.comm)
+    cautions += without_area(geometry, outline.tangential)
     cautions += rough_at_tied_nodes(
-        ContactsAndTies(
-            outline.geometry,
-            scene.all_ties,
-            scene.touching,
-            outline.contact,
-            outline.rows.tied.rows,
-        )
+        ContactsAndTies(geometry, outline.contact, outline.rows.tied.rows)
     )
     return (*cautions, *outline.rows.tied.notes)
 

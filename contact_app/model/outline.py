@@ -35,7 +35,7 @@ from contact_app.model.geometry import Geometry
 from contact_app.model.heat import node_temperatures, thermal_loads
 from contact_app.model.loads import Loads, load_vectors
 from contact_app.model.mean_motions import mean_motion_rows
-from contact_app.model.method import subdomains_of
+from contact_app.model.method import is_undecomposed
 from contact_app.model.probes import Probe, locate_probes
 from contact_app.model.rigid import (
     exchange_with,
@@ -48,7 +48,7 @@ from contact_app.model.surface_copies import SurfaceCopies
 from contact_app.model.tangential_rows import tangential_rows
 from contact_app.model.ties import TiedRows, tied_rows, without_determined
 from contact_app.model.total_loads import LinearTraction, linear_tractions
-from contact_app.scene.conditions import BodyContact, Contact, DisplacementCondition
+from contact_app.scene.conditions import DisplacementCondition
 from contact_app.scene.scene import Scene
 from meshes import Partition, decompose
 from solver.contact.equilibrium import BodyBalance
@@ -56,7 +56,6 @@ from solver.tfeti.constraints.conditions import (
     ContactRows,
     ContradictionError,
     HeldRows,
-    NodeConditions,
 )
 from solver.tfeti.constraints.exchange import NodeExchange
 from solver.tfeti.constraints.friction import FrictionRows
@@ -75,7 +74,10 @@ def partition_scene(scene: Scene, comm: MPI.Intracomm) -> Partition:
     try:
         shapes = [body.mesh.shape(body.degree) for body in scene.bodies]
         choose = partial(choose_split, single=len(shapes) == 1)
-        return decompose(shapes, subdomains_of(scene, comm), comm, choose)
+        subdomains = scene.decomposition.subdomains
+        if subdomains is None and is_undecomposed(scene.solver):  # the fewest possible
+            subdomains = max(len(shapes), comm.size)
+        return decompose(shapes, subdomains, comm, choose)
     except ValueError as error:
         raise ConfigurationError(f"{scene.at('decomposition')}: {error}") from error
 
@@ -234,18 +236,18 @@ def outline_of_scene(
         for i, c in enumerate(scene.contacts)
         if has_averaged_rows(scene.bodies[c.body]) and c.rigid not in scene.moving
     )
-    rows = _written_rows(scene, geometry, exchange, uncut)
+    rows = _written_rows(geometry, scene.displacements, exchange, uncut)
     elements: dict[int, Element] = {}
     for subdomain in partition.subdomains:
         reference = subdomain.reference
         if id(reference) not in elements:
             elements[id(reference)] = Element(reference, scene.dimension)
     means = mean_motion_rows(geometry, exchange, elements, rows.held)
-    acting = _loads(scene, geometry, elements, timings)
-    friction, balances = _friction_and_balances(scene, geometry, exchange, rows, acting.vectors)
+    acting = _acting(geometry, Loads.of(scene), elements, timings)
+    loads = acting.vectors, scene.in_step
+    friction, balances = _friction_and_balances(geometry, exchange, rows, *loads)
     if isinstance(needed, str):
-        groups = groups_in_contact(geometry, scene.touching, scene.all_ties)
-        some = _distinct(scene.touching, groups, rows.contact, balances)
+        some = _distinct(geometry, rows.contact, balances)
         needed = np.ones(len(some), bool) if needed == "all" else some
     sections = locate_sections(geometry, scene.output.sections)
     return Outline(
@@ -277,15 +279,15 @@ def outline_of_case(
     geometry = Geometry.of(scene, outline.partition)
     means, rows = outline.means, outline.rows
     if any(condition.name is not None for condition in scene.displacements):
-        rows = _written_rows(scene, geometry, exchange, outline.uncut)
+        rows = _written_rows(geometry, scene.displacements, exchange, outline.uncut)
         means = mean_motion_rows(geometry, exchange, outline.elements, rows.held)
         same = _same_rows(rows.contact, outline.rows.contact)
         if not geometry.comm.allreduce(int(same), op=MPI.MIN):
             return None
-    acting = _loads(scene, geometry, outline.elements, timings)
-    friction, balances = _friction_and_balances(scene, geometry, exchange, rows, acting.vectors)
-    groups = groups_in_contact(geometry, scene.touching, scene.all_ties)
-    needed = _distinct(scene.touching, groups, rows.contact, balances)
+    acting = _acting(geometry, Loads.of(scene), outline.elements, timings)
+    loads = acting.vectors, scene.in_step
+    friction, balances = _friction_and_balances(geometry, exchange, rows, *loads)
+    needed = _distinct(geometry, rows.contact, balances)
     return replace(
         outline, geometry=geometry, rows=rows, needed=needed, acting=acting, means=means,
         balances=balances, friction=friction,
@@ -293,55 +295,58 @@ def outline_of_case(
 
 
 def _written_rows(
-    scene: Scene, geometry: Geometry, exchange: NodeExchange, uncut: Sequence[ContactRows]
+    geometry: Geometry,
+    displacements: Sequence[DisplacementCondition],
+    exchange: NodeExchange,
+    uncut: Sequence[ContactRows],
 ) -> CandidateRows:
     """The rows of conditions, contacts and ties (collective)."""
-    contacts, touching, ties = scene.contacts, scene.touching, scene.all_ties
-    conditions = _conditions(geometry, scene.displacements, contacts)
-    moving = np.isin(conditions.contact_source, moving_contacts(contacts, scene.moving))
+    with agreed(geometry.comm):
+        conditions = node_conditions(geometry, displacements)
+    refuse_empty_boundaries(geometry, displacements, conditions)
+    moving = np.isin(conditions.contact_source, moving_contacts(geometry))
     fixed = conditions.of_contacts(~moving)
     try:
         held = merge_held(exchange, conditions)
         contact, merged = merge_contact(exchange, fixed, held, geometry.length, uncut)
-        if scene.moving:
+        if geometry.rigid.moving:
             of_moving = conditions.of_contacts(moving)
-            on_motions = moving_rows(geometry, contacts, exchange, of_moving, held)
+            on_motions = moving_rows(geometry, exchange, of_moving, held)
             contact, merged = (
                 ContactRows.join([a, b]) for a, b in zip((contact, merged), on_motions, strict=True)
             )
     except ContradictionError as error:
-        raise contradiction(scene, error) from error
-    tied = tied_rows(geometry, ties, exchange, held)
-    constraints = ContactsAndTies(geometry, ties, touching, contact, tied.rows)
-    contact, determined = without_determined(constraints)
+        raise contradiction(geometry, displacements, error) from error
+    tied = tied_rows(geometry, exchange, held)
+    contact, determined = without_determined(ContactsAndTies(geometry, contact, tied.rows))
     return CandidateRows(held, contact, ContactRows.join([merged, determined]), tied)
 
 
 def _friction_and_balances(
-    scene: Scene,
     geometry: Geometry,
     exchange: NodeExchange,
     rows: CandidateRows,
     loads: Sequence[NDArray[np.float64] | None],
+    in_step: bool,
 ) -> tuple[FrictionRows, list[BodyBalance]]:
     """Tangential rows and the equilibrium of each body (collective)."""
     held, contact, tied = rows.held, rows.contact, rows.tied.rows
-    rough = rough_contacts(geometry, scene.touching, exchange, held)
+    rough = rough_contacts(geometry, exchange, held)
     friction = tangential_rows(exchange, rough, contact, rows.merged, held, tied)
-    return friction, body_balances(scene, geometry, (held, tied), contact, loads, friction)
+    return friction, body_balances(geometry, (held, tied), contact, loads, friction, in_step)
 
 
-def _loads(
-    scene: Scene, geometry: Geometry, elements: dict[int, Element], timings: Timings
+def _acting(
+    geometry: Geometry, loads: Loads, elements: dict[int, Element], timings: Timings
 ) -> ActingLoads:
     """The loads of a scene on its subdomains (collective)."""
     with timings.measure("assembly"):
-        linear = linear_tractions(geometry, elements, scene.total_loads)
-        vectors = load_vectors(geometry, Loads.of(scene), elements, linear)
+        linear = linear_tractions(geometry, elements, loads.totals)
+        vectors = load_vectors(geometry, loads, elements, linear)
         with agreed(geometry.comm):
-            temperatures = node_temperatures(geometry, scene.temperatures)
+            temperatures = node_temperatures(geometry, loads.temperatures)
         with agreed(geometry.comm):
-            thermal = thermal_loads(geometry, elements, scene.plane, scene.temperatures)
+            thermal = thermal_loads(geometry, elements, loads.plane, loads.temperatures)
     return ActingLoads(linear, vectors, temperatures, thermal)
 
 
@@ -350,38 +355,21 @@ def _same_rows(one: ContactRows, other: ContactRows) -> bool:
     return np.array_equal(one.nodes, other.nodes) and np.array_equal(one.sources, other.sources)
 
 
-def _conditions(
-    geometry: Geometry, displacements: Sequence[DisplacementCondition], contacts: Sequence[Contact]
-) -> NodeConditions:
-    """Held nodes and contact rows of nodes; boundaries without a node are refused (collective)."""
-    with agreed(geometry.comm):
-        conditions = node_conditions(geometry, displacements, contacts)
-    refuse_empty_boundaries(geometry, displacements, contacts, conditions)
-    return conditions
-
-
 def _distinct(
-    touching: Sequence[Contact | BodyContact],
-    groups: Sequence[NDArray[np.int64]],
-    contact: ContactRows,
-    balances: Sequence[BodyBalance],
+    geometry: Geometry, contact: ContactRows, balances: Sequence[BodyBalance]
 ) -> NDArray[np.bool_]:
-    """Mask of the candidate rows that become contact rows, (rows,).
-
-    Parameters
-    ----------
-    groups
-        Bodies that may touch each other.
-    """
+    """Mask of the candidate rows that become contact rows, (rows,)."""
+    touching = geometry.touching
     steady, held = np.array([b.steady for b in balances]), np.zeros(len(balances), bool)
-    for group in groups:
+    for group in groups_in_contact(geometry):
         held[group] = steady[group].all()
     of_contacts = np.array([held[item.body] for item in touching], bool)
     return distinct(contact, of_contacts) | always_rough(touching, contact)
 
 
-def left_out_notes(touching: Sequence[Contact | BodyContact], outline: Outline) -> list[str]:
+def left_out_notes(outline: Outline) -> list[str]:
     """A sentence on the contact rows of each contact that are left out (collective)."""
+    touching = outline.geometry.touching
     count = len(touching)
     numbers = [
         np.bincount(rows.sources, minlength=count) for rows in (outline.left_out, outline.contact)

@@ -29,7 +29,7 @@ from contact_app.model.conditions import rows_in_the_mean
 from contact_app.model.geometry import Geometry
 from contact_app.model.rigid_room import HeldNodes, no_room
 from contact_app.model.surface_copies import SurfaceCopies
-from contact_app.scene.conditions import BodyContact, Contact
+from contact_app.scene.conditions import Contact
 from contact_app.scene.rigid import RigidBodies
 from meshes import Partition
 from solver.tfeti.build import CongruentSubdomains
@@ -177,18 +177,15 @@ def subdomains_of_copies(
     return numbers
 
 
-def moving_contacts(contacts: Sequence[Contact], moving: Sequence[int]) -> NDArray[np.int64]:
+def moving_contacts(geometry: Geometry) -> NDArray[np.int64]:
     """Numbers of the contacts with rigid bodies that are free in some component."""
-    numbers = [i for i, c in enumerate(contacts) if c.rigid in moving]
+    moving = geometry.rigid.moving
+    numbers = [i for i, c in enumerate(geometry.contacts) if c.rigid in moving]
     return np.array(numbers, np.int64)
 
 
 def moving_rows(
-    geometry: Geometry,
-    contacts: Sequence[Contact],
-    exchange: NodeExchange,
-    conditions: NodeConditions,
-    held: HeldRows,
+    geometry: Geometry, exchange: NodeExchange, conditions: NodeConditions, held: HeldRows
 ) -> tuple[ContactRows, ContactRows]:
     """Contact rows with moving rigid bodies, and those that a tighter one repeats (collective).
 
@@ -197,9 +194,9 @@ def moving_rows(
     conditions
         Conditions at the nodes of these contacts.
     """
-    unknowns, d = RigidUnknowns.of(geometry), geometry.dimension
+    unknowns, d, contacts = RigidUnknowns.of(geometry), geometry.dimension, geometry.contacts
     parts = [contact_rows(exchange, conditions)]
-    for number in moving_contacts(contacts, unknowns.moving):
+    for number in moving_contacts(geometry):
         contact = contacts[number]
         if has_averaged_rows(geometry.bodies[contact.body]):
             parts.append(rows_in_the_mean(geometry, exchange, contact, int(number)))
@@ -213,15 +210,12 @@ def moving_rows(
         keep[in_contact] = tightest_of_each_node(
             rows.nodes[in_contact], direction, rows.gaps[in_contact]
         )
-    keep &= tightest_on_motions(geometry, contacts, rows)
+    keep &= tightest_on_motions(geometry, rows)
     return rows.of(keep), rows.of(~keep)
 
 
 def tightest_on_motions(
-    geometry: Geometry,
-    touching: Sequence[Contact | BodyContact],
-    rows: ContactRows,
-    tied: ContactRows | None = None,
+    geometry: Geometry, rows: ContactRows, tied: ContactRows | None = None
 ) -> NDArray[np.bool_]:
     """Mask (rows,) of rows to keep: of parallel rows of rigid bodies alone, the tightest.
 
@@ -230,8 +224,6 @@ def tightest_on_motions(
 
     Parameters
     ----------
-    touching
-        The contacts that the sources of the rows count.
     tied
         Tied rows, which may hold motions, too.
     """
@@ -248,7 +240,7 @@ def tightest_on_motions(
     crowded = no_room(every, unknowns.length, equal)
     if crowded is not None:
         names = [unknowns.bodies.bodies[unknowns.moving[k]].name for k in crowded.bodies]
-        sources = [touching[k].source for k in crowded.sources]
+        sources = [geometry.touching[k].source for k in crowded.sources]
         raise NoEquilibriumError(f"{geometry.source}: {crowded.message(names, sources)}")
     length = np.linalg.norm(every.vectors, axis=1)
     moves = length > 0.0

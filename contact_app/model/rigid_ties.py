@@ -29,7 +29,7 @@ from contact_app.model.rigid import (
     rows_without_nodes,
     with_body,
 )
-from contact_app.scene.conditions import BodyContact, Contact, RigidTie, Tie
+from contact_app.scene.conditions import RigidTie, Tie
 from solver.tfeti.constraints.conditions import ContactEntries, ContactRows
 from solver.tfeti.constraints.exchange import NodeExchange
 
@@ -45,15 +45,11 @@ class ContactsAndTies:
 
     Attributes
     ----------
-    ties, touching
-        The ties that `tied.sources` counts, and the contacts that `contact.sources` counts.
     contact, tied
         Rows of the contacts and of the ties.
     """
 
     geometry: Geometry
-    ties: Sequence[Tie | RigidTie]
-    touching: Sequence[Contact | BodyContact]
     contact: ContactRows
     tied: ContactRows
 
@@ -66,13 +62,13 @@ class ContactsAndTies:
         moving, comm = self.geometry.rigid.moving, self.geometry.comm
         return [
             (tie, np.concatenate(comm.allgather(self.tied.nodes[self.tied.sources == number])))
-            for number, tie in of_rigid_bodies(self.ties)
+            for number, tie in of_rigid_bodies(self.geometry.ties)
             if tie.rigid in moving
         ]
 
 
 def rigidly_tied_rows(
-    geometry: Geometry, ties: Sequence[Tie | RigidTie], exchange: NodeExchange
+    geometry: Geometry, exchange: NodeExchange
 ) -> tuple[list[ContactRows], NDArray[np.int64]]:
     """Rows of the boundaries tied to rigid bodies, and all their nodes (collective).
 
@@ -86,7 +82,7 @@ def rigidly_tied_rows(
     """
     unknowns, parts = RigidUnknowns.of(geometry), []
     body_of: dict[int, int] = {}
-    for number, tie in of_rigid_bodies(ties):
+    for number, tie in of_rigid_bodies(geometry.ties):
         nodes, points = _nodes(geometry, tie)
         shared = {body_of[node] for node in nodes.tolist() if node in body_of} - {tie.rigid}
         if shared:
@@ -136,9 +132,7 @@ def _at_nodes(nodes: NDArray[np.int64], points: Array, d: int, number: int) -> C
     )  # fmt: skip
 
 
-def without_repeated(
-    geometry: Geometry, ties: Sequence[Tie | RigidTie], exchange: NodeExchange, rows: ContactRows
-) -> ContactRows:
+def without_repeated(geometry: Geometry, exchange: NodeExchange, rows: ContactRows) -> ContactRows:
     """Tied rows without those on rigid motions alone that others repeat (collective).
 
     Raises
@@ -164,7 +158,7 @@ def without_repeated(
         motion = np.linalg.lstsq(vectors[chosen], gaps[chosen], rcond=None)[0]
         wrong = np.abs(vectors[some] @ motion - gaps[some])
         if wrong.max() > SAME * unknowns.length:
-            source = ties[sources[some[int(np.argmax(wrong))]]].source
+            source = geometry.ties[sources[some[int(np.argmax(wrong))]]].source
             name = geometry.rigid.bodies[unknowns.moving[int(nth)]].name
             raise NoEquilibriumError(
                 f"{geometry.source}: nodes of {source} that displacement conditions hold would "
@@ -184,7 +178,7 @@ def on_motions(constraints: ContactsAndTies) -> ContactRows:
     on rigid motions: S = C D⁻¹ Cᵀ would be singular. Collective.
     """
     unknowns, contact = RigidUnknowns.of(constraints.geometry), constraints.contact
-    rough = np.array([item.law.acts for item in constraints.touching] or [False])
+    rough = np.array([item.law.acts for item in constraints.geometry.touching] or [False])
     slips = rough[contact.sources]
     rows = contact.of(~slips)
     for tie, nodes in constraints.nodes_tied_to_moving():
@@ -197,7 +191,7 @@ def rough_at_tied_nodes(constraints: ContactsAndTies) -> list[str]:
 
     Each of these nodes has a tied row and rows of friction along the same components (collective).
     """
-    contact, touching, sentences = constraints.contact, constraints.touching, []
+    contact, touching, sentences = constraints.contact, constraints.geometry.touching, []
     for tie, nodes in constraints.nodes_tied_to_moving():
         sources = contact.sources[np.isin(contact.nodes, nodes)]
         shared = constraints.geometry.comm.allreduce(np.bincount(sources, minlength=len(touching)))
@@ -219,7 +213,7 @@ def refuse_pushed(constraints: ContactsAndTies) -> None:
     """
     geometry, tied, contact = constraints.geometry, constraints.tied, constraints.contact
     moving = geometry.rigid.moving
-    held = [number for number, tie in of_rigid_bodies(constraints.ties) if tie.rigid not in moving]
+    held = [number for number, tie in of_rigid_bodies(geometry.ties) if tie.rigid not in moving]
     fixed = tied.of(np.isin(tied.sources, held))
     component = np.abs(fixed.normals).argmax(axis=1)
     prescribed = dict(zip(zip(fixed.nodes, component, strict=True), fixed.gaps, strict=True))
@@ -233,6 +227,6 @@ def refuse_pushed(constraints: ContactsAndTies) -> None:
     if worst > SAME * geometry.length:
         raise NoEquilibriumError(
             f"{geometry.source}: a rigid body that is held in all components pushes nodes that are "
-            f"tied to it by {worst:.6g} into what {constraints.touching[source].source} names: no "
+            f"tied to it by {worst:.6g} into what {geometry.touching[source].source} names: no "
             "displacement satisfies both"
         )

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -20,7 +19,7 @@ from contact_app.model.rigid_ties import (
     rigidly_tied_rows,
     without_repeated,
 )
-from contact_app.scene.conditions import RigidTie, Tie
+from contact_app.scene.conditions import RigidTie
 from meshes.facing import SurfacesApartError
 from meshes.ties import Decided, mean_jumps
 from solver.tfeti.constraints.conditions import ContactRows, ContradictionError, HeldRows
@@ -48,9 +47,7 @@ class TiedRows:
     notes: tuple[str, ...]
 
 
-def tied_rows(
-    geometry: Geometry, ties: Sequence[Tie | RigidTie], exchange: NodeExchange, held: HeldRows
-) -> TiedRows:
+def tied_rows(geometry: Geometry, exchange: NodeExchange, held: HeldRows) -> TiedRows:
     """Write the rows of all ties (collective).
 
     Jumps of held nodes below 1e-9 of the length of the scene are round-off.
@@ -62,9 +59,10 @@ def tied_rows(
     NoEquilibriumError
         Displacement conditions hold the two sides apart.
     """
+    ties = geometry.ties
     if not ties:
         return TiedRows(ContactRows.empty(geometry.dimension), ())
-    of_rigid, moving = rigidly_tied_rows(geometry, ties, exchange)
+    of_rigid, moving = rigidly_tied_rows(geometry, exchange)
     decided = replace(decided_by(exchange, held), tied_before=moving)
     parts, notes = [ContactRows.empty(geometry.dimension), *of_rigid], []
     for number, tie in enumerate(ties):
@@ -93,7 +91,7 @@ def tied_rows(
             "apart: no displacement satisfies both"
         ) from error
     if of_rigid:
-        cut = without_repeated(geometry, ties, exchange, cut)
+        cut = without_repeated(geometry, exchange, cut)
     return TiedRows(cut, tuple(notes))
 
 
@@ -103,13 +101,13 @@ def without_determined(constraints: ContactsAndTies) -> tuple[ContactRows, Conta
     Contact rows of nodes that are tied to moving rigid bodies are rows on the motions of these.
     """
     geometry, tied = constraints.geometry, constraints.tied
-    moved = bool(of_rigid_bodies(constraints.ties) and geometry.rigid.moving)
+    moved = bool(of_rigid_bodies(geometry.ties) and geometry.rigid.moving)
     if moved:
         constraints = replace(constraints, contact=on_motions(constraints))
     some = _undetermined(constraints)
     contact, determined = constraints.contact.of(some), constraints.contact.of(~some)
     if moved:
-        some = tightest_on_motions(geometry, constraints.touching, contact, tied)
+        some = tightest_on_motions(geometry, contact, tied)
         contact, determined = contact.of(some), ContactRows.join([determined, contact.of(~some)])
     return contact, determined
 
@@ -119,13 +117,13 @@ def _undetermined(constraints: ContactsAndTies) -> NDArray[np.bool_]:
 
     Contact with a rigid body is determined at nodes that are tied to it.
     """
-    contact, tied = constraints.contact, constraints.tied
-    some = undecided(constraints.geometry.comm, contact, tied) | contact.on_rigid
-    if not of_rigid_bodies(constraints.ties):
+    contact, tied, geometry = constraints.contact, constraints.tied, constraints.geometry
+    some = undecided(geometry.comm, contact, tied) | contact.on_rigid
+    if not of_rigid_bodies(geometry.ties):
         return some
     inside = np.zeros(len(some), bool)
-    of_contacts = np.array([getattr(item, "rigid", None) for item in constraints.touching])
-    for number, tie in of_rigid_bodies(constraints.ties):
+    of_contacts = np.array([getattr(item, "rigid", None) for item in geometry.touching])
+    for number, tie in of_rigid_bodies(geometry.ties):
         both = np.flatnonzero(of_contacts == tie.rigid)
         of_tie = tied.nodes[tied.sources == number]
         inside |= np.isin(contact.sources, both) & np.isin(contact.nodes, of_tie)

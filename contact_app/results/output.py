@@ -63,7 +63,7 @@ def write_fields(
     if not files:
         return files
     nodes, cells, whole = fields.nodes, fields.cells, full_mesh(model, fields.nodes)
-    wanted = wanted_fields(model.scene)
+    wanted = wanted_fields(model.scene.output, model.scene.has_friction)
     point_fields = {name: getattr(nodes, name) for name in POINT_FIELDS if name in wanted}
     point_fields |= fields.nodal
     cell_fields_by_name = {"stress": cells.stress, "von_mises": cells.von_mises, **_numbers(model)}
@@ -75,7 +75,7 @@ def write_fields(
         of_image = {name: image.field(name, values) for name, values in point_fields.items()}
         return of_image | {f"contact_pressure_{k + 1}": contacts.pressure(image, k) for k in alone}
 
-    size = result_bytes(model.scene, whole.nodes, whole.cells, len(alone))
+    size = result_bytes(model.scene.bodies, wanted, len(alone), whole.nodes, whole.cells)["xdmf"]
     write_grid(model, nodes, files, at_nodes, cell_fields, size, series)
     collections = [path.with_suffix(".pvd") for path in files if path.suffix == ".vtu" and series]
     for path in collections if model.comm.rank == 0 else ():

@@ -12,7 +12,7 @@ from contact_app.results.fields import (
 )
 from contact_app.results.xdmf import CELL_TYPES, cell_type_name, grid_bytes
 from contact_app.scene.bodies import Body
-from contact_app.scene.scene import OutputOptions, Scene
+from contact_app.scene.scene import OutputOptions
 
 COMPONENTS = {
     "displacement": 3, "friction_traction": 3, "slip": 3, "stress": 9, "nodal_stress": 9,
@@ -27,10 +27,10 @@ def components(name: str) -> int:
     return COMPONENTS.get(name, 1)
 
 
-def wanted_fields(scene: Scene) -> list[str]:
+def wanted_fields(output: OutputOptions, has_friction: bool) -> list[str]:
     """The requested fields that a scene can have."""
-    left_out = () if scene.has_friction else FRICTION_FIELDS
-    return [name for name in scene.output.fields if name not in left_out]
+    left_out = () if has_friction else FRICTION_FIELDS
+    return [name for name in output.fields if name not in left_out]
 
 
 def file_names(output: OutputOptions, name: str = "solution") -> list[str]:
@@ -38,45 +38,33 @@ def file_names(output: OutputOptions, name: str = "solution") -> list[str]:
     return [f"{name}.{suffix}" for suffix in ("xdmf", "vtu") if getattr(output, suffix)]
 
 
-def result_bytes(scene: Scene, nodes: int, cells: int, alone: int | None = None) -> int:
-    """Size of ``solution.h5``, a little too large where bodies have different cells.
+def result_bytes(
+    bodies: Sequence[Body], wanted: Sequence[str], alone: int, nodes: int, cells: int
+) -> dict[str, int]:
+    """Sizes of ``solution.h5`` and ``solution.vtu``, by the key of the output.
+
+    They are a little too large where bodies have different cells.
 
     Parameters
     ----------
+    wanted
+        The written fields.
+    alone
+        Number of contacts with a pressure field of their own.
     nodes, cells
         Of all bodies, mirror images included.
-    alone
-        Contacts with a pressure field of their own; all where there are several, unless given.
     """
-    return grid_bytes(nodes, cells, _vertices(scene.bodies), *_components(scene, alone))
+    vertices = max(CELL_TYPES[cell_type_name(b.mesh.cell, b.degree)].vertices for b in bodies)
+    at_nodes = sum(components(name) for name in wanted if name in POINT_FIELDS)
+    materials = max(len(body.materials) for body in bodies)
+    sides = 1 if materials == 1 else 1 + materials
+    at_nodes += sides * sum(components(name) for name in wanted if name in NODAL_FIELDS)
+    at_nodes += alone if "contact_pressure" in wanted else 0
+    at_cells = sum(components(name) for name in wanted if name in CELL_FIELDS)
+    room = nodes, cells, vertices, at_nodes, at_cells
+    return {"xdmf": grid_bytes(*room), "vtu": vtu_bytes(*room)}
 
 
 def vtu_bytes(nodes: int, cells: int, vertices: int, at_nodes: int, at_cells: int) -> int:
     """Size of ``solution.vtu``, about; parameters as of `xdmf.grid_bytes`."""
     return 4096 + nodes * 8 * (3 + at_nodes) + cells * (8 * at_cells + 4 * vertices + 9)
-
-
-def all_bytes(scene: Scene, nodes: int, cells: int) -> int:
-    """Size of all files of fields."""
-    room = _vertices(scene.bodies), *_components(scene, None)
-    sizes = {"xdmf": grid_bytes, "vtu": vtu_bytes}
-    return sum(
-        size(nodes, cells, *room) for name, size in sizes.items() if getattr(scene.output, name)
-    )
-
-
-def _vertices(bodies: Sequence[Body]) -> int:
-    return max(CELL_TYPES[cell_type_name(b.mesh.cell, b.degree)].vertices for b in bodies)
-
-
-def _components(scene: Scene, alone: int | None) -> tuple[int, int]:
-    """Components of all fields at nodes and in cells."""
-    wanted = wanted_fields(scene)
-    at_nodes = sum(components(name) for name in wanted if name in POINT_FIELDS)
-    materials = max(len(body.materials) for body in scene.bodies)
-    sides = 1 if materials == 1 else 1 + materials
-    at_nodes += sides * sum(components(name) for name in wanted if name in NODAL_FIELDS)
-    if alone is None:
-        alone = len(scene.touching) if len(scene.touching) > 1 else 0
-    at_nodes += alone if "contact_pressure" in wanted else 0
-    return at_nodes, sum(components(name) for name in wanted if name in CELL_FIELDS)

@@ -128,9 +128,9 @@ class Movable:
     @classmethod
     def of(cls, model: Model) -> Movable:
         """The bodies of a scene."""
-        scene = model.scene
-        groups = groups_in_contact(model.geometry, scene.touching, scene.all_ties)
-        return cls(groups, scene.body_names, partial(motion_size, scene.bodies))
+        geometry = model.geometry
+        size_of = partial(motion_size, geometry.bodies)
+        return cls(groups_in_contact(geometry), geometry.body_names, size_of)
 
 
 def undetermined_of(

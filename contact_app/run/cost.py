@@ -20,7 +20,7 @@ from contact_app.machine.memory import available_bytes, needed_bytes
 from contact_app.model.decomposition import APPLICATIONS_GLUED, APPLICATIONS_WHOLE
 from contact_app.model.outline import Outline
 from contact_app.scene.bodies import Body
-from contact_app.scene.scene import Scene
+from contact_app.scene.scene import Decomposition, Scene
 from meshes import Subdomain
 from solver.tfeti.subdomain.costs import Group, run_seconds
 
@@ -48,17 +48,19 @@ class Cost:
     seconds: float
 
 
-def estimate(scene: Scene, outline: Outline) -> Cost:
+def estimate(
+    outline: Outline, decomposition: Decomposition, tolerance: float | Literal["auto"]
+) -> Cost:
     """The cost of a run by the formulas of this module and of `memory` (collective)."""
-    partition, d = outline.partition, scene.dimension
-    gluing, groups = gluing_rows(outline), groups_of(scene, outline)
+    partition, d = outline.partition, outline.partition.dimension
+    gluing, groups = gluing_rows(outline), groups_of(outline, decomposition)
     contact = partition.comm.allreduce(len(outline.contact.gaps))
     held = partition.comm.allreduce(int(outline.rows.held.held.sum()))
     rows = gluing + contact + (0 if outline.eliminated.all() else held)
     dofs = partition.nodes * d
     memory = needed_bytes(dofs, rows, tuple((g.unknowns, d) for g in groups))
     seconds = STARTED + CELL_RATE[d] * partition.cells
-    applications = _applications(scene.bodies, scene.solver.tolerance, bool(gluing))
+    applications = _applications(outline.geometry.bodies, tolerance, bool(gluing))
     seconds += PACE * run_seconds(groups, rows, applications, bool(gluing))
     seconds += STEP_SECONDS * applications if gluing else 0.0
     return Cost(memory, seconds)
@@ -77,7 +79,7 @@ def _applications(bodies: Sequence[Body], tolerance: float | Literal["auto"], gl
 
 def cost_lines(scene: Scene, outline: Outline) -> list[str]:
     """Lines on memory and time of a run, and on the checks done (collective)."""
-    cost = estimate(scene, outline)
+    cost = estimate(outline, scene.decomposition, scene.solver.tolerance)
     each = "for the first case and less for each later one, " if scene.cases else ""
     if scene.steps:
         each = "for the first increment and less for each later one, "
@@ -94,12 +96,12 @@ def cost_lines(scene: Scene, outline: Outline) -> list[str]:
     return lines
 
 
-def groups_of(scene: Scene, outline: Outline) -> list[Group]:
+def groups_of(outline: Outline, decomposition: Decomposition) -> list[Group]:
     """Subdomains of this rank by shape and material."""
-    by_graph = isinstance(scene.decomposition.subdomains, int)
+    by_graph, bodies = isinstance(decomposition.subdomains, int), outline.geometry.bodies
     members: dict[tuple, list[int]] = {}
     for local, s in enumerate(outline.partition.subdomains):
-        key: tuple = (id(s.reference), scene.bodies[s.body].materials)
+        key: tuple = (id(s.reference), bodies[s.body].materials)
         if outline.eliminated[s.body]:
             key = (*key, s.body)
         members.setdefault(key, []).append(local)
@@ -111,10 +113,10 @@ def groups_of(scene: Scene, outline: Outline) -> list[Group]:
             first, last = outline.partition.first_node[s.body : s.body + 2]
             nodes = outline.contact.entries.node
             interface = len(np.unique(nodes[(nodes >= first) & (nodes < last)]))
-        d = scene.dimension
+        d = outline.partition.dimension
         unknowns = len(s.reference.points) * d
         in_grid = not (outline.eliminated[s.body] or by_graph)
-        order = _reflections(scene.bodies[s.body], s) if in_grid else 1
+        order = _reflections(bodies[s.body], s) if in_grid else 1
         groups.append(Group(d, unknowns, interface * d, len(numbers), order))
     return groups
 

@@ -16,7 +16,7 @@ from contact_app.model.outline import Outline
 from contact_app.results.output import write_fields
 from contact_app.results.repeated_sentences import without_repetitions
 from contact_app.results.report import log, write_summary
-from contact_app.results.result_size import all_bytes, file_names
+from contact_app.results.result_size import file_names, result_bytes, wanted_fields
 from contact_app.run.model_report import modelled_lines
 from contact_app.run.progress import Progress
 from contact_app.run.result_directory import remove_parts
@@ -81,7 +81,10 @@ def log_model_that_fits(scene: Scene, outline: Outline, directory: Path) -> None
         images = 2 ** len(scene.mirrors)
         sizes = images * outline.partition.nodes, images * outline.partition.cells
         count = len(scene.cases) or sum(step.increments for step in scene.steps) or 1
-        needed = count * all_bytes(scene, *sizes)
+        fields = wanted_fields(scene.output, scene.has_friction)
+        alone = len(scene.touching) if len(scene.touching) > 1 else 0
+        each = result_bytes(scene.bodies, fields, alone, *sizes)
+        needed = count * sum(size for key, size in each.items() if getattr(scene.output, key))
         on_first(
             outline.partition.comm,
             lambda: refuse_without_room(directory, names[0].replace("xdmf", "h5"), needed),

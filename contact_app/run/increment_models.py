@@ -142,7 +142,7 @@ class IncrementModels:
         scene = self.scene
         if not is_undecomposed(scene.solver) or scene.rigid_bodies:
             return None
-        scene = replace(scene, solver=replace(scene.solver, method="auto"))
+        scene = scene.solved_by(method="auto")
         if scene.decomposition.subdomains is not None:
             return scene
         return fewest_subdomains(scene, None, self._comm)

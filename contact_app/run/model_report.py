@@ -15,12 +15,9 @@ from contact_app.model.far_obstacles import far_obstacle_hints
 from contact_app.model.loaded_area import loaded_facets
 from contact_app.model.method import (
     PATIENCE_WITH_FRICTION,
+    MethodChoice,
     is_undecomposed,
-    may_jump,
-    may_peel,
-    may_stall,
     patience,
-    why_total_feti,
 )
 from contact_app.model.outline import Outline, left_out_notes
 from contact_app.results.repeated_sentences import without_repetitions
@@ -125,8 +122,7 @@ def _modelled(scene: Scene, outline: Outline) -> list[str]:
             f"({_candidates(outline, i, scene.bodies[contact.body], nodes)})"
             f"{_friction(contact)}{_interference(contact)}"
         )
-    gaps, sources = outline.rows.contact.gaps, outline.rows.contact.sources
-    hints = far_obstacle_hints(scene.bodies, scene.contacts, gaps, sources, partition.comm)
+    hints = far_obstacle_hints(outline.geometry, outline.rows.contact)
     lines += [f"warning: {hint}" for hint in hints]
     for i, pair in enumerate(scene.pairs, start=len(scene.contacts)):
         other = f"{scene.bodies[pair.other].name}.{pair.other_boundary}"
@@ -227,7 +223,7 @@ def loads_on_bodies(bodies: Sequence[Body], outline: Outline) -> list[str]:
 def _decomposed(scene: Scene, outline: Outline) -> list[str]:
     """Lines on the method, the subdomains, and what holds each body (collective)."""
     partition = outline.partition
-    groups = groups_of(scene, outline)
+    groups = groups_of(outline, scene.decomposition)
     many = partition.count > 1
     if is_undecomposed(scene.solver):
         why = "its iterations hardly grow with the size"
@@ -241,12 +237,11 @@ def _decomposed(scene: Scene, outline: Outline) -> list[str]:
         f"them different on this process: one factor each; {gluing_rows(outline):,} rows "
         "glue them"
     ]
-    obstacles = [body.name for body in scene.rigid_bodies if body.name not in scene.body_names]
+    names = outline.geometry.body_names
+    obstacles = [body.name for body in scene.rigid_bodies if body.name not in names]
     lines += [f"  {name}: held in all components, so it is a fixed obstacle" for name in obstacles]
     undecomposed = np.append(outline.eliminated, np.zeros(len(scene.moving), bool))
-    for name, balance, eliminated in zip(
-        scene.body_names, outline.balances, undecomposed, strict=True
-    ):
+    for name, balance, eliminated in zip(names, outline.balances, undecomposed, strict=True):
         if eliminated:
             state = "held by its conditions and not decomposed: no gluing and no coarse problem"
         elif name not in [body.name for body in scene.bodies] and not balance.free_motions.shape[1]:
@@ -263,7 +258,8 @@ def _decomposed(scene: Scene, outline: Outline) -> list[str]:
         lines.append(f"  {name}: {state}")
     if not scene.touching:
         lines.append("  no contacts: conjugate gradients solve the linear problem")
-    if may_peel(scene):
+    choice = MethodChoice.of(scene)
+    if choice.may_peel:
         lines.append(
             "method: Total FETI, which is faster than multigrid on thin bodies; after "
             f"{patience(scene.bodies)} iterations the undecomposed bodies are solved by `primal`, "
@@ -271,17 +267,17 @@ def _decomposed(scene: Scene, outline: Outline) -> list[str]:
         )
     elif scene.solver.method == "auto" and scene.touching:
         later = f"; after {PATIENCE_WITH_FRICTION} iterations `primal`"
-        later *= may_stall(scene) and not scene.steps
-        if may_jump(scene):
+        later *= choice.may_stall and not scene.steps
+        if choice.may_jump:
             later = "; if its active sets do not settle, `primal`"
-        lines.append(f"method: Total FETI; {why_total_feti(scene)}{later}")
+        lines.append(f"method: Total FETI; {choice.why_total_feti}{later}")
     return lines
 
 
 def _left_out(scene: Scene, outline: Outline) -> list[str]:
     """Lines on what the model leaves out (collective)."""
-    notes = [*left_out_notes(scene.touching, outline), *_repeated(scene.contacts)]
-    notes += [] if scene.loadings else _unloaded(scene, outline)
+    notes = [*left_out_notes(outline), *_repeated(scene.contacts)]
+    notes += [] if scene.loadings else _unloaded(outline, scene.displacements)
     notes = without_repetitions(notes, [body.name for body in scene.bodies])
     lines = ["left out:", *(f"  {sentence}" for sentence in notes)]
     smooth = [contact.source for contact in scene.touching if not contact.law.acts]
@@ -313,28 +309,26 @@ def _repeated(contacts: Sequence[Contact]) -> list[str]:
     ]
 
 
-def _unloaded(scene: Scene, outline: Outline) -> list[str]:
+def _unloaded(outline: Outline, displacements: Sequence[DisplacementCondition]) -> list[str]:
     """Bodies without load, heat, displacement or overlap, directly or through other bodies."""
-    comm = outline.partition.comm
-    acted = np.zeros(len(scene.bodies), bool)
+    geometry, comm = outline.geometry, outline.partition.comm
+    acted = np.zeros(len(geometry.bodies), bool)
     for loads in (outline.acting.vectors, outline.acting.thermal):
         for s, load in zip(outline.partition.subdomains, loads, strict=True):
             acted[s.body] |= load is not None and bool(load.any())
-    for condition in scene.displacements:
+    for condition in displacements:
         acted[condition.body] |= any(condition.values)
-    for rigid in scene.contacts:
-        acted[rigid.body] |= rigid.rigid is not None
-    for tie in scene.rigid_ties:
-        acted[tie.body] = True
+    for joint in (*geometry.contacts, *geometry.ties):
+        acted[joint.body] |= getattr(joint, "rigid", None) is not None
     gaps, sources = outline.rows.contact.gaps, outline.rows.contact.sources
-    touched = np.array([c.body for c in scene.touching], int)
+    touched = np.array([c.body for c in geometry.touching], int)
     acted[touched[sources[gaps < 0.0]]] = True
-    group = group_numbers(outline.geometry, scene.touching, scene.all_ties)
+    group = group_numbers(geometry)
     group = group[: len(acted)]  # bodies of a group act on each other
     acted = np.isin(group, group[comm.allreduce(acted.astype(int)) > 0])
     return [
         f"{body.name}: has no load, no prescribed displacement and no overlap; it does not deform"
-        for body, some in zip(scene.bodies, acted, strict=True)
+        for body, some in zip(geometry.bodies, acted, strict=True)
         if not some
     ]
 

@@ -322,7 +322,7 @@ def _certificates(answer: SolvedScene) -> Iterator[str]:
 def _overcome(answer: SolvedScene) -> Iterable[str]:
     """Friction that does not hold the loads of an answer without a certificate (collective)."""
     model = answer.model
-    return overcome_friction(model.problem, answer.solution, model.scene.body_names.__getitem__)
+    return overcome_friction(model.problem, answer.solution, model.geometry.body_names.__getitem__)
 
 
 def _cautions(answer: SolvedScene) -> Iterable[str]:

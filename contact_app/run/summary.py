@@ -81,7 +81,7 @@ def summary_of_solution(model: Model, solution: Solution) -> dict[str, Any]:
     certificate = solution.certificate.as_dict()
     decides = solution.certificate.deciding(solution.tolerance)
     if decides is not None:
-        certificate["decided_by"] = scene.body_names[decides]
+        certificate["decided_by"] = model.geometry.body_names[decides]
     return {
         "scene": {"title": scene.title, "dimension": scene.dimension},
         "mesh": {

@@ -6,12 +6,12 @@ way             for scenes                               what comes next
 multigrid       whose method is `primal`, or `auto`      Total FETI as for `auto`, also after more
                 where `model.method` takes it            iterations than any measured part takes
 few iterations  thin, whose contact may peel off row by  multigrid, without a warning: contact
-                row (`model.method.may_peel`)            that peels off is no failure
+                row (`MethodChoice.may_peel`)            that peels off is no failure
 multigrid       the same                                 Total FETI
-many            with friction (`model.method.may_stall`) multigrid, without a warning
+many            with friction (`MethodChoice.may_stall`) multigrid, without a warning
 iterations
 active sets     of several bodies without friction       multigrid, without a warning: it has a
-                (`model.method.may_jump`)                safeguard for sets that do not settle
+                (`MethodChoice.may_jump`)                safeguard for sets that do not settle
 multigrid       the same                                 Total FETI
 Total FETI      all                                      the fewest subdomains there can be
 fewest          all that have fewer, and the memory      multigrid, unless it was tried before
@@ -26,7 +26,7 @@ A method ends the search if its answer is certified, or if the user stopped or l
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Protocol
 
 from mpi4py import MPI
@@ -35,10 +35,8 @@ from contact_app.accuracy.solved_scene import SolvedScene
 from contact_app.model.method import (
     PATIENCE_OF_MULTIGRID,
     PATIENCE_WITH_FRICTION,
+    MethodChoice,
     is_undecomposed,
-    may_jump,
-    may_peel,
-    may_stall,
     patience,
 )
 from contact_app.results.report import log
@@ -52,7 +50,6 @@ from contact_app.run.fallback import (
 from contact_app.run.summary import warned
 from contact_app.scene.scene import Scene
 from solver import Counts, Reason
-from solver.contact.options import Method
 from solver.driver import reason_text
 
 
@@ -98,38 +95,35 @@ class Way:
 def ways_to(scene: Scene, keeps_subdomains: bool = False) -> Iterator[Way]:
     """All methods to solve a scene, in order; parameters as of `first_certified`."""
     instead = ""
-    stalls = may_stall(scene) and not keeps_subdomains
-    jumps, peels = may_jump(scene), may_peel(scene)
+    choice = MethodChoice.of(scene)
+    stalls = choice.may_stall and not keeps_subdomains
+    jumps, peels = choice.may_jump, choice.may_peel
     tried = stalls or jumps or peels or is_undecomposed(scene.solver)
     if is_undecomposed(scene.solver):
         yield Way(scene, None if scene.has_friction else PATIENCE_OF_MULTIGRID)
         if keeps_subdomains:
             return
         instead = "multigrid left no certified answer ({why}){cause}: solved by Total FETI instead"
-        scene = _by(scene, "auto")
+        scene = scene.solved_by(method="auto")
     if peels:
-        yield Way(_by(scene, "active-set"), patience(scene.bodies))
+        yield Way(scene.solved_by(method="active-set"), patience(scene.bodies))
         peeling = "contact opens row by row: solving for the displacements instead"
-        yield Way(_by(scene, "primal"), instead=peeling, warns=False)
+        yield Way(scene.solved_by(method="primal"), instead=peeling, warns=False)
     elif stalls:
-        yield Way(_by(scene, "active-set"), PATIENCE_WITH_FRICTION)
+        yield Way(scene.solved_by(method="active-set"), PATIENCE_WITH_FRICTION)
         slow = "friction converges slowly in subdomains: solving for the displacements instead"
-        yield Way(_by(scene, "primal"), instead=slow, warns=False)
+        yield Way(scene.solved_by(method="primal"), instead=slow, warns=False)
     elif jumps:
-        yield Way(_by(scene, "active-set"), instead=instead)
+        yield Way(scene.solved_by(method="active-set"), instead=instead)
         jumping = "the active sets do not settle: solving for the displacements instead"
-        yield Way(_by(scene, "primal"), PATIENCE_OF_MULTIGRID, jumping, warns=False)
+        yield Way(scene.solved_by(method="primal"), PATIENCE_OF_MULTIGRID, jumping, warns=False)
         instead = ""
     yield Way(scene, instead=instead)
     fewest = "{where} the answer could not be certified ({why}){cause}: solved in {fewest} instead"
     yield Way(None, instead=fewest)
     if not tried and not keeps_subdomains:
         last = "the answer could not be certified ({why}){cause}: solved by multigrid instead"
-        yield Way(_by(scene, "primal"), instead=last, keeps=True)
-
-
-def _by(scene: Scene, method: Method) -> Scene:
-    return replace(scene, solver=replace(scene.solver, method=method))
+        yield Way(scene.solved_by(method="primal"), instead=last, keeps=True)
 
 
 def first_certified(
@@ -166,9 +160,12 @@ def first_certified(
             warnings += [text] * way.warns
         before = answer if way.keeps else None
         scene, answer = undecomposed, None  # free the factors of the last method
+        limit = undecomposed.solver.max_iterations
+        most = limit if way.patience is None else min(limit, way.patience)
         try:
-            answer = solve(_limited(undecomposed, way.patience), counts_before, number == 0)
-            if _ends(way, answer, undecomposed.solver.max_iterations):
+            limited = undecomposed.solved_by(max_iterations=most)
+            answer = solve(limited, counts_before, number == 0)
+            if _ends(way, answer, limit):
                 break
             counts_before = answer.solution.counts
             failed = _Failure(reason_text(answer.solution), answer.model.partition.count)
@@ -205,13 +202,6 @@ class _Failure:
             cause=cause(scene.bodies),
             fewest=scene.decomposition.subdomains,
         )
-
-
-def _limited(scene: Scene, patience: int | None) -> Scene:
-    if patience is None:
-        return scene
-    most = min(scene.solver.max_iterations, patience)
-    return replace(scene, solver=replace(scene.solver, max_iterations=most))
 
 
 def _ends(way: Way, answer: SolvedScene, limit: int) -> bool:

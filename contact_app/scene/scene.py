@@ -251,6 +251,10 @@ class Scene:
         """File, line and key of a condition or contact, to begin a message with."""
         return self.places.get(source, f"{self.source}: {source}")
 
+    def solved_by(self, **options: Any) -> Scene:
+        """The scene with some other options of the solver."""
+        return replace(self, solver=replace(self.solver, **options))
+
     def under(self, case: LoadCase) -> Scene:
         """The scene of one load case: each condition times its factor in the case."""
         scaled: dict[str, Any] = {
@@ -297,12 +301,6 @@ class Scene:
     def moving(self) -> tuple[int, ...]:
         """Numbers of the rigid bodies with a free component; the others act as obstacles."""
         return self.rigid.moving
-
-    @property
-    def body_names(self) -> list[str]:
-        """Names of the bodies in the order of the solver: elastic ones, then moving rigid ones."""
-        rigid = [self.rigid_bodies[k].name for k in self.moving]
-        return [*(body.name for body in self.bodies), *rigid]
 
     def placed(self, placements: Sequence[Placement]) -> Scene:
         """The scene with its rigid bodies placed."""

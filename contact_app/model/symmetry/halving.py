@@ -145,7 +145,7 @@ def _cut(scene: Scene, axis: int) -> Scene:
     described = Descriptions(
         scene_size(scene.bodies), [half.number for half in halves], part, factors
     )
-    _refuse_unpaired(scene, mirror, described)
+    _refuse_unpaired([i for key in MIRRORED for i in getattr(scene, key)], mirror, described)
 
     def solved_part(items: Iterable[Any]) -> tuple[Any, ...]:
         return tuple(
@@ -191,9 +191,8 @@ def _cut(scene: Scene, axis: int) -> Scene:
     )
 
 
-def _refuse_unpaired(scene: Scene, mirror: Mirror, described: Descriptions) -> None:
+def _refuse_unpaired(items: list[Item], mirror: Mirror, described: Descriptions) -> None:
     """Refuse items without a mirror image."""
-    items: list[Item] = [item for key in MIRRORED for item in getattr(scene, key)]
     for item in items:
         for body, boundary in _boundaries(item):
             if not described.part(body, boundary).nodes.any():

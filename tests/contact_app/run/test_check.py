@@ -179,6 +179,7 @@ def test_estimates_are_within_a_factor_of_two(
     made = scenes.wall("hexahedron", cells)
     made["solver"] = {"tolerance": 1e-6}
     scene = scenes.build(made, subdomains, memory=float("inf"))
-    cost = estimate(scene, outline_of_scene(scene, MPI.COMM_SELF))
+    outline = outline_of_scene(scene, MPI.COMM_SELF)
+    cost = estimate(outline, scene.decomposition, scene.solver.tolerance)
     assert 0.5 * gigabytes <= cost.memory / 1e9 <= 2.0 * gigabytes
     assert 0.5 * seconds <= cost.seconds <= 2.0 * seconds

@@ -19,9 +19,8 @@ from contact_app.model.method import (
     PATIENCE_OF_MULTIGRID,
     PATIENCE_UNKNOWNS,
     PATIENCE_WITH_FRICTION,
-    may_peel,
+    MethodChoice,
     patience,
-    why_total_feti,
     with_chosen_method,
 )
 from contact_app.run.fallback import NoAnswerError
@@ -45,7 +44,7 @@ def strip() -> scenes.Config:
 
 
 def test_contact_that_peels_off_is_left_to_the_undecomposed_problem() -> None:
-    assert may_peel(scenes.build(strip()))
+    assert MethodChoice.of(scenes.build(strip())).may_peel
     found = solve(strip()).summary
     assert found["certificate"]["passed"]
     assert found["solver"]["method"] == "primal"
@@ -70,12 +69,12 @@ def test_boxes_and_small_bodies_stay_with_total_feti() -> None:
     for name in ("wall", "two_bodies", "sphere"):
         scene = scenes.build(scenes.ALL[name]("hexahedron", 4))
         assert with_chosen_method(scene).solver.method == "auto"
-        assert not may_peel(scene)
+        assert not MethodChoice.of(scene).may_peel
     assert LEAST > 3 * 5**3
 
 
 def test_a_named_decomposition_stays_with_total_feti() -> None:
-    assert not may_peel(scenes.build(strip(), [4, 1]))
+    assert not MethodChoice.of(scenes.build(strip(), [4, 1])).may_peel
 
 
 @pytest.mark.parametrize("degree", [1, 2])
@@ -217,7 +216,7 @@ def test_with_friction_a_small_scene_from_mesh_files_takes_multigrid() -> None:
     ],
 )
 def test_check_gives_the_reason_for_total_feti(name: str, why: str) -> None:
-    assert why in why_total_feti(build_scene(load(CONFIGS / f"{name}.yaml")))
+    assert why in MethodChoice.of(build_scene(load(CONFIGS / f"{name}.yaml"))).why_total_feti
 
 
 def ways(scene: Scene) -> list[tuple[str, int | None]]:
