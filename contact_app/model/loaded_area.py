@@ -6,29 +6,27 @@ facets that straddle its edge carry no load, so the total force depends on the m
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 import numpy as np
 from mpi4py import MPI
+from numpy.typing import NDArray
 
 from contact_app.model.boundaries import boundary_facets, surface_facets
 from contact_app.model.facets import moments, shapes_on_lattice
 from contact_app.scene.bodies import Body
 from contact_app.scene.conditions import Pressure, Traction
-from meshes import Partition
+from meshes import Partition, Subdomain
 
 
 def loaded_facets(
     bodies: Sequence[Body], partition: Partition, load: Traction | Pressure
 ) -> tuple[int, float]:
     """Number of facets that carry a load, and their area (collective)."""
-    body, count, area = bodies[load.body], 0, 0.0
-    for s in partition.subdomains:
-        if s.body == load.body:
-            rows = boundary_facets(s, body, load.boundary)
-            count += len(rows)
-            area += float(moments(s.points()[s.reference.facets[rows]], partition.dimension).sum())
-    return partition.comm.allreduce(count), partition.comm.allreduce(area)
+    body = bodies[load.body]
+    x = _points(partition, load, lambda s: boundary_facets(s, body, load.boundary))
+    area = float(moments(x, partition.dimension).sum()) if len(x) else 0.0
+    return partition.comm.allreduce(len(x)), partition.comm.allreduce(area)
 
 
 def straddled_area(
@@ -43,13 +41,8 @@ def straddled_area(
     expression = body.boundaries.get(load.boundary)
     if expression is None:
         return 0.0
-    parts = [
-        s.points()[s.reference.facets[rows]]
-        for s in partition.subdomains
-        if s.body == load.body and len(rows := surface_facets(s, body))
-    ]
-    if parts:  # the expression is evaluated once, on the facets of all subdomains
-        x = np.concatenate(parts)
+    x = _points(partition, load, lambda s: surface_facets(s, body))
+    if len(x):
         x = x[~expression(x.reshape(-1, 3)).reshape(x.shape[:2]).all(axis=1)]
         shapes = shapes_on_lattice(partition.dimension, x.shape[1], inside=True)
         inside = expression((shapes @ x).reshape(-1, 3))
@@ -57,3 +50,21 @@ def straddled_area(
         areas = moments(x[shares > 0.0], partition.dimension).sum(axis=(1, 2))
         total = float(areas @ shares[shares > 0.0])
     return float(partition.comm.allreduce(total, op=MPI.SUM))
+
+
+def _points(
+    partition: Partition,
+    load: Traction | Pressure,
+    facets_of: Callable[[Subdomain], NDArray[np.int32]],
+) -> NDArray[np.float64]:
+    """Nodes of some facets of the loaded body's subdomains on this rank, (facets, nodes, 3).
+
+    Areas and expressions are evaluated once on all of them: with 216 subdomains a call for each
+    took a tenth of the CPU time of a solve.
+    """
+    parts = [
+        s.points()[s.reference.facets[rows]]
+        for s in partition.subdomains
+        if s.body == load.body and len(rows := facets_of(s))
+    ]
+    return np.concatenate(parts) if parts else np.empty((0, 0, 3))
