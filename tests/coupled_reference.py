@@ -90,17 +90,17 @@ def _with_rigid(
     system: reference.System, scene: Any, number: int, body: int, meshed: int
 ) -> reference.System:
     """The same with one rigid body more."""
-    d, rigid, place = system.dimension, scene.rigid_bodies[number], scene.placements[number]
+    d, rigid, place = system.dimension, scene.rigid.bodies[number], scene.rigid.placements[number]
     center = np.array(rigid.center) + np.array(place.displacement)
     held, values = np.zeros(NODES * d, bool), np.zeros(NODES * d)
     held[d + (1 if d == 2 else 3) :] = True
-    for motion in scene.rigid_motions:
+    for motion in scene.rigid.motions:
         if motion.body == number:
             for k, value in enumerate((*motion.displacement, *motion.rotation)):
                 if value is not None:
                     held[k], values[k] = True, value
     load = np.zeros(NODES * d)
-    for item in scene.rigid_loads:
+    for item in scene.rigid.loads:
         if item.body == number:
             load[:d] += np.array(item.force)[:d]
             load[d : d + (1 if d == 2 else 3)] += item.moment[2:] if d == 2 else item.moment
@@ -146,7 +146,7 @@ def _rigidly_tied(
     """The same with nodes that move with a rigid body, moving or held."""
     d, dofs = system.dimension, len(system.load)
     own = (nodes[:, None] * d + np.arange(d)).ravel()
-    motions = _motions(system.points[nodes], np.array(scene.rigid_bodies[number].center), d)
+    motions = _motions(system.points[nodes], np.array(scene.rigid.bodies[number].center), d)
     matrix = sp.csr_matrix((np.ones(len(own)), (np.arange(len(own)), own)), (len(own), dofs))
     if number in scene.moving:
         start = (meshed + NODES * scene.moving.index(number)) * d
@@ -154,7 +154,7 @@ def _rigidly_tied(
         matrix = matrix - sp.hstack([blocks[0], sp.csr_matrix(motions), blocks[1]])
         return _with_equalities(system, matrix, np.zeros(len(own)), np.repeat(nodes, d))
     values = np.zeros(NODES * d)
-    for motion in scene.rigid_motions:
+    for motion in scene.rigid.motions:
         if motion.body == number:
             for k, value in enumerate((*motion.displacement, *motion.rotation)):
                 values[k] = values[k] if value is None else value

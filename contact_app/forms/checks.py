@@ -290,9 +290,7 @@ def _check_obstacle(obstacle: Any, at: str, d: int) -> None:
         )
     if d == 2 and obstacle.not_in_plane:
         raise ValueError(f"{at}: a {type(obstacle).__name__} {obstacle.not_in_plane}")
-    for name in ("point", "normal", "center", "axis"):
-        if not hasattr(obstacle, name):
-            continue
+    for name in (*obstacle.places, *obstacle.directions):
         vector = np.asarray(getattr(obstacle, name), np.float64)
         flat = vector.shape == (3,) and d == 2 and vector[2] == 0.0
         if not (vector.shape == (d,) or flat) or not np.isfinite(vector).all():

@@ -273,7 +273,7 @@ def outline_of_case(
     NoEquilibriumError
         A body leaves, or conditions on a node exclude each other.
     """
-    if scene.rigid_bodies:  # each case has other placements
+    if scene.rigid.bodies:  # each case has other placements
         return None
     timings, exchange = timings or Timings(), outline.exchange
     geometry = Geometry.of(scene, outline.partition)

@@ -138,7 +138,7 @@ def approach_of_held(model: Model, before: RigidBodies | None) -> Array:
         The rigid bodies as they were loaded before; None without load.
     """
     problem, added = model.problem, np.zeros(model.problem.size)
-    if model.scene.rigid_bodies:
+    if model.scene.rigid.bodies:
         unknowns = RigidUnknowns.of(model.geometry)
         of_rows = slips_of_held(problem.contact, unknowns, model.scene.contacts, before)
         added[problem.inequality] = of_rows * problem.spread[problem.inequality]

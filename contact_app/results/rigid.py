@@ -32,7 +32,7 @@ def placements_of(model: Model, solution: Solution) -> list[Placement]:
     ]
     moved: list[Array] = comm.bcast(on_rank, root=comm.size - 1)
     motions = dict(zip(scene.moving, moved, strict=True))
-    held = [scene.rigid.held(k)[1] for k in range(len(scene.rigid_bodies))]
+    held = [scene.rigid.held(k)[1] for k in range(len(scene.rigid.bodies))]
     return [Placement.of(motions.get(k, values), d) for k, values in enumerate(held)]
 
 
@@ -55,21 +55,21 @@ def rigid_records(
     scene, d = model.scene, model.scene.dimension
     places = placements_of(model, solution)
     records = {}
-    for body, place in zip(scene.rigid_bodies, places, strict=True):
+    for body, place in zip(scene.rigid.bodies, places, strict=True):
         records[body.name] = {
             "displacement": [float(v) for v in place.displacement[:d]],
             "rotation": _turn([float(v) for v in place.rotation], d),
         }
     points = [
         np.array(body.center) + np.array(place.displacement)
-        for body, place in zip(scene.rigid_bodies, places, strict=True)
+        for body, place in zip(scene.rigid.bodies, places, strict=True)
     ]
     forces = [_on_rigid(model, nodes, k, point) for k, point in enumerate(points)]
     for tie, record in zip(scene.rigid_ties, ties[len(scene.ties) :], strict=True):
         forces[tie.rigid] -= _about(record, points[tie.rigid])
     moved = {
         motion.source: _reaction(scene.rigid, motion, forces[motion.body], points[motion.body])
-        for motion in scene.rigid_motions
+        for motion in scene.rigid.motions
     }
     every = (
         dict(zip((source for source, _ in scene.condition_names), reactions, strict=True)) | moved

@@ -162,7 +162,7 @@ class CaseModels:
             outline = self._outline(scene, timings)
         others = scene.decomposition != self._scene.decomposition
         others |= is_undecomposed(scene.solver) != is_undecomposed(self._scene.solver)
-        if outline is None or scene.rigid_bodies or others:
+        if outline is None or scene.rigid.bodies or others:
             return build_model(scene, self._comm, timings, needed, report)
         with timings.measure("setup"):
             return self._shared(scene, outline, timings, needed, report)

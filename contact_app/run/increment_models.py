@@ -119,7 +119,7 @@ class IncrementModels:
     def _moved(self, model: Model) -> NDArray[np.float64] | None:
         """Slips (dual,) from held components of rigid bodies in this increment."""
         problem, friction = model.problem, model.problem.shared.friction
-        if not model.scene.rigid_bodies:
+        if not model.scene.rigid.bodies:
             return None
         unknowns, moved = RigidUnknowns.of(model.geometry), np.zeros(problem.size)
         added = slips_of_held(friction.rows, unknowns, model.scene.contacts, self._rigid_before)
@@ -140,7 +140,7 @@ class IncrementModels:
         None if it is solved otherwise, has rigid bodies, or needs too much memory.
         """
         scene = self.scene
-        if not is_undecomposed(scene.solver) or scene.rigid_bodies:
+        if not is_undecomposed(scene.solver) or scene.rigid.bodies:
             return None
         scene = scene.solved_by(method="auto")
         if scene.decomposition.subdomains is not None:

@@ -116,7 +116,7 @@ def _modelled(scene: Scene, outline: Outline) -> list[str]:
     for i, contact in enumerate(scene.contacts):
         obstacle = contact.obstacle.describe(scene.dimension)
         nodes = _count_nodes(scene.bodies, outline, contact)
-        whose = "" if contact.rigid is None else f"{scene.rigid_bodies[contact.rigid].name}, a "
+        whose = "" if contact.rigid is None else f"{scene.rigid.bodies[contact.rigid].name}, a "
         lines.append(
             f"{contact.source}: {on(contact)} may touch {whose or 'the '}{obstacle} "
             f"({_candidates(outline, i, scene.bodies[contact.body], nodes)})"
@@ -135,7 +135,7 @@ def _modelled(scene: Scene, outline: Outline) -> list[str]:
         other = f"{scene.bodies[tie.other].name}.{tie.other_boundary}"
         lines.append(f"{tie.source}: {on(tie)} is tied to {other}, by a mortar method")
     for glued in scene.rigid_ties:
-        name = scene.rigid_bodies[glued.rigid].name
+        name = scene.rigid.bodies[glued.rigid].name
         lines.append(f"{glued.source}: {on(glued)} moves with {name}, which is rigid")
     lines += [f"warning: {note}" for note in outline.rows.tied.notes]
     return lines
@@ -238,7 +238,7 @@ def _decomposed(scene: Scene, outline: Outline) -> list[str]:
         "glue them"
     ]
     names = outline.geometry.body_names
-    obstacles = [body.name for body in scene.rigid_bodies if body.name not in names]
+    obstacles = [body.name for body in scene.rigid.bodies if body.name not in names]
     lines += [f"  {name}: held in all components, so it is a fixed obstacle" for name in obstacles]
     undecomposed = np.append(outline.eliminated, np.zeros(len(scene.moving), bool))
     for name, balance, eliminated in zip(names, outline.balances, undecomposed, strict=True):

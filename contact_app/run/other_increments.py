@@ -106,7 +106,7 @@ def halved(
     halfway = replace(
         middle, solver=model_now.scene.solver, decomposition=model_now.scene.decomposition
     )
-    rigid = bool(middle.rigid_bodies)  # each of their placements has a model of its own
+    rigid = bool(middle.rigid.bodies)  # each of their placements has a model of its own
     model = models.model(halfway, Timings(), "all" if rigid else model_now.needed, None)
     same = rigid or model.problem.B is model_now.problem.B
     if not comm.allreduce(int(same), op=MPI.MIN):
@@ -146,7 +146,7 @@ def _problem_from(
         The increment.
     """
     model = now.model
-    if model.scene.rigid_bodies:
+    if model.scene.rigid.bodies:
         after = models.after(scene, begin)
         problem = after.model(model.scene, Timings(), model.needed, None).problem
     else:

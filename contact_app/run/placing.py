@@ -103,7 +103,7 @@ def placed_anew(solved: SolvedScene) -> list[Placement] | None:
     places = [
         replace(place, rotation=before.rotation)
         for place, before in zip(
-            placements_of(solved.model, solved.solution), scene.placements, strict=True
+            placements_of(solved.model, solved.solution), scene.rigid.placements, strict=True
         )
     ]
     allowed = MISPLACED * solved.solution.tolerance
@@ -127,7 +127,7 @@ def _misplaced(solved: SolvedScene, places: list[Placement]) -> float:
         points, size = contact.points[of_contact], float(moved[item.body])
         if not len(points) or size == 0.0:
             continue
-        before_after = scene.placements[item.rigid], places[item.rigid]
+        before_after = scene.rigid.placements[item.rigid], places[item.rigid]
         distance, normal = _distance_and_normal(before_after, item, points)
         gap, turned = after.contacts[number].gap_and_normal(points)
         near = pressed[of_contact] | (gap <= size)

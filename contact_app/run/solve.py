@@ -187,7 +187,7 @@ def _at_rest(request: _Request) -> SolvedScene:
             return solved
         if request.comm.rank == 0:
             log.info("rigid bodies have moved: solving again with new placements")
-        places = relaxation.towards(solved.model.scene.placements, places)
+        places = relaxation.towards(solved.model.scene.rigid.placements, places)
         request = replace(
             request, scene=request.scene.placed(places), start=SameRows(solved.solution),
             checkpoint=None, counts_before=solved.solution.counts, report=None,
@@ -267,7 +267,7 @@ def _solve_once(request: _Request) -> SolvedScene:
         solved = SolvedScene(model, solution, nodes, cells, accuracy, timings, nodal, record)
         warnings = model_warnings(solved)
         warnings += rotation_warnings(
-            model.scene.placements, model.scene.rigid_bodies, placements_of(model, solution)
+            model.scene.rigid.placements, model.scene.rigid.bodies, placements_of(model, solution)
         )
         warnings += filter(None, [slow_blas_warning()])
     return warned(solved, warnings)

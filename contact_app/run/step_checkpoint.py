@@ -187,6 +187,7 @@ class StepCheckpoint:
 def digest(scene: Scene, steps: int) -> str:
     """A hash that identifies the scene up to one of its first steps."""
     parts: list[Any] = [getattr(scene, key) for key in CONDITIONS]
+    parts += [scene.rigid.motions, scene.rigid.loads]
     parts += [scene.dimension, scene.plane, scene.contacts, scene.pairs, scene.all_ties]
     parts += [scene.decomposition, [step.factors for step in scene.steps[:steps]]]
     parts += [(body.name, body.materials, body.degree, body.nodes) for body in scene.bodies]

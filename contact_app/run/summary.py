@@ -46,7 +46,7 @@ def summary_of(solved: SolvedScene) -> dict[str, Any]:
         (*scene.contact_names, *scene.tie_names), contact_records(solved.model, nodes), ties
     )
     summary["reactions"] = reaction_records(solved.model, solved.solution, nodes)
-    if scene.rigid_bodies:
+    if scene.rigid.bodies:
         reactions = summary["reactions"]
         summary |= rigid_records(solved.model, solved.solution, nodes, reactions, ties)
     summary["reactions"] += hold_records(solved.model, solved.solution)

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -31,7 +31,7 @@ from contact_app.scene.load_factors import read_cases, read_steps
 from contact_app.scene.read_bodies import read_bodies
 from contact_app.scene.read_conditions import ConditionReader
 from contact_app.scene.read_rigid import read_rigid_bodies, refuse_with_rigid
-from contact_app.scene.rigid import RigidLoad, RigidMotion
+from contact_app.scene.rigid import RigidBodies, RigidLoad, RigidMotion
 from contact_app.scene.scene import Decomposition, InnerSection, OutputOptions, Scene, Section
 from contact_app.scene.schema.bodies import Body as BodyKeys
 from contact_app.scene.schema.options import Section as SectionKeys
@@ -74,21 +74,26 @@ def build_scene(
     contacts = [
         x for i, item in enumerate(configuration.contacts) for x in reader.contacts(i, item)
     ]
+
+    def of(kind: type) -> tuple[Any, ...]:
+        return tuple(item for item in (*conditions, *contacts) if isinstance(item, kind))
+
     scene = Scene(
         title=configuration.title,
         dimension=keys.dimension,
         plane=keys.plane,
         bodies=bodies,
-        displacements=tuple(x for x in conditions if isinstance(x, DisplacementCondition)),
-        tractions=tuple(x for x in conditions if isinstance(x, Traction)),
-        pressures=tuple(x for x in conditions if isinstance(x, Pressure)),
-        forces=tuple(x for x in conditions if isinstance(x, BodyForce)),
-        total_loads=tuple(x for x in conditions if isinstance(x, TotalLoad)),
-        ties=tuple(x for x in contacts if isinstance(x, Tie)),
-        rigid_ties=tuple(x for x in contacts if isinstance(x, RigidTie)),
-        temperatures=tuple(x for x in conditions if isinstance(x, Temperature)),
-        contacts=tuple(x for x in contacts if isinstance(x, Contact)),
-        pairs=tuple(x for x in contacts if isinstance(x, BodyContact)),
+        displacements=of(DisplacementCondition),
+        tractions=of(Traction),
+        pressures=of(Pressure),
+        forces=of(BodyForce),
+        total_loads=of(TotalLoad),
+        temperatures=of(Temperature),
+        contacts=of(Contact),
+        pairs=of(BodyContact),
+        ties=of(Tie),
+        rigid_ties=of(RigidTie),
+        rigid=RigidBodies(keys.dimension, rigid_bodies, of(RigidMotion), of(RigidLoad)),
         decomposition=decomposition,
         accuracy=configuration.accuracy,
         solver=_solver_options(configuration),
@@ -98,9 +103,6 @@ def build_scene(
         guaranteed=configuration.certificate.guaranteed,
         cases=read_cases(keys),
         steps=read_steps(keys),
-        rigid_bodies=rigid_bodies,
-        rigid_motions=tuple(x for x in conditions if isinstance(x, RigidMotion)),
-        rigid_loads=tuple(x for x in conditions if isinstance(x, RigidLoad)),
         places=_places(configuration),
     ).placed_as_held()
     refuse_with_rigid(keys, scene)
@@ -280,9 +282,9 @@ def _loaded(scene: Scene) -> bool:
     """Whether some load, displacement or overlap acts on a body."""
     vectors = [x.vector for x in scene.tractions] + [x.vector for x in scene.forces]
     vectors += [(*x.force, *x.moment) for x in scene.total_loads]
-    vectors += [(*x.force, *x.moment) for x in scene.rigid_loads]
+    vectors += [(*x.force, *x.moment) for x in scene.rigid.loads]
     prescribed = [condition.values for condition in scene.displacements]
-    prescribed += [motion.values for motion in scene.rigid_motions]
+    prescribed += [motion.values for motion in scene.rigid.motions]
     pressed = any(map(any, vectors)) or any(load.value for load in scene.pressures)
     moved = any(map(any, prescribed))
     moved |= any(contact.interference > 0.0 for contact in scene.touching)

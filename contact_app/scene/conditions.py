@@ -180,8 +180,8 @@ class Contact:
         Number of the rigid body of the obstacle, and number of the obstacle within the body; None
         and zero for a plain obstacle. A contact with a rigid body of several obstacles is one
         record for each obstacle, with the same source.
-    friction
-        None where the boundary slides freely; `law` answers what it does.
+    law
+        The law of friction.
     """
 
     body: int
@@ -189,14 +189,9 @@ class Contact:
     obstacle: Obstacle
     source: str
     interference: float = 0.0
-    friction: Friction | None = None
+    law: Friction = FRICTIONLESS
     rigid: int | None = None
     part: int = 0
-
-    @property
-    def law(self) -> Friction:
-        """The law of friction."""
-        return self.friction or FRICTIONLESS
 
     def gap_and_normal(
         self, points: NDArray[np.float64]
@@ -220,8 +215,8 @@ class BodyContact:
     ----------
     interference
         Overlap along the normal (length), added to that of the geometry.
-    friction
-        None where the boundaries slide freely; `law` answers what it does.
+    law
+        The law of friction.
     round
         Whether flat facets stand for smooth surfaces.
     """
@@ -232,13 +227,8 @@ class BodyContact:
     other_boundary: str
     source: str
     interference: float = 0.0
-    friction: Friction | None = None
+    law: Friction = FRICTIONLESS
     round: bool = False
-
-    @property
-    def law(self) -> Friction:
-        """The law of friction."""
-        return self.friction or FRICTIONLESS
 
 
 @dataclass(frozen=True)

@@ -28,14 +28,15 @@ class Obstacle(Protocol):
 
     Attributes
     ----------
-    directions
-        Names of fields that are directions (of any non-zero length).
+    places, directions
+        Names of fields that are points, and of those that are directions (of any non-zero length).
     not_in_plane
         Message why the obstacle does not exist in 2D; empty if it does.
     """
 
-    directions: ClassVar[tuple[str, ...]]
-    not_in_plane: ClassVar[str]
+    places: ClassVar[tuple[str, ...]] = ("point",)
+    directions: ClassVar[tuple[str, ...]] = ()
+    not_in_plane: ClassVar[str] = ""
 
     @property
     def curvature_radius(self) -> float | None:
@@ -49,13 +50,21 @@ class Obstacle(Protocol):
 
     def moved(self, turn: Array, about: Array, by: Array) -> Obstacle:
         """The obstacle, rotated by a matrix (3, 3) about a point (3,), then moved by (3,)."""
+        points, directions = (
+            {name: np.array(getattr(self, name)) for name in names}
+            for names in (self.places, self.directions)
+        )
+        vectors = {name: about + turn @ (point - about) + by for name, point in points.items()}
+        vectors |= {name: turn @ direction for name, direction in directions.items()}
+        values: dict[str, Any] = {name: tuple(map(float, v)) for name, v in vectors.items()}
+        return replace(self, **values)  # type: ignore[type-var]
 
     def describe(self, dimension: int = 3) -> str:
         """A phrase for the report of `check`."""
 
 
 @dataclass(frozen=True)
-class Plane:
+class Plane(Obstacle):
     """Half space below a plane.
 
     Attributes
@@ -67,7 +76,6 @@ class Plane:
     """
 
     directions: ClassVar[tuple[str, ...]] = ("normal",)
-    not_in_plane: ClassVar[str] = ""
 
     point: Vector
     normal: Vector
@@ -85,11 +93,6 @@ class Plane:
         """Whether a corner of the box lies below the plane."""
         return bool((self.gap_and_normal(_corners(lower, upper))[0] < 0.0).any())
 
-    def moved(self, turn: Array, about: Array, by: Array) -> Plane:
-        """The obstacle, rotated about a point, then moved."""
-        point = _moved(self.point, turn, about, by)
-        return replace(self, point=point, normal=_turned(self.normal, turn))
-
     def describe(self, dimension: int = 3) -> str:
         """A phrase for the report of `check`."""
         point, normal = self.point[:dimension], self.normal[:dimension]
@@ -97,11 +100,10 @@ class Plane:
 
 
 @dataclass(frozen=True)
-class Sphere:
+class Sphere(Obstacle):
     """Ball, or with `hollow` everything outside a spherical cavity; a circle in the plane."""
 
-    directions: ClassVar[tuple[str, ...]] = ()
-    not_in_plane: ClassVar[str] = ""
+    places: ClassVar[tuple[str, ...]] = ("center",)
 
     center: Vector
     radius: float
@@ -133,10 +135,6 @@ class Sphere:
             return bool(farthest > self.radius)
         return bool(np.linalg.norm(np.clip(center, lower, upper) - center) < self.radius)
 
-    def moved(self, turn: Array, about: Array, by: Array) -> Sphere:
-        """The obstacle, rotated about a point, then moved."""
-        return replace(self, center=_moved(self.center, turn, about, by))
-
     def describe(self, dimension: int = 3) -> str:
         """A phrase for the report of `check`."""
         solid, cavity = (
@@ -147,7 +145,7 @@ class Sphere:
 
 
 @dataclass(frozen=True)
-class Cylinder:
+class Cylinder(Obstacle):
     """Infinite round bar along an axis, or with `hollow` everything outside a bore."""
 
     directions: ClassVar[tuple[str, ...]] = ("axis",)
@@ -186,11 +184,6 @@ class Cylinder:
         away = points - np.array(self.point)
         return away - np.outer(away @ axis, axis)
 
-    def moved(self, turn: Array, about: Array, by: Array) -> Cylinder:
-        """The obstacle, rotated about a point, then moved."""
-        point = _moved(self.point, turn, about, by)
-        return replace(self, point=point, axis=_turned(self.axis, turn))
-
     def describe(self, dimension: int = 3) -> str:
         """A phrase for the report of `check`."""
         kind = "bore" if self.hollow else "cylinder"
@@ -206,22 +199,6 @@ SHAPES: dict[str, Any] = {"plane": Plane, "sphere": Sphere, "cylinder": Cylinder
 def kind_of(obstacle: Obstacle) -> str:
     """Key of an obstacle in the configuration: plane, sphere, cylinder."""
     return next(kind for kind, shape in SHAPES.items() if isinstance(obstacle, shape))
-
-
-def _moved(
-    point: Vector,
-    turn: Array,
-    about: Array,
-    by: Array,
-) -> Vector:
-    """A point, rotated about another point, then moved."""
-    x, y, z = about + turn @ (np.array(point) - about) + by
-    return float(x), float(y), float(z)
-
-
-def _turned(direction: Vector, turn: Array) -> Vector:
-    x, y, z = turn @ np.array(direction)
-    return float(x), float(y), float(z)
 
 
 def _corners(lower: Array, upper: Array) -> Array:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from contact_app.scene.bodies import FACES, Body, Box
 from contact_app.scene.conditions import (
+    FRICTIONLESS,
     BodyContact,
     BodyForce,
     Contact,
@@ -215,7 +216,7 @@ class ConditionReader:
         body, boundary = self.boundary(contact.on, (*path, "on"))
         if contact.tied:
             self._refuse_beside_tied(contact, path)
-        friction = self._friction(contact.friction, (*path, "friction"))
+        law = self._law(contact.friction, (*path, "friction"))
         if contact.round and (rigid or contact.obstacle is not None):
             shape = f"{contact.against} is rigid and" if rigid else "a round obstacle is"
             keys.fail(
@@ -226,14 +227,14 @@ class ConditionReader:
         if contact.obstacle is not None:
             obstacle = read_obstacle(keys, contact.obstacle, (*path, "obstacle"))
             self._refuse_other_friction(i, contact)
-            return [Contact(body, boundary, obstacle, source, overlap, friction)]
+            return [Contact(body, boundary, obstacle, source, overlap, law)]
         self._refuse_repeated(i, contact)
         if rigid:
             number = self.rigid.names.index(contact.against or "")
             if contact.tied:
                 return [RigidTie(body, boundary, number, source)]
             return [
-                Contact(body, boundary, shape, source, overlap, friction, rigid=number, part=part)
+                Contact(body, boundary, shape, source, overlap, law, rigid=number, part=part)
                 for part, shape in enumerate(self.rigid.bodies[number].obstacles)
             ]
         other, other_boundary = self.boundary(contact.against or "", (*path, "against"))
@@ -246,9 +247,7 @@ class ConditionReader:
         if contact.tied:
             return [Tie(body, boundary, other, other_boundary, source)]
         return [
-            BodyContact(
-                body, boundary, other, other_boundary, source, overlap, friction, contact.round
-            )
+            BodyContact(body, boundary, other, other_boundary, source, overlap, law, contact.round)
         ]
 
     def _refuse_repeated(self, i: int, contact: c.Contact) -> None:
@@ -271,10 +270,10 @@ class ConditionReader:
                     "obstacle; leave one of them out",
                 )
 
-    def _friction(self, entry: c.Friction | None, path: Place) -> Friction | None:
-        """A law of friction; None if its coefficient or limit is zero."""
+    def _law(self, entry: c.Friction | None, path: Place) -> Friction:
+        """A law of friction; none if its coefficient or limit is zero."""
         if entry is None:
-            return None
+            return FRICTIONLESS
         laws = [key for key in ("coulomb", "tresca") if getattr(entry, key) is not None]
         if len(laws) != 1:
             self.keys.fail(
@@ -283,7 +282,7 @@ class ConditionReader:
                 "{coulomb: coefficient} or {tresca: slip limit}",
             )
         if not getattr(entry, laws[0]):
-            return None
+            return FRICTIONLESS
         self._refuse_beside_friction(path)
         return Friction(entry.coulomb, entry.tresca)
 

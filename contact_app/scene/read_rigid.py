@@ -181,9 +181,9 @@ def read_moment(keys: Keys, value: list[float] | float | None, path: Place) -> V
 
 def refuse_with_rigid(keys: Keys, scene: Scene) -> None:
     """Refuse options that are not available in a scene with a rigid body."""
-    if not scene.rigid_bodies:
+    if not scene.rigid.bodies:
         return
-    name = scene.rigid_bodies[0].name
+    name = scene.rigid.bodies[0].name
     if scene.guaranteed:
         keys.fail(
             ("certificate", "guaranteed"),

@@ -137,17 +137,19 @@ class RigidBodies:
     ----------
     dimension
         2 or 3.
-    bodies, placements
-        The bodies and their placements.
+    bodies
+        The bodies.
     motions, loads
         Their prescribed motions and their loads.
+    placements
+        The placement of each body; empty before they are placed.
     """
 
     dimension: int
     bodies: tuple[RigidBody, ...]
-    placements: tuple[Placement, ...]
     motions: tuple[RigidMotion, ...]
     loads: tuple[RigidLoad, ...]
+    placements: tuple[Placement, ...] = ()
 
     def held(self, body: int) -> tuple[NDArray[np.bool_], NDArray[np.float64]]:
         """Mask of the held components of a body, displacement then rotation, and their values."""

@@ -5,9 +5,8 @@ All later stages read only the scene, not the input file.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -29,13 +28,7 @@ from contact_app.scene.conditions import (
     Traction,
 )
 from contact_app.scene.obstacles import kind_of
-from contact_app.scene.rigid import (
-    Placement,
-    RigidBodies,
-    RigidBody,
-    RigidLoad,
-    RigidMotion,
-)
+from contact_app.scene.rigid import Placement, RigidBodies
 from contact_app.scene.schema.options import FIELDS
 
 if TYPE_CHECKING:
@@ -44,9 +37,9 @@ if TYPE_CHECKING:
 
 CONDITIONS = (
     "displacements", "tractions", "pressures", "forces", "total_loads", "temperatures",
-    "rigid_motions", "rigid_loads",
 )  # fmt: skip
-"""The fields of a scene that hold conditions, whose records have a `name` and are `scaled`."""
+"""The fields of a scene that hold conditions, whose records have a `name` and are `scaled`; those
+of rigid bodies are in `rigid`."""
 
 
 @dataclass(frozen=True)
@@ -209,10 +202,8 @@ class Scene:
     ties, rigid_ties
         Tied pairs of boundaries, and boundaries tied to rigid bodies; they are not among the
         contacts.
-    rigid_bodies, rigid_motions, rigid_loads
-        Rigid bodies (without mesh), their prescribed motions, and their loads.
-    placements
-        Placement of each rigid body; the obstacles of contacts are placed accordingly.
+    rigid
+        Rigid bodies (without mesh); the obstacles of contacts are placed as they are.
     """
 
     title: str
@@ -230,6 +221,7 @@ class Scene:
     solver: SolverOptions
     output: OutputOptions
     source: Path
+    rigid: RigidBodies
     symmetry: bool = False
     guaranteed: bool = False
     mirrors: tuple[Mirror, ...] = ()
@@ -241,10 +233,6 @@ class Scene:
     in_step: bool = False
     ties: tuple[Tie, ...] = ()
     rigid_ties: tuple[RigidTie, ...] = ()
-    rigid_bodies: tuple[RigidBody, ...] = ()
-    rigid_motions: tuple[RigidMotion, ...] = ()
-    rigid_loads: tuple[RigidLoad, ...] = ()
-    placements: tuple[Placement, ...] = ()
     places: Mapping[str, str] = field(default_factory=dict, compare=False)
 
     def at(self, source: str) -> str:
@@ -257,16 +245,18 @@ class Scene:
 
     def under(self, case: LoadCase) -> Scene:
         """The scene of one load case: each condition times its factor in the case."""
-        scaled: dict[str, Any] = {
-            key: tuple(item.scaled(case.of(item.name)) for item in getattr(self, key))
-            for key in CONDITIONS
-        }
+
+        def scaled(items: Iterable[Any]) -> tuple[Any, ...]:
+            return tuple(item.scaled(case.of(item.name)) for item in items)
+
+        conditions: dict[str, Any] = {key: scaled(getattr(self, key)) for key in CONDITIONS}
+        motions, loads = scaled(self.rigid.motions), scaled(self.rigid.loads)
         title = self.title
         if self.cases:
             title = f"{self.title or self.source.name}, case {case.name}"
         loaded = replace(
-            self, **scaled, title=title, cases=(), steps=(), case=case.name,
-            in_step=bool(self.steps),
+            self, **conditions, rigid=replace(self.rigid, motions=motions, loads=loads),
+            title=title, cases=(), steps=(), case=case.name, in_step=bool(self.steps),
         )  # fmt: skip
         return loaded.placed_as_held()
 
@@ -290,13 +280,6 @@ class Scene:
         )
         return LoadCase(f"step {step + 1}, factor {share:.6g}", factors)
 
-    @cached_property
-    def rigid(self) -> RigidBodies:
-        """The rigid bodies with their motions, loads and placements."""
-        return RigidBodies(
-            self.dimension, self.rigid_bodies, self.placements, self.rigid_motions, self.rigid_loads
-        )
-
     @property
     def moving(self) -> tuple[int, ...]:
         """Numbers of the rigid bodies with a free component; the others act as obstacles."""
@@ -304,24 +287,23 @@ class Scene:
 
     def placed(self, placements: Sequence[Placement]) -> Scene:
         """The scene with its rigid bodies placed."""
-        if not self.rigid_bodies:
+        if not self.rigid.bodies:
             return self
 
         def of(contact: Contact) -> Contact:
             if contact.rigid is None:
                 return contact
-            rigid = self.rigid_bodies[contact.rigid]
+            rigid = self.rigid.bodies[contact.rigid]
             drawn = rigid.obstacles[contact.part]
             obstacle = placements[contact.rigid].obstacle(drawn, rigid.center)
             return replace(contact, obstacle=obstacle)
 
-        return replace(
-            self, placements=tuple(placements), contacts=tuple(of(c) for c in self.contacts)
-        )
+        placed = replace(self.rigid, placements=tuple(placements))
+        return replace(self, rigid=placed, contacts=tuple(of(c) for c in self.contacts))
 
     def placed_as_held(self) -> Scene:
         """The scene with its rigid bodies placed by their prescribed components."""
-        motions = [self.rigid.held(k)[1] for k in range(len(self.rigid_bodies))]
+        motions = [self.rigid.held(k)[1] for k in range(len(self.rigid.bodies))]
         return self.placed([Placement.of(values, self.dimension) for values in motions])
 
     @property
@@ -346,7 +328,7 @@ class Scene:
             if isinstance(contact, Contact):
                 rigid = contact.rigid
                 against = (
-                    kind_of(contact.obstacle) if rigid is None else self.rigid_bodies[rigid].name
+                    kind_of(contact.obstacle) if rigid is None else self.rigid.bodies[rigid].name
                 )
             else:
                 against = self._where(contact.other, contact.other_boundary)
@@ -373,7 +355,7 @@ class Scene:
     def tie_names(self) -> tuple[ContactName, ...]:
         """The tied pairs in the order of the file, then the boundaries tied to rigid bodies."""
         others = [self._where(tie.other, tie.other_boundary) for tie in self.ties]
-        others += [self.rigid_bodies[tie.rigid].name for tie in self.rigid_ties]
+        others += [self.rigid.bodies[tie.rigid].name for tie in self.rigid_ties]
         return tuple(
             ContactName(tie.source, self._where(tie.body, tie.boundary), other)
             for tie, other in zip(self.all_ties, others, strict=True)

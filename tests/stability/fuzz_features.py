@@ -234,7 +234,7 @@ def _answer(solved: Any, coupled: Coupled) -> np.ndarray:
     assert found is not None, "the nodes of the reference are others"
     parts = [found]
     for number in scene.moving:
-        record = solved.summary["rigid_bodies"][scene.rigid_bodies[number].name]
+        record = solved.summary["rigid_bodies"][scene.rigid.bodies[number].name]
         own = np.zeros(2 * scene.dimension)
         own[: scene.dimension] = record["displacement"]
         turn = np.atleast_1d(record["rotation"])
@@ -253,7 +253,7 @@ def _rigid_error(solved: Any, found: np.ndarray, known: np.ndarray) -> float:
     free = [w for w in solved.summary["certificate"]["warnings"] if "can move freely" in w]
     worst = 0.0
     for nth, number in enumerate(scene.moving):
-        name = scene.rigid_bodies[number].name
+        name = scene.rigid.bodies[number].name
         if any(w.startswith(name) or f"{name}" in w.split(" can move")[0] for w in free):
             continue
         error = np.abs(found[2 * nth : 2 * nth + 2] - known[2 * nth : 2 * nth + 2]).max(axis=1)

@@ -101,8 +101,8 @@ def _refuse_whole(scene: Scene) -> None:
         raise AsymmetryError(
             f"{scene.total_loads[0].source} is a total force or moment on a whole boundary"
         )
-    if scene.rigid_bodies:
-        raise AsymmetryError(f"{scene.rigid_bodies[0].name} is rigid")
+    if scene.rigid.bodies:
+        raise AsymmetryError(f"{scene.rigid.bodies[0].name} is rigid")
     if scene.ties:
         raise AsymmetryError(f"{scene.ties[0].source} is tied")
     for body in scene.bodies:
