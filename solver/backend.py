@@ -63,10 +63,16 @@ class Relaxation:
         slide.
     factor
         Share of this change that was taken.
+    history
+        Prescribed limits and residuals (points,) of the last states whose points all slid.
+    extrapolated
+        Whether the limits are a combination of these.
     """
 
     residual: Array
     factor: float
+    history: tuple[tuple[Array, Array], ...] = ()
+    extrapolated: bool = False
 
 
 @dataclass(frozen=True, eq=False)

@@ -36,6 +36,7 @@ from solver.backend import Relaxation, SetState, Statuses, Turn
 from solver.contact.friction_points import AT_LIMIT, FrictionPoints
 from solver.contact.law import Frictionless, StateError
 from solver.contact.slip_front import SlipFront
+from solver.contact.slip_limits import MEMORY, History, combined
 from solver.vectors import Array, Mask
 
 FAINT = float(np.finfo(np.float64).tiny)
@@ -67,6 +68,10 @@ class FrictionOptions:
     least_share
         Smallest share of a change that is taken. A wedge with the slope 0.1 and μ = 0.5, whose
         limits turn about by 5, is not certified by active sets with 0.3.
+    aligned, remains
+        Least cosine of the angle between two changes of the limits on one set, and least share of
+        the former that the latter has along it, from which on limits are extrapolated. A bar in a
+        vee, whose changes fall to 0.68 in each set, took 301 operator applications without.
     """
 
     turn: float = 1.5
@@ -75,6 +80,8 @@ class FrictionOptions:
     least_slip: float = 0.5
     turns_about: float = 0.5
     least_share: float = 0.1
+    aligned: float = 0.9
+    remains: float = 0.3
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -236,21 +243,37 @@ class Friction(Frictionless):
 
         Where the change of the limits turns about from set to set, the next one is a share of it
         that Aitken's formula gives from the last two (B. M. Irons, R. C. Tuck, *A version of the
-        Aitken accelerator for computer iteration*, Int. J. Numer. Methods Eng. 1, 1969).
+        Aitken accelerator for computer iteration*, Int. J. Numer. Methods Eng. 1, 1969). Where the
+        changes fall slowly and keep their direction, the limits are extrapolated by Anderson's
+        method as long as the same points slide.
         """
         prescribed = self.points.sizes(self._prescribed(before))
         follows = slides & (prescribed > 0.0) & (self.points.coefficients > 0.0)
         residual, factor = np.where(follows, limit - prescribed, 0.0), 1.0
-        last = before.relaxation
+        history, last = self._history(prescribed, residual, before), before.relaxation
         if last is not None:
             oo, no, nn = self._products(last.residual, residual)
+            aligned = no > max(self.options.aligned * (oo * nn) ** 0.5, self.options.remains * oo)
+            if len(history) > 1 and last.factor == 1.0 and (aligned or last.extrapolated):
+                best = np.maximum(combined(self.comm, history), 0.0)
+                relaxation = Relaxation(residual, 1.0, history, extrapolated=True)
+                return np.where(follows, best, limit), relaxation
             turns = no < -self.options.turns_about * oo
             change = oo - 2.0 * no + nn
             if change > 0.0 and (turns or last.factor < 1.0):
                 least = self.options.least_share
                 factor = min(max(last.factor * (oo - no) / change, least), 1.0)
         relaxed = np.where(follows, prescribed + factor * residual, limit)
-        return relaxed, Relaxation(residual, factor)
+        return relaxed, Relaxation(residual, factor, history)
+
+    def _history(self, prescribed: Array, residual: Array, before: Statuses) -> History:
+        """Limits and residuals up to these, while the same points slide (collective)."""
+        last = before.relaxation
+        if last is None:
+            return ((prescribed, residual),)
+        differ = int(((last.residual != 0.0) != (residual != 0.0)).sum())
+        earlier = () if self.comm.allreduce(differ) else last.history
+        return (*earlier, (prescribed, residual))[-MEMORY - 1 :]
 
     def _after_overshoot(
         self, multiplier: Array, before: Statuses, holds: Mask

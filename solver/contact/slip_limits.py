@@ -27,6 +27,26 @@ SMALLEST = 1e-10
 """Share of the largest squared difference of residuals below which a difference is left out."""
 
 
+History = tuple[tuple[Array, Array], ...]
+"""Limits and their residuals, (points,) each, the last ones last."""
+
+
+def combined(comm: MPI.Intracomm, history: History) -> Array:
+    """The combination of limits with the least residual, and a step by this residual (collective).
+
+    s + r minus the combination of differences that makes the last residual r least.
+    """
+    values, residual = history[-1]
+    differences = np.array([residual - r for _, r in history[:-1]])
+    steps = np.array([values - s for s, _ in history[:-1]])
+    gram = comm.allreduce(differences @ differences.T)
+    right = comm.allreduce(differences @ residual)
+    size, vectors = np.linalg.eigh(gram)
+    independent = size > SMALLEST * max(size.max(), np.finfo(float).tiny)
+    weights = vectors[:, independent] @ ((vectors[:, independent].T @ right) / size[independent])
+    return np.asarray(values + residual - weights @ (steps + differences))
+
+
 class SlipLimits:
     """Slip limits of the problem with given limits, and their iteration.
 
@@ -39,7 +59,7 @@ class SlipLimits:
     def __init__(self, points: FrictionPoints, comm: MPI.Intracomm, multiplier: Array) -> None:
         self._points, self._comm = points, comm
         self.values = points.slip_limits(multiplier)
-        self._history: list[tuple[Array, Array]] = []
+        self._history: History = ()
         self._last: Array | None = None
         self._size = np.inf
 
@@ -62,26 +82,12 @@ class SlipLimits:
         size = self._norm(residual)
         grown, self._size, self._last = size > GROWN * self._size, size, None
         if grown:
-            self._history.clear()
-        self._history = [*self._history, (self.values, residual)][-MEMORY - 1 :]
+            self._history = ()
+        self._history = (*self._history, (self.values, residual))[-MEMORY - 1 :]
         mixed = self.values + (0.5 if grown else 1.0) * residual
         if len(self._history) > 1:
-            mixed = self._mixed(residual)
+            mixed = combined(self._comm, self._history)
         self.values = np.maximum(mixed, self._points.limits)
-
-    def _mixed(self, residual: Array) -> Array:
-        """s + r minus the combination of differences that makes the residual r least."""
-        before = self._history[:-1]
-        differences = np.array([residual - r for _, r in before])
-        steps = np.array([self.values - s for s, _ in before])
-        gram = self._comm.allreduce(differences @ differences.T)
-        right = self._comm.allreduce(differences @ residual)
-        size, vectors = np.linalg.eigh(gram)
-        independent = size > SMALLEST * max(size.max(), np.finfo(float).tiny)
-        weights = vectors[:, independent] @ (
-            (vectors[:, independent].T @ right) / size[independent]
-        )
-        return np.asarray(self.values + residual - weights @ (steps + differences))
 
     def _norm(self, values: Array) -> float:
         return float(np.sqrt(self._comm.allreduce(float(values @ values))))
