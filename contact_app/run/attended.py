@@ -9,12 +9,14 @@ from pathlib import Path
 
 from mpi4py import MPI
 
+from contact_app.errors import CouldNotRunError
+from contact_app.machine.exits import add_remedy
 from contact_app.machine.ranks import on_first
 from contact_app.results.report import run_log
 from contact_app.run.files import log_caches, without_parts
 from contact_app.run.progress import Interruption, Progress
 from contact_app.run.result_directory import clear
-from solver.contact.checkpoint import Attention, Checkpoint
+from solver.contact.checkpoint import CHECKPOINT, Attention, Checkpoint
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,4 +62,9 @@ def attended(
     ):
         log_caches()
         attention = Attention(comm, lambda: interruption.requested, checkpoint)
-        yield Attended(progress, interruption, checkpoint, attention)
+        try:
+            yield Attended(progress, interruption, checkpoint, attention)
+        except (OSError, CouldNotRunError) as error:
+            if (directory / CHECKPOINT).is_file():
+                add_remedy(error, "--resume goes on from the checkpoint of this run")
+            raise

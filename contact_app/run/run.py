@@ -8,8 +8,8 @@ from pathlib import Path
 
 from mpi4py import MPI
 
-from contact_app.errors import ConfigurationError, CouldNotRunError
-from contact_app.machine.exits import Exit, add_remedy
+from contact_app.errors import ConfigurationError
+from contact_app.machine.exits import Exit
 from contact_app.results.history import History
 from contact_app.results.report import log, print_summary
 from contact_app.run.attended import attended
@@ -83,12 +83,7 @@ def run(
         # save the state of a long solve before its results are written
         if stopped or comm.bcast(solved.timings.seconds["solve"] > checkpoint.every):
             checkpoint.save_held()
-        try:
-            summary, files = write_run(solved, refined, directory, progress)
-        except (OSError, CouldNotRunError) as error:
-            if checkpoint.path.is_file():
-                add_remedy(error, "--resume goes on from the checkpoint of this run")
-            raise
+        summary, files = write_run(solved, refined, directory, progress)
         if not stopped:
             checkpoint.remove()
         elif first and checkpoint.path.is_file():

@@ -242,6 +242,36 @@ def test_a_full_disk_ends_with_4_and_reports_the_needed_room(
     assert left(small_disk / "out") <= LOGS
 
 
+def test_a_disk_that_fills_up_in_a_load_history_leaves_a_checkpoint(
+    tmp_path: Path, small_disk: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    """Another program takes the room after two of four increments."""
+    made = scenes.wall("quadrilateral", 2)
+    made["conditions"][1]["name"] = "load"
+    made["steps"] = [{"load": 1, "increments": 4}]
+    made["output"] = {"xdmf": False}
+    scene, out, fill = scenes.write(made, tmp_path / "s.yaml"), small_disk / "out", small_disk / "f"
+    program = (
+        "from contact_app.run.steps import _Files\n"
+        "add = _Files.add\n"
+        "def fill(self, increment):\n"
+        "    if len(self.records) == 2:\n"
+        f"        with open({str(fill)!r}, 'wb', 0) as file:\n"
+        "            while file.write(bytes(4096)) == 4096: pass\n"
+        "    add(self, increment)\n"
+        "_Files.add = fill\n"
+        "from contact_app.cli import main\n"
+        "main()\n"
+    )
+    done = start("run", scene, "-o", out, python=program)
+    assert done.returncode == 4, done.stderr
+    assert "No space left" in done.stderr
+    assert "--resume goes on from the checkpoint" in done.stderr
+    fill.unlink()
+    assert contact_app("run", scene, "-o", out, "--resume") == 0
+    assert "going on after step 1, factor 0.5" in capfd.readouterr().err
+
+
 def test_a_file_system_that_cannot_be_written_ends_with_4(
     scene: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
