@@ -130,7 +130,6 @@ def solve_scene(
     checkpoint: Checkpoint | None = None,
     report: Report | None = None,
     start: Start | None = None,
-    needed: Needed = "distinct",
     cases: Shared | None = None,
 ) -> SolvedScene:
     """Solve a scene and summarise the answer; writes no files (collective).
@@ -141,8 +140,6 @@ def solve_scene(
         Initial guess from the answer to another scene.
     report
         Called with the scene and the outline of its model (collective).
-    needed
-        Candidate contact rows to begin with; more join if the answer penetrates others.
     cases
         Models shared with other load cases or increments.
 
@@ -158,9 +155,7 @@ def solve_scene(
             "scene without them"
         )
     scene = with_chosen_method(scene)
-    request = _Request(
-        scene, comm, monitor, checkpoint, report, start, Timings(), needed=needed, cases=cases
-    )
+    request = _Request(scene, comm, monitor, checkpoint, report, start, Timings(), cases=cases)
     solved = _at_rest(request)
     if not scene.guaranteed:
         return solved

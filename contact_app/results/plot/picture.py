@@ -21,27 +21,12 @@ from contact_app.results.plot.friction_picture import draw_friction
 from contact_app.results.plot.history_picture import TABLE, draw_history
 from contact_app.results.plot.plane_picture import draw_plane
 from contact_app.results.plot.space_picture import draw_space
-from contact_app.results.plot.stored import Stored, read
+from contact_app.results.plot.stored import SMOOTHED, Stored, read
 
 #: Largest displacement in the picture, as a share of the size of the bodies.
 VISIBLE = 0.08
 #: Largest change of an edge of a cell's side in the picture, as a share of its length.
 BENT = 0.5
-SMOOTHED = "smoothed_contact_pressure"
-#: Label of each field below its colour scale.
-LABELS = {
-    "displacement": "displacement, magnitude",
-    "von_mises": "von Mises stress",
-    "stress": "stress, Frobenius norm",
-    "nodal_von_mises": "von Mises stress",
-    "nodal_stress": "stress, Frobenius norm",
-    "contact_pressure": "contact pressure",
-    SMOOTHED: "smoothed contact pressure",
-    "gap": "gap to the obstacle",
-    "friction_traction": "friction traction, magnitude",
-    "slip": "slip, magnitude",
-    "contact_status": "0 open, 1 stick, 2 slip",
-}
 
 
 class PictureError(ContactError):
@@ -117,10 +102,10 @@ def plot(
     caption = f"{title}\ndisplacements × {factor:g}".strip()
     with atomic(bodies) as part:
         if stored.plane:
-            draw_plane(stored, shown, LABELS, factor, part, caption)
+            draw_plane(stored, shown, factor, part, caption)
         else:
             between = bool(summary.get("solution", {}).get("pair_forces"))
-            remarks += draw_space(stored, shown, LABELS, factor, part, caption, camera, between)
+            remarks += draw_space(stored, shown, factor, part, caption, camera, between)
     pictures = [bodies, *_of_contacts(stored, shown, target, title, remarks)]
     return [*pictures, *_of_history(directory, target, title)], remarks
 

@@ -17,7 +17,7 @@ from contact_app.results.plot.node_values import (
     shifts,
     smooth_name,
 )
-from contact_app.results.plot.stored import STRESSES, Stored
+from contact_app.results.plot.stored import LABELS, STRESSES, Stored
 
 EDGES_UP_TO = 5_000
 """Number of cells above which edges are not drawn."""
@@ -26,7 +26,6 @@ EDGES_UP_TO = 5_000
 def draw_plane(
     stored: Stored,
     fields: tuple[str, ...],
-    labels: dict[str, str],
     exaggeration: float,
     target: Path,
     caption: str,
@@ -59,9 +58,8 @@ def draw_plane(
             axes.add_collection(LineCollection(rim, colors="black", linewidths=0.5))
         axes.set_aspect("equal")
         axes.autoscale_view()
-        bar = figure.colorbar(
-            shades, ax=axes, location="bottom", label=labels.get(name, name), shrink=0.8
-        )
+        label = LABELS.get(name, name)
+        bar = figure.colorbar(shades, ax=axes, location="bottom", label=label, shrink=0.8)
         bar.formatter.set_powerlimits((-3, 4))
     figure.suptitle(caption, fontsize=10)
     figure.savefig(target, dpi=150, format="png")

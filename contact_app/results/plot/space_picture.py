@@ -33,7 +33,7 @@ from contact_app.results.plot.raster import (
     visible_share,
     wires,
 )
-from contact_app.results.plot.stored import STRESSES, Stored
+from contact_app.results.plot.stored import LABELS, STRESSES, Stored
 
 #: Number of faces above which edges are not drawn.
 EDGES_UP_TO = 40_000
@@ -142,7 +142,6 @@ class Frame:
 def draw_space(
     stored: Stored,
     fields: tuple[str, ...],
-    labels: dict[str, str],
     exaggeration: float,
     target: Path,
     caption: str,
@@ -175,10 +174,7 @@ def draw_space(
     inside = between or mostly_hidden(stored, [sides for sides, _ in skin], moved, view)
     faces = [sides + shifts(stored, owners)[:, None] for sides, owners in skin]
     moved, levels = np.tile(moved, (copies(stored), 1)), np.tile(levels, copies(stored))
-    panels = [
-        panel_of(stored, name, labels.get(name, name), faces, rows, inside) for name in fields
-    ]
-
+    panels = [panel_of(stored, name, faces, rows, inside) for name in fields]
     ratio = float(np.clip(view.half[1] / view.half[0], 0.1, 1.6))
     figure, places, wide = of_bodies(len(panels), ratio)
     frame = Frame.of(view, (wide, wide * ratio), SHARPNESS)
@@ -204,13 +200,12 @@ def draw_space(
 def panel_of(
     stored: Stored,
     name: str,
-    label: str,
     faces: list[NDArray[np.int64]],
     rows: NDArray[np.int64],
     inside: bool,
 ) -> Panel:
     """Panel of a field: its values and colours on the skin, and its caption."""
-    stress = name in STRESSES
+    stress, label = name in STRESSES, LABELS.get(name, name)
     name = smooth_name(stored, name)
     at_nodes = name in stored.point_data
     values = node_values(stored, name) if at_nodes else stored.cell_data[name][rows]

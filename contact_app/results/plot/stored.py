@@ -33,6 +33,23 @@ STRESSES = ("von_mises", "stress", "nodal_von_mises", "nodal_stress")
 """Fields that are stresses, whose extremes may be those of a singularity."""
 
 
+SMOOTHED = "smoothed_contact_pressure"
+LABELS = {
+    "displacement": "displacement, magnitude",
+    "von_mises": "von Mises stress",
+    "stress": "stress, Frobenius norm",
+    "nodal_von_mises": "von Mises stress",
+    "nodal_stress": "stress, Frobenius norm",
+    "contact_pressure": "contact pressure",
+    SMOOTHED: "smoothed contact pressure",
+    "gap": "gap to the obstacle",
+    "friction_traction": "friction traction, magnitude",
+    "slip": "slip, magnitude",
+    "contact_status": "0 open, 1 stick, 2 slip",
+}
+"""Label of each field below its colour scale."""
+
+
 SAME_TIME = 1e-4
 """Relative difference of times up to which they are those of one increment."""
 

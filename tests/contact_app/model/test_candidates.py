@@ -9,6 +9,8 @@ import numpy as np
 import pytest
 from mpi4py import MPI
 
+from contact_app.accuracy.estimate.error_estimate import ErrorEstimator
+from contact_app.model.model import build_model
 from contact_app.model.outline import outline_of_scene
 from contact_app.run.solve import solve_scene
 from tests import reference, scenes
@@ -21,6 +23,19 @@ def rows_of(scene: Any) -> tuple[int, int]:
     return len(known.contact.nodes), len(known.left_out.nodes)
 
 
+class NoRowsAtFirst:
+    """Models of which the first one has no contact rows."""
+
+    keeps_subdomains = False
+
+    def model(self, scene: Any, timings: Any, needed: Any, report: Any) -> Any:
+        rows = np.zeros(rows_of(scene)[0], bool) if isinstance(needed, str) else needed
+        return build_model(scene, MPI.COMM_SELF, timings, rows, report)
+
+    def estimator(self, model: Any) -> ErrorEstimator:
+        return ErrorEstimator(model)
+
+
 @pytest.mark.parametrize("cell", ["quadrilateral", "hexahedron"])
 def test_rows_that_the_answer_penetrates_join(cell: str, caplog: pytest.LogCaptureFixture) -> None:
     """Nodes without rows come into contact: the scene is solved again with their rows."""
@@ -28,7 +43,7 @@ def test_rows_that_the_answer_penetrates_join(cell: str, caplog: pytest.LogCaptu
     scene = scenes.build(made, 1)
     known = reference.solve(scene)
     with caplog.at_level(logging.INFO, "contact_app"):
-        solved = solve_scene(scene, needed=np.zeros(rows_of(scene)[0], bool))
+        solved = solve_scene(scene, MPI.COMM_SELF, cases=NoRowsAtFirst())
     assert "solving again with" in caplog.text
     assert 0 < solved.summary["decomposition"]["contact"] <= rows_of(scene)[0]
     assert solved.summary["solution"]["energy"] == pytest.approx(known.energy, rel=1e-7)

@@ -124,10 +124,10 @@ def test_pressure_lies_on_contact_boundaries_only(tmp_path: Path) -> None:
     stored = read(tmp_path)
     faces = stored.boundary()
     rows = np.concatenate([rows for _, rows in stored.skin()])
-    panel = space_picture.panel_of(stored, "contact_pressure", "", faces, rows, True)
+    panel = space_picture.panel_of(stored, "contact_pressure", faces, rows, True)
     assert panel.through
     np.testing.assert_array_equal(np.isfinite(panel.values), stored.points[:, 0] > 1.5)
-    stress = space_picture.panel_of(stored, "von_mises", "", faces, rows, True)
+    stress = space_picture.panel_of(stored, "von_mises", faces, rows, True)
     assert not stress.through
     middle = stored.points[np.concatenate(faces)].mean(axis=1)[:, 0]
     np.testing.assert_array_equal(stress.values, np.where(middle > 1.0, 2.0, 1.0))
@@ -416,7 +416,7 @@ def test_pictures_show_stresses_at_nodes_on_the_side_of_each_material(
     shown = values[sides + node_values.shifts(stored, rows)[:, None]]
     np.testing.assert_array_equal(shown, np.broadcast_to(rows[:, None] + 1.0, shown.shape))
     panel = space_picture.panel_of(
-        stored, "von_mises", "", [sides + node_values.shifts(stored, rows)[:, None]], rows, True
+        stored, "von_mises", [sides + node_values.shifts(stored, rows)[:, None]], rows, True
     )
     assert panel.limits == (1.0, 2.0)
     assert panel.colours == "viridis"
