@@ -30,7 +30,6 @@ from contact_app.results.undetermined import PRESSING
 from meshes.connected import connected
 from solver.contact.friction_points import AT_LIMIT
 from solver.contact.solution import Solution
-from solver.tfeti.constraints.conditions import ContactRows
 from solver.tfeti.dual import DualProblem
 
 Array = NDArray[np.float64]
@@ -214,79 +213,123 @@ def _nodes(
     """
     if least == 0.0:
         return
-    points, rough, contact, d = (
-        problem.friction, problem.shared.friction, problem.contact, problem.dimension,
-    )  # fmt: skip
-    count, of_row = len(contact.nodes), rough.places(contact)
-    residual = problem.residual(problem.on_interface(solution.displacements))
-    still = solution.tolerance * solution.measures.displacement
-    limits = points.slip_limits(solution.multiplier)
-    resting = (points.sizes(points.slips(residual)) <= still) & (limits > least)
-    order = np.argsort(of_row, kind="stable")
-    component = np.zeros(len(of_row), np.int64)  # number of each tangent among those of its row
-    component[order] = np.arange(len(order)) - np.searchsorted(of_row[order], of_row[order])
-    friction, laws = np.zeros((count + 1, d - 1)), np.zeros((count + 1, 3))
-    friction[of_row, component] = points.forces(solution.multiplier)  # -1: without a contact row
-    laws[of_row] = np.column_stack([points.coefficients, points.limits, resting])[points.point]
-    friction, laws = friction[:count], laws[:count]
-    presses, rests = normal > least, laws[:, 2] > 0.0
-    acts = (presses | rests) & ~contact.on_rigid
-    one = _entries(contact, np.arange(count) * d)
-    more = _entries(rough.rows, np.where(of_row < 0, -1, of_row * d + 1 + component))
-    row, node, place, value = np.hstack([one, more[:, more[0] >= 0]])
-    row, node = row.astype(np.int64), node.astype(np.int64)
-    row, node, place, value = (x[acts[row // d]] for x in (row, node, place, value))
+    contact, comm, d = problem.contact, problem.comm, problem.dimension
+    points, table = _Points.of(problem, solution, normal, least), _table(problem)
+    row, node = table[:2].astype(np.int64)
+    acts = (points.presses | points.rests) & ~contact.on_rigid
+    row, node, table = (x[..., acts[row // d]] for x in (row, node, table))
     # a row with one node counts by itself, the rows of a contact between bodies once at each node
-    by = np.where(contact.wide, contact.sources, -1 - np.arange(count))
-    comm = problem.comm
+    by = np.where(contact.wide, contact.sources, -1 - np.arange(len(contact.nodes)))
     pairs = np.unique(np.hstack(comm.allgather(np.stack([node, by[row // d]]))), axis=1)
     nodes, contacts = np.unique(pairs[0], return_counts=True)
-    several = np.isin(node, nodes[contacts > 1])
-    chosen = np.unique(row[several] // d)
-    take = np.isin(row // d, chosen)
-    number = np.searchsorted(chosen, row[take] // d) * d + row[take] % d
-    data = np.column_stack(
-        [contact.sources, contact.nodes, normal, friction, laws[:, :2], presses, rests]
-    )
-    gathered = comm.gather((np.stack([number, node[take], place[take], value[take]]), data[chosen]))
+    chosen = np.unique(row[np.isin(node, nodes[contacts > 1])] // d)
+    of_chosen = np.isin(row // d, chosen)
+    row, table = row[of_chosen], table[:, of_chosen]
+    table[0] = np.searchsorted(chosen, row // d) * d + row % d
+    gathered = comm.gather((table, points.at(chosen)))
     if gathered is None:
         return
-    first = np.cumsum([0, *(len(rows) for _, rows in gathered)])
-    tables = [
-        table + [[n * d], [0], [0], [0]] for n, (table, _) in zip(first, gathered, strict=False)
-    ]
-    yield from _groups(np.hstack(tables), np.vstack([rows for _, rows in gathered]), d)
+    tables, parts = zip(*gathered, strict=True)
+    starts = d * np.cumsum([0, *(len(part.sources) for part in parts)])
+    for each, start in zip(tables, starts, strict=False):
+        each[0] += start
+    yield from _groups(np.hstack(tables), _Points.joined(parts), d)
 
 
-def _entries(rows: ContactRows, number: NDArray[np.int64]) -> Array:
-    """Numbers of rows, nodes, components and forces for a multiplier of one, (4, entries)."""
+@dataclass(frozen=True, eq=False)
+class _Points:
+    """Contact rows with the state of their friction; arrays (rows, …).
+
+    Attributes
+    ----------
+    friction : (rows, d - 1)
+    presses, rests
+        Masks of rows with a normal force, and of those with friction and without a slip.
+    """
+
+    nodes: NDArray[np.int64]
+    sources: NDArray[np.int64]
+    normal_forces: Array
+    friction: Array
+    coefficients: Array
+    limits: Array
+    presses: NDArray[np.bool_]
+    rests: NDArray[np.bool_]
+
+    @classmethod
+    def of(cls, problem: DualProblem, solution: Solution, normal: Array, least: float) -> _Points:
+        """The contact rows of this rank; parameters as of `_nodes`."""
+        points, contact, multiplier = problem.friction, problem.contact, solution.multiplier
+        residual = problem.residual(problem.on_interface(solution.displacements))
+        still = solution.tolerance * solution.measures.displacement
+        slides = points.sizes(points.slips(residual)) > still
+        rests = (points.slip_limits(multiplier) > least) & ~slides
+        of_row, count = problem.shared.friction.places(contact), len(contact.nodes)
+        friction = np.zeros((count + 1, problem.dimension - 1))  # the last: without a contact row
+        friction[of_row, _directions(of_row)] = points.forces(multiplier)
+        laws = np.zeros((3, count + 1))
+        laws[:, of_row] = np.stack([points.coefficients, points.limits, rests])[:, points.point]
+        coefficients, limits, resting = laws[:, :count]
+        return cls(
+            contact.nodes, contact.sources, normal, friction[:count], coefficients, limits,
+            normal > least, resting > 0.0,
+        )  # fmt: skip
+
+    def at(self, rows: NDArray[np.int64]) -> _Points:
+        """Some of the rows."""
+        return _Points(*(values[rows] for values in vars(self).values()))
+
+    @classmethod
+    def joined(cls, parts: Sequence[_Points]) -> _Points:
+        """The rows of several ranks."""
+        return cls(*map(np.concatenate, zip(*(vars(p).values() for p in parts), strict=True)))
+
+
+def _directions(of_row: NDArray[np.int64]) -> NDArray[np.int64]:
+    """Number of each tangential row among those of its contact row."""
+    order = np.argsort(of_row, kind="stable")
+    numbers = np.zeros(len(of_row), np.int64)
+    numbers[order] = np.arange(len(order)) - np.searchsorted(of_row[order], of_row[order])
+    return numbers
+
+
+def _table(problem: DualProblem) -> Array:
+    """Entries of the forces of contact rows on nodes for multipliers of one, (4, entries).
+
+    Their numbers (d for each contact row: that of its normal, then those of its tangents), nodes,
+    components and values.
+    """
+    d, rough = problem.dimension, problem.shared.friction
+    of_row = rough.places(problem.contact)
+    tangents = np.where(of_row < 0, -1, of_row * d + 1 + _directions(of_row))
+    normals = np.arange(len(problem.contact.nodes)) * d
     parts = [
         np.stack([number[part.row], part.node, part.component, -part.value])
+        for rows, number in ((problem.contact, normals), (rough.rows, tangents))
         for part in (rows.entries, rows.held)
     ]
     table = np.hstack(parts)
-    return np.asarray(table[:, np.abs(table[3]) > DEPENDENT])
+    return np.asarray(table[:, (np.abs(table[3]) > DEPENDENT) & (table[0] >= 0)])
 
 
-def _groups(table: Array, data: Array, d: int) -> Iterator[SharedNode]:
+def _groups(table: Array, points: _Points, d: int) -> Iterator[SharedNode]:
     """The nodes that rows join, where one presses and one rests."""
     row, node, component = table[:3].astype(np.int64)
     _, node = np.unique(node, return_inverse=True)
-    label = connected(np.stack([row // d, len(data) + node]), len(data) + node.max(initial=-1) + 1)
-    for group in np.unique(label[: len(data)]):
-        rows = np.flatnonzero(label[: len(data)] == group)
-        nodes = np.flatnonzero(label[len(data) :] == group)
-        presses, rests = data[rows, -2] > 0.0, data[rows, -1] > 0.0
-        if not (presses.any() and rests.any()) or len(rows) > MOST:
+    count = len(points.sources)
+    label = connected(np.stack([row // d, count + node]), count + node.max(initial=-1) + 1)
+    for group in np.unique(label[:count]):
+        rows = np.flatnonzero(label[:count] == group)
+        nodes = np.flatnonzero(label[count:] == group)
+        some = points.at(rows)
+        if not (some.presses.any() and some.rests.any()) or len(rows) > MOST:
             continue
         forces = np.zeros((len(rows), d, len(nodes), d))
         of = np.flatnonzero(label[row // d] == group)
         at = np.searchsorted(rows, row[of] // d), row[of] % d, np.searchsorted(nodes, node[of])
         np.add.at(forces, (*at, component[of]), table[3, of])
         forces = forces.reshape(len(rows), d, -1)
-        sources, of_row, normal = data[rows, :3].T
-        coefficients, limits = data[rows, 2 + d : 4 + d].T
         yield SharedNode(
-            sources.astype(np.int64), forces[:, 0], normal, forces[:, 1:], data[rows, 3 : 2 + d],
-            coefficients, limits, presses, rests, len(np.unique(of_row)),
+            some.sources, forces[:, 0], some.normal_forces, forces[:, 1:], some.friction,
+            some.coefficients, some.limits, some.presses, some.rests, len(np.unique(some.nodes)),
         )  # fmt: skip
