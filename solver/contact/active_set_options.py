@@ -60,6 +60,10 @@ class ActiveSetOptions:
     significant
         Relative forces and distances from which on a row changes its status, over the estimate of
         the error.
+    negligible
+        Tensile multipliers, over the largest multiplier, that do not release a row. Where nothing
+        but a row without a force stops a body from turning, the load, not quite balanced as drawn,
+        pulls it open and the free body closes it again, set after set.
     largest_error
         Estimate of the error in energy norm, over the energy norm of the answer, above which the
         answer on a set does not change the set.
@@ -139,6 +143,7 @@ class ActiveSetOptions:
     coarse_reduction: float = 0.1
     evaluations: int = 3
     significant: float = 0.1
+    negligible: float = 0.0
     largest_error: float = math.inf
     first_share: float = 0.02
     margin: float = 0.7

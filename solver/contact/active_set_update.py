@@ -49,7 +49,8 @@ class ActiveSetUpdate(Generic[S]):
         active = before.active & backend.contact_rows
         error = self.options.significant * on_set.error(state.strained)
         zero = StateError.of(backend.comm, state, before.active, error)
-        stays = self.law.may_stay_active(state.multiplier, zero.force)
+        tension = max(zero.force, self.options.negligible * zero.strongest)
+        stays = self.law.may_stay_active(state.multiplier, tension)
         hierarchy = self.hierarchy
         for _ in range(2):
             joins = hierarchy.allowed & self.law.closes(state.distance, zero.distance)

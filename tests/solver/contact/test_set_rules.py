@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
+import pytest
 from mpi4py import MPI
 
 from solver.backend import Statuses
@@ -100,3 +102,21 @@ def test_contact_that_peels_off_goes_on_by_levels() -> None:
     assert fine.update.hierarchy.finest
     assert not coarse.update.hierarchy.finest
     assert fine.reduction == coarse.reduction
+
+
+@pytest.mark.parametrize("negligible", [0.0, 1e-9])
+def test_a_row_with_negligible_tension_stays_active(negligible: float) -> None:
+    """The last row pulls by 1e-10 of the largest force, which is not an error of the state."""
+    forces = np.where(np.arange(ROWS) < 3, 50.0, 0.0)
+    forces[2] = -5e-9
+    state: Any = SimpleNamespace(
+        multiplier=forces, distance=np.zeros(ROWS), jumps=np.zeros(ROWS), strained=1.0
+    )
+    solved: Any = SimpleNamespace(statuses=Statuses(forces != 0.0), error=lambda strained: 1e-12)
+    update = rules_of(replace(OPTIONS, negligible=negligible)).update
+    following, _, _ = update.following(solved, state)
+    stays = forces > (-1.0 if negligible else 0.0)
+    np.testing.assert_array_equal(following.active, stays & (forces != 0.0))
+    forces[2] = -5e-7
+    following, _, _ = update.following(solved, state)
+    assert following.active.sum() == 2
