@@ -295,7 +295,7 @@ class PrimalSet:
         self._held = it.reduction.norm(self._left - rhs)
         self._start_norm = it.reduction.norm(self._start)
         self._lanczos = Lanczos(self._preconditioner.square)
-        self._steps, self._stalls = 0, False
+        self._steps, self._stalls, self._before_factor = 0, False, 0
 
     def _make_preconditioner(self) -> Preconditioner:
         backend, projector, springs = self._backend, self._projector, self._springs
@@ -376,10 +376,9 @@ class PrimalSet:
                 self._preconditioner = it.preconditioner = self._make_preconditioner()
                 it.evaluate()
                 self._lanczos = Lanczos(self._preconditioner.square)
-                self._backend.smallest_eigenvalue = UNKNOWN
-            self._stalls = it.counts.cg >= (
-                STALLED_WITH_FACTOR if self._backend.direct else STALLED
-            )
+                self._backend.smallest_eigenvalue, self._before_factor = UNKNOWN, it.counts.cg
+            most = STALLED_WITH_FACTOR if self._backend.direct else STALLED
+            self._stalls = it.counts.cg - self._before_factor >= most
             if self._stalls and it.projected_gradient_norm > self._first_norm:
                 raise QPError("the active rows hold a body so badly that rounding errors let it go")
             return Reason.ROUND_OFF if self._stalls else None

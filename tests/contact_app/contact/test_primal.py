@@ -21,6 +21,7 @@ from solver.backend import Turn
 from solver.contact.options import SolverOptions
 from solver.contact.stopping import StoppingRule
 from solver.driver import solve as solve_problem
+from solver.primal.backend import STALLED_WITH_FACTOR
 from solver.primal.blocks import in_blocks
 from solver.primal.by_active_sets import solve_by_multigrid
 from solver.primal.cycle import CycleOnSets
@@ -110,6 +111,25 @@ def test_a_set_that_takes_few_steps_a_digit_keeps_its_cycle() -> None:
     later = applications(slow=8, slow_seconds=1e9)
     assert sooner < 0.9 * alone
     assert later == alone
+
+
+def test_a_factor_that_replaces_the_cycle_late_has_steps_of_its_own() -> None:
+    """The set has taken more steps by then than a set with a factor may take."""
+    made = {
+        "dimension": 3,
+        "bodies": [scenes.box("beam", [100, 1, 1], [100, 2, 2], young=2.1e5)],
+        "conditions": [{"on": "beam.x-", "displacement": [0, 0, 0]},
+                       {"on": "beam.x+", "displacement": [None, None, -0.1]}],
+        "contacts": [{"on": "beam.z-", "obstacle": {"sphere": {"center": [60, 0, -20],
+                                                               "radius": 20}}}],
+        "solver": {"method": "primal"},
+    }  # fmt: skip
+    problem = build_model(scenes.build(made), MPI.COMM_SELF).problem
+    task = Task(problem, StoppingRule(1e-8), MPRGP(rtol=1e-10, max_iterations=2000))
+    late = FactorOptions(small=0.0, thin_seconds=0.0, slow=STALLED_WITH_FACTOR + 1, slow_digit=1)
+    found = solve_by_multigrid(task, None, None, late)
+    assert found.counts.cg > late.slow
+    assert found.converged, found.certificate
 
 
 @pytest.mark.ratchet
