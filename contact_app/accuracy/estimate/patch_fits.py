@@ -434,6 +434,8 @@ class QuadraticFits:
             moments = A[kind] * scale
             of_patch = OWN * moments[helped.targets]
             enlarged = helped.second(moments[helped.sources]) + of_patch
+            of_linear = np.flatnonzero(~quadratic[kind[helped.targets]])
+            enlarged[of_linear, linear:] = enlarged[of_linear, :, linear:] = 0.0
             self._fit[helped.targets] = pseudo_inverse(enlarged, THIN, d)
 
     def determined_from(self, flat: float) -> QuadraticFits:

@@ -77,6 +77,22 @@ def test_zero_where_two_bodies_share_a_constant_stress() -> None:
     assert solved.accuracy.discretisation < 1e-9
 
 
+@pytest.mark.parametrize("cell", CELLS)
+def test_bodies_of_different_degree_have_one_estimate_in_any_unit_of_length(cell: str) -> None:
+    """At vertices with few cells, a body of degree 1 has no quadratic part to fit."""
+    estimates = []
+    for unit in (1.0, 1024.0):
+        made = stack(cell, cell, (2, 3))
+        made["bodies"][1]["degree"] = 2
+        made["conditions"][1] = {"in": "upper", "force": scenes.vector(cell, 0, 0, -20 / unit)}
+        for body in made["bodies"]:
+            box = body["mesh"]["box"]
+            box["lower"], box["upper"] = ([unit * x for x in box[k]] for k in ("lower", "upper"))
+        estimates.append(solve(made, tolerance=1e-11).accuracy.discretisation)
+    assert estimates[0] > 0.01
+    assert estimates[1] == pytest.approx(estimates[0], rel=1e-6)
+
+
 def test_zero_where_nothing_is_strained() -> None:
     """A body that is only moved has no energy to refer to."""
     cell = "hexahedron"
