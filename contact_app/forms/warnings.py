@@ -44,22 +44,7 @@ from contact_app.results.shared_forces import shared_force_warnings
 from contact_app.results.sliding import largest_sliding, sliding_on_each_other
 from contact_app.results.tilted_pairs import tilted
 from contact_app.results.undetermined import Movable, play_warnings, undetermined_of
-from contact_app.run.warning_texts import (
-    beside_boundary,
-    closing_at_once,
-    curving_away,
-    facing_away,
-    flat_facets,
-    large_deformations,
-    locking_in_bending,
-    locking_in_volume,
-    moved_beyond_size,
-    rubbing_where_open,
-    several_answers,
-    sliding_far,
-    stiff_simplices,
-    straight_edges,
-)
+from contact_app.run import warning_texts as texts
 from contact_app.scene.material import NEARLY_INCOMPRESSIBLE
 from contact_app.scene.obstacles import Plane
 from meshes import dolfinx_compat
@@ -109,16 +94,16 @@ def form_warnings(answer: FormAnswer) -> list[str]:
     fit = affine_fit(answer.model.parts, answer.owners.copies(answer.displacement))
     warnings = [*_large_deformations(answer, fit[0]), *_of_bodies(answer), *_locking(answer, fit)]
     for number, contact in enumerate(answer.model.contacts):
-        texts = [*_of_contact(answer, number, contact)]
+        sentences = [*_of_contact(answer, number, contact)]
         if _presses(answer, number):
-            texts += [_coarse_pressure(answer, number), _sharp_edge(answer, number, contact)]
-        warnings += [f"contacts[{number}]: {text}" for text in texts if text]
+            sentences += [_coarse_pressure(answer, number), _sharp_edge(answer, number, contact)]
+        warnings += [f"contacts[{number}]: {text}" for text in sentences if text]
     problem = answer.model.problem
     before = problem.system.loads.displacements_before
     changed = closing_points(problem, answer.solution, list(before) if before else None)
     since = "the last increment" if before else "the unloaded state"
     remedy = "loads in several increments, solve(increment=True), show how much this matters"
-    closing = closing_at_once(*changed, since, remedy)
+    closing = texts.closing_at_once(*changed, since, remedy)
     warnings.append(closing if answer.in_halves is None else answer.in_halves)
     numbers = [f"contacts[{number}]" for number in range(len(answer.model.contacts))]
     warnings += shared_force_warnings(answer.model.problem, answer.solution, numbers)
@@ -133,7 +118,7 @@ def _large_deformations(answer: FormAnswer, gradient: Array) -> list[str]:
     transposed = np.swapaxes(gradient, 1, 2)
     both = 0.5 * np.abs(np.stack([gradient + transposed, gradient - transposed]))
     comm = answer.model.parts.comm
-    return large_deformations(*(largest_magnitude(comm, part) for part in both))
+    return texts.large_deformations(*(largest_magnitude(comm, part) for part in both))
 
 
 def _of_bodies(answer: FormAnswer) -> Iterator[str]:
@@ -145,7 +130,7 @@ def _of_bodies(answer: FormAnswer) -> Iterator[str]:
         yield motion.sentence(bodies.name(motion.body), f"{fixes} prevents the motion")
     for b, moved in enumerate(solution.measures.deformations[: bodies.count]):
         size = 2.0 * float(np.linalg.norm(bodies.halves[b]))
-        yield moved_beyond_size(bodies.name(b), float(moved), size)
+        yield texts.moved_beyond_size(bodies.name(b), float(moved), size)
     label = problem.bodies.groups
     groups = [np.flatnonzero(label == k) for k in np.unique(label)]
     names = [bodies.name(b) for b in range(bodies.count)]
@@ -169,12 +154,12 @@ def _locking(answer: FormAnswer, fit: Fit) -> Iterator[str]:
     remedy = "a space of degree 2"
     for b in np.flatnonzero(strained):
         near = "energy", " or near ν = 0.5"
-        texts = [locking_in_bending(float(signs.varying[b]), *near, remedy)]
+        signs_of_body = [texts.locking_in_bending(float(signs.varying[b]), *near, remedy)]
         if signs.poisson[b] >= NEARLY_INCOMPRESSIBLE:
-            texts.append(locking_in_volume(float(signs.poisson[b]), remedy))
-        yield from (f"{bodies.name(int(b))}: {text}" for text in texts if text)
+            signs_of_body.append(texts.locking_in_volume(float(signs.poisson[b]), remedy))
+        yield from (f"{bodies.name(int(b))}: {text}" for text in signs_of_body if text)
     if strained.any():
-        yield stiff_simplices(signs.error, "", remedy)
+        yield texts.stiff_simplices(signs.error, "", remedy)
 
 
 def _of_contact(answer: FormAnswer, number: int, contact: Contact) -> Iterator[str]:
@@ -189,23 +174,23 @@ def _of_contact(answer: FormAnswer, number: int, contact: Contact) -> Iterator[s
     yield from _round_shapes(answer, number, contact, (names, moved))
     if contact.against is None:
         radius = getattr(contact.obstacle, "curvature_radius", None)
-        yield curving_away(largest_sliding(*rows), radius, moved)
+        yield texts.curving_away(largest_sliding(*rows), radius, moved)
         if not comm.allreduce(int(nodes.closed.sum())):
             (on, *_), size = sides.surfaces, float(model.bodies.lengths.max())
-            yield facing_away(on.normals, contact.gap_and_normal(on.centres, d, size)[1])
+            yield texts.facing_away(on.normals, contact.gap_and_normal(on.centres, d, size)[1])
         if not _flat(contact) or in_the_mean(model.parts):
             yield from _entering(answer, number, contact, (names, moved))
     else:
-        yield sliding_far(*sliding_on_each_other(*rows))
+        yield texts.sliding_far(*sliding_on_each_other(*rows))
         on, against = sides.surfaces
         displaced = _displaced(answer, on), _displaced(answer, against)
         depth = depth_in_each_other(comm, (on, against), displaced, contact.round)
         yield entering_each_other(names, depth, moved)
         both = [model.bodies.name(min(bodies)) for bodies in touching]
         yield tilted(model.problem, solution, number, against, (both[0], both[1]), moved)
-    yield rubbing_where_open(comm.allreduce(int((nodes.rubs & ~nodes.closed).sum())))
+    yield texts.rubbing_where_open(comm.allreduce(int((nodes.rubs & ~nodes.closed).sum())))
     pressed = comm.allreduce(int(nodes.closed.any()), op=MPI.MAX)
-    yield several_answers(contact.law.coefficient, bool(pressed))
+    yield texts.several_answers(contact.law.coefficient, bool(pressed))
 
 
 def _presses(answer: FormAnswer, number: int) -> bool:
@@ -269,9 +254,9 @@ def _round_shapes(
     gap = float(np.median(gaps[sources == number])) if (sources == number).any() else np.inf
     name, moved = body
     if contact.against is None:
-        yield straight_edges(name, distances.facets, moved, gap, degree)
+        yield texts.straight_edges(name, distances.facets, moved, gap, degree)
     else:
-        text = flat_facets(name, distances, moved, gap, contact.round)
+        text = texts.flat_facets(name, distances, moved, gap, contact.round)
         yield text.replace("round: true", "round=True")
 
 
@@ -301,7 +286,7 @@ def _entering(
     beside = np.flatnonzero(free & of_bodies & ~on)
     entered, deep = entered_points(parts.points[beside], u[beside], gap_and_normal, ENTERED * moved)
     count, deep = parts.comm.allreduce(entered), largest_magnitude(parts.comm, np.array([deep]))
-    yield beside_boundary(name, contact.on, count, deep)
+    yield texts.beside_boundary(name, contact.on, count, deep)
 
 
 def _sharp_edge(answer: FormAnswer, number: int, contact: Contact) -> str:

@@ -16,15 +16,14 @@ import numpy as np
 from mpi4py import MPI
 from scipy import sparse
 
-from contact_app.model.equilibrium import directions_in_words, upward
-from contact_app.results.undetermined import PRESSING, SMALL_PLAY, Movable
+from contact_app.results.undetermined import PRESSING, SMALL_PLAY, Movable, reach_of
 from solver.contact.equilibrium import held_motions
 from solver.contact.friction_points import FrictionPoints
 from solver.contact.solution import Solution
 from solver.tfeti.constraints.conditions import ContactRows
 from solver.tfeti.dual import DualProblem
 from solver.tfeti.subdomain.kernels import MOTIONS
-from solver.vectors import Array, largest_magnitude
+from solver.vectors import Array
 
 PARALLEL = 0.01
 """Largest mean square of the sine between motion and friction force: six degrees change the
@@ -73,16 +72,13 @@ def carried(
         weights = limits, limits[point]
         grams = [s.T @ (w[:, None] * s) for s, w in zip((along, across), weights, strict=True)]
         for part in _parallel(*comm.allreduce(np.stack(grams))).T:
-            parts = (base @ part).reshape(len(group), m)
-            speeds = [bodies.size_of(int(b), v) for b, v in zip(group, parts, strict=True)]
-            most = int(np.argmax(speeds))
-            reach = speeds[most] * _reach(comm, along @ part, points.sizes(slips))
-            if SMALL_PLAY * solution.measures.displacements[group[most]] < reach < np.inf:
+            body, along_words, speed = bodies.fastest(group, base @ part)
+            reach = speed * reach_of(comm, along @ part, points.sizes(slips), SEEN)
+            if SMALL_PLAY * solution.measures.displacements[body] < reach < np.inf:
                 yield (
-                    f"{bodies.names[group[most]]} slides wherever friction acts on it, and the "
+                    f"{bodies.names[body]} slides wherever friction acts on it, and the "
                     "forces stay as they are if it is carried along by up to "
-                    f"{reach:.3g} less or more, along "
-                    f"{directions_in_words(upward(parts[most][:, None]))}: the answer has one of "
+                    f"{reach:.3g} less or more, along {along_words}: the answer has one of "
                     "these positions; a displacement condition or unlike coefficients of friction "
                     "of its two sides determine it"
                 )
@@ -111,13 +107,3 @@ def _parallel(along: Array, across: Array) -> Array:
     basis = vectors[:, moving] / np.sqrt(values[moving])
     values, vectors = np.linalg.eigh(basis.T @ across @ basis)
     return np.asarray(basis @ vectors[:, values < PARALLEL])
-
-
-def _reach(comm: MPI.Intracomm, speed: Array, slips: Array) -> float:
-    """Length of the interval of t in which no slip |w| + t dᵀ T v turns round (collective)."""
-    least, reach = SEEN * largest_magnitude(comm, speed), 0.0
-    for toward in (speed, -speed):
-        slower = toward > least
-        steps = slips[slower] / toward[slower]
-        reach += comm.allreduce(float(steps.min(initial=np.inf)), op=MPI.MIN)
-    return reach

@@ -18,7 +18,7 @@ counts for the first of them; otherwise its pressure would be halved.
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -198,10 +198,9 @@ def _divided(
         values[grouped] = part.reshape(-1, *(1,) * (values.ndim - 1)) * sums[group]
         return values
 
-    return ContactLoads(
-        loads.sources, loads.nodes, divided(loads.force), divided(loads.vectors),
-        divided(loads.moments), loads.areas, divided(loads.friction), loads.slips, loads.sticks,
-        loads.rubs, loads.rows,
+    return replace(
+        loads, force=divided(loads.force), vectors=divided(loads.vectors),
+        moments=divided(loads.moments), friction=divided(loads.friction),
     )  # fmt: skip
 
 

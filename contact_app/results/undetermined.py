@@ -132,6 +132,13 @@ class Movable:
         size_of = partial(motion_size, geometry.bodies)
         return cls(groups_in_contact(geometry), geometry.body_names, size_of)
 
+    def fastest(self, group: NDArray[np.int64], motion: Array) -> tuple[int, str, float]:
+        """The body of a group that moves most in a motion, its motion in words, and its size."""
+        parts = motion.reshape(len(group), -1)
+        speeds = [self.size_of(int(b), part) for b, part in zip(group, parts, strict=True)]
+        most = int(np.argmax(speeds))
+        return int(group[most]), directions_in_words(upward(parts[most][:, None])), speeds[most]
+
 
 def undetermined_of(
     problem: DualProblem,
@@ -170,22 +177,25 @@ def undetermined_of(
         )
         dense = np.vstack([closing, stuck])
         for motion in undetermined_motions(comm, allowed, dense, holds, loose).T:
-            parts = motion.reshape(len(group), m)
-            speeds = [bodies.size_of(int(b), part) for b, part in zip(group, parts, strict=True)]
-            most = int(np.argmax(speeds))
-            reach = speeds[most] * _reach(comm, closing @ motion, left[acting])
-            if reach > SMALL_PLAY * solution.measures.displacements[group[most]]:
-                along = directions_in_words(upward(parts[most][:, None]))
-                motions.append(Undetermined(bodies.names[group[most]], along, reach))
+            body, along, speed = bodies.fastest(group, motion)
+            reach = speed * reach_of(comm, closing @ motion, left[acting], SEEN)
+            if reach > SMALL_PLAY * solution.measures.displacements[body]:
+                motions.append(Undetermined(bodies.names[body], along, reach))
     return motions
 
 
-def _reach(comm: MPI.Intracomm, closing: Array, left: Array) -> float:
-    """Length of the interval of t along which no row closes (collective)."""
-    size = largest_magnitude(comm, closing)
-    reach = 0.0
+def reach_of(comm: MPI.Intracomm, closing: Array, left: Array, seen: float) -> float:
+    """Length of the interval of t in which no row closes, left - t closing ≥ 0 (collective).
+
+    Parameters
+    ----------
+    closing, left : (rows,)
+    seen
+        Share of the largest speed of closing, below which a row does not count.
+    """
+    size, reach = largest_magnitude(comm, closing), 0.0
     for toward in (closing, -closing):
-        closes = toward > SEEN * size
+        closes = toward > seen * size
         steps = left[closes] / toward[closes]
         reach += comm.allreduce(float(steps.min(initial=np.inf)), op=MPI.MIN)
     return reach

@@ -14,7 +14,7 @@ from contact_app.model.equilibrium import group_numbers
 from contact_app.model.far_obstacles import far_obstacle_hints
 from contact_app.model.loaded_area import loaded_facets
 from contact_app.model.method import (
-    PATIENCE_WITH_FRICTION,
+    LIMITS,
     MethodChoice,
     is_undecomposed,
     patience,
@@ -266,7 +266,7 @@ def _decomposed(scene: Scene, outline: Outline) -> list[str]:
             "since contact of thin bodies may open row by row"
         )
     elif scene.solver.method == "auto" and scene.touching:
-        later = f"; after {PATIENCE_WITH_FRICTION} iterations `primal`"
+        later = f"; after {LIMITS.patience_with_friction} iterations `primal`"
         later *= choice.may_stall and not scene.steps
         if choice.may_jump:
             later = "; if its active sets do not settle, `primal`"

@@ -48,23 +48,7 @@ from contact_app.results.shared_forces import shared_force_warnings
 from contact_app.results.sliding import largest_sliding, sliding_on_each_other
 from contact_app.results.tilted_pairs import tilted_pairs
 from contact_app.results.undetermined import Movable, play_warnings, undetermined
-from contact_app.run.warning_texts import (
-    beside_boundary,
-    closing_at_once,
-    corners_only,
-    curving_away,
-    facing_away,
-    flat_facets,
-    large_deformations,
-    locking_in_bending,
-    locking_in_volume,
-    moved_beyond_size,
-    rubbing_where_open,
-    several_answers,
-    sliding_far,
-    stiff_simplices,
-    straight_edges,
-)
+from contact_app.run import warning_texts as texts
 from contact_app.scene.bodies import MOTION_NAMES
 from contact_app.scene.conditions import Pressure, Traction
 from meshes.quadratic import CORNERS_ONLY
@@ -114,7 +98,7 @@ def _large_deformations(answer: SolvedScene) -> list[str]:
     """Strains and rotations that are not small."""
     comm, cells = answer.model.comm, answer.cells
     largest = cells.largest_strain, cells.largest_rotation
-    return large_deformations(*(comm.allreduce(value, op=MPI.MAX) for value in largest))
+    return texts.large_deformations(*(comm.allreduce(value, op=MPI.MAX) for value in largest))
 
 
 def _straight_edges(answer: SolvedScene) -> Iterator[str]:
@@ -124,7 +108,7 @@ def _straight_edges(answer: SolvedScene) -> Iterator[str]:
     gaps = median_gaps(answer.model) if any(distances) else []
     for contact, sagitta, gap in zip(scene.contacts, distances, gaps, strict=False):
         body = scene.bodies[contact.body]
-        if text := straight_edges(body.name, sagitta, moved[contact.body], gap, body.degree):
+        if text := texts.straight_edges(body.name, sagitta, moved[contact.body], gap, body.degree):
             yield f"{contact.source}: {text}"
 
 
@@ -137,7 +121,7 @@ def _straight_facets(answer: SolvedScene) -> Iterator[str]:
     for pair, distances, gap in zip(scene.pairs, every, gaps, strict=False):
         names = f"{scene.bodies[pair.body].name} and {scene.bodies[pair.other].name}"
         largest = max(moved[pair.body], moved[pair.other])
-        if text := flat_facets(names, distances, largest, gap, pair.round):
+        if text := texts.flat_facets(names, distances, largest, gap, pair.round):
             yield f"{pair.source}: {text}"
 
 
@@ -149,11 +133,11 @@ def _beside_obstacles(answer: SolvedScene) -> Iterator[str]:
         radius, moved = contact.obstacle.curvature_radius, solution.measures.deformations
         if radius:
             sliding = largest_sliding(*_moved(answer), solution, i)
-            if text := curving_away(sliding, radius, moved[contact.body]):
+            if text := texts.curving_away(sliding, radius, moved[contact.body]):
                 yield f"{contact.source}: {text}"
         entered, depth = entered_beside(model, solution, i)
         name = scene.bodies[contact.body].name
-        if text := beside_boundary(name, contact.boundary, entered, depth):
+        if text := texts.beside_boundary(name, contact.boundary, entered, depth):
             yield f"{contact.source}: {text}"
 
 
@@ -167,7 +151,7 @@ def _facing_away(answer: SolvedScene) -> Iterator[str]:
         surface = model.geometry.surface_of(chosen)
         if surface is not None:
             normals = contact.obstacle.gap_and_normal(surface.centres)[1]
-            if text := facing_away(surface.normals, normals):
+            if text := texts.facing_away(surface.normals, normals):
                 yield f"{contact.source}: {text}"
 
 
@@ -212,7 +196,7 @@ def _sliding_bodies(answer: SolvedScene) -> Iterator[str]:
     scene = answer.model.scene
     for i, pair in enumerate(scene.pairs, start=len(scene.contacts)):
         sliding_and_size = sliding_on_each_other(*_moved(answer), answer.solution, i)
-        if text := sliding_far(*sliding_and_size):
+        if text := texts.sliding_far(*sliding_and_size):
             yield f"{pair.source}: {text}"
 
 
@@ -225,7 +209,7 @@ def _corners_only(answer: SolvedScene) -> Iterator[str]:
     """Second-order files that are solved at degree 1 though the scene names no degree."""
     for body in answer.model.scene.bodies:
         if body.degree == 1 and not body.degree_given and CORNERS_ONLY in body.mesh.notes:
-            yield f"{body.name}: {corners_only()}"
+            yield f"{body.name}: {texts.corners_only()}"
 
 
 def _locking_in_volume(answer: SolvedScene) -> Iterator[str]:
@@ -237,7 +221,7 @@ def _locking_in_volume(answer: SolvedScene) -> Iterator[str]:
             remedy = "degree: 2"
             if body.mesh.cell in ("quadrilateral", "hexahedron"):
                 remedy = "mean_dilatation: true or degree: 2"
-            yield f"{body.name}: {locking_in_volume(poisson, remedy)}"
+            yield f"{body.name}: {texts.locking_in_volume(poisson, remedy)}"
 
 
 def _locking_in_bending(answer: SolvedScene) -> Iterator[str]:
@@ -245,7 +229,7 @@ def _locking_in_bending(answer: SolvedScene) -> Iterator[str]:
     shares = _varying_energy(answer)
     for body, share in zip(answer.model.scene.bodies, shares, strict=True):
         near = " or near ν = 0.5" if body.plain else ""
-        text = locking_in_bending(share, "strain energy", near, "degree: 2")
+        text = texts.locking_in_bending(share, "strain energy", near, "degree: 2")
         if body.degree == 1 and text:
             yield f"{body.name}: {text}"
 
@@ -258,7 +242,7 @@ def _coarse_meshes(answer: SolvedScene) -> Iterator[str]:
         yield from few_cells(scene.bodies, error)
     simplices = [b.name for b in scene.bodies if b.degree == 1 and b.mesh.cell in SIMPLICES]
     if simplices:
-        yield stiff_simplices(error, ", ".join(simplices), "degree: 2")
+        yield texts.stiff_simplices(error, ", ".join(simplices), "degree: 2")
 
 
 def _stresses_beside_expansion(answer: SolvedScene) -> Iterator[str]:
@@ -335,7 +319,7 @@ def _rubs_where_open(answer: SolvedScene) -> Iterator[str]:
     scene, comm = answer.model.scene, answer.model.comm
     for contact, nodes in zip(scene.touching, answer.nodes.contacts, strict=True):
         count = comm.allreduce(int((nodes.rubs & ~nodes.closed).sum()))
-        if text := rubbing_where_open(count):
+        if text := texts.rubbing_where_open(count):
             yield f"{contact.source}: {text}"
 
 
@@ -343,7 +327,7 @@ def _several_answers(answer: SolvedScene) -> Iterator[str]:
     """Friction so large, or in so many contacts of a node, that the answer need not be unique."""
     for contact, nodes in zip(answer.model.scene.touching, answer.nodes.contacts, strict=True):
         pressed = answer.model.comm.allreduce(int(nodes.closed.any()), op=MPI.MAX)
-        if text := several_answers(contact.law.coefficient, bool(pressed)):
+        if text := texts.several_answers(contact.law.coefficient, bool(pressed)):
             yield f"{contact.source}: {text}"
 
     names = [contact.source for contact in answer.model.scene.touching]
@@ -358,7 +342,7 @@ def _closes_at_once(answer: SolvedScene) -> Iterator[str]:
     approach = approach_of_held(model, None)
     changed = closing_points(model.problem, answer.solution, None, approach)
     remedy = "`steps` with several increments show how much this matters"
-    yield closing_at_once(*changed, "the unloaded state", remedy)
+    yield texts.closing_at_once(*changed, "the unloaded state", remedy)
 
 
 def _slides(answer: SolvedScene) -> Iterator[str]:
@@ -442,7 +426,7 @@ def _moved_beyond_sizes(answer: SolvedScene) -> Iterator[str]:
     bodies, moved = answer.model.scene.bodies, answer.solution.measures.deformations
     for body, largest in zip(bodies, moved, strict=False):
         size = float(np.linalg.norm(np.subtract(body.mesh.upper, body.mesh.lower)))
-        yield moved_beyond_size(body.name, float(largest), size)
+        yield texts.moved_beyond_size(body.name, float(largest), size)
 
 
 def _moved_far(answer: SolvedScene) -> list[str]:

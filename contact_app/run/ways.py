@@ -25,7 +25,7 @@ A method ends the search if its answer is certified, or if the user stopped or l
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Protocol
 
@@ -33,8 +33,7 @@ from mpi4py import MPI
 
 from contact_app.accuracy.solved_scene import SolvedScene
 from contact_app.model.method import (
-    PATIENCE_OF_MULTIGRID,
-    PATIENCE_WITH_FRICTION,
+    LIMITS,
     MethodChoice,
     is_undecomposed,
     patience,
@@ -48,6 +47,7 @@ from contact_app.run.fallback import (
     is_final,
 )
 from contact_app.run.summary import warned
+from contact_app.scene.bodies import Body
 from contact_app.scene.scene import Scene
 from solver import Counts, Reason
 from solver.driver import reason_text
@@ -100,7 +100,7 @@ def ways_to(scene: Scene, keeps_subdomains: bool = False) -> Iterator[Way]:
     jumps, peels = choice.may_jump, choice.may_peel
     tried = stalls or jumps or peels or is_undecomposed(scene.solver)
     if is_undecomposed(scene.solver):
-        yield Way(scene, None if scene.has_friction else PATIENCE_OF_MULTIGRID)
+        yield Way(scene, None if scene.has_friction else LIMITS.patience_of_multigrid)
         if keeps_subdomains:
             return
         instead = "multigrid left no certified answer ({why}){cause}: solved by Total FETI instead"
@@ -110,13 +110,15 @@ def ways_to(scene: Scene, keeps_subdomains: bool = False) -> Iterator[Way]:
         peeling = "contact opens row by row: solving for the displacements instead"
         yield Way(scene.solved_by(method="primal"), instead=peeling, warns=False)
     elif stalls:
-        yield Way(scene.solved_by(method="active-set"), PATIENCE_WITH_FRICTION)
+        yield Way(scene.solved_by(method="active-set"), LIMITS.patience_with_friction)
         slow = "friction converges slowly in subdomains: solving for the displacements instead"
         yield Way(scene.solved_by(method="primal"), instead=slow, warns=False)
     elif jumps:
         yield Way(scene.solved_by(method="active-set"), instead=instead)
         jumping = "the active sets do not settle: solving for the displacements instead"
-        yield Way(scene.solved_by(method="primal"), PATIENCE_OF_MULTIGRID, jumping, warns=False)
+        yield Way(
+            scene.solved_by(method="primal"), LIMITS.patience_of_multigrid, jumping, warns=False
+        )
         instead = ""
     yield Way(scene, instead=instead)
     fewest = "{where} the answer could not be certified ({why}){cause}: solved in {fewest} instead"
@@ -154,7 +156,9 @@ def first_certified(
         if undecomposed is None:  # no fewer subdomains: the answer of the method before counts
             continue
         if number and way.instead:
-            text = failed.message(way.instead, undecomposed)
+            text = failed.message(
+                way.instead, undecomposed.bodies, undecomposed.decomposition.subdomains
+            )
             if comm.rank == 0:
                 log.info("%s", text)
             warnings += [text] * way.warns
@@ -191,17 +195,12 @@ class _Failure:
     why: str = ""
     subdomains: int | None = None
 
-    def message(self, text: str, scene: Scene) -> str:
-        """The message on the method that is tried instead, with its scene."""
+    def message(self, text: str, bodies: Sequence[Body], fewest: object) -> str:
+        """The message on the method that is tried instead."""
         where = (
             "in its subdomains" if self.subdomains is None else f"in {self.subdomains} subdomains"
         )
-        return text.format(
-            why=self.why,
-            where=where,
-            cause=cause(scene.bodies),
-            fewest=scene.decomposition.subdomains,
-        )
+        return text.format(why=self.why, where=where, cause=cause(bodies), fewest=fewest)
 
 
 def _ends(way: Way, answer: SolvedScene, limit: int) -> bool:

@@ -32,7 +32,7 @@ Each level is solved to a tenth of its own error and begins with the contact of 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import Protocol
 
@@ -68,7 +68,7 @@ from contact_app.errors import ContactError
 from contact_app.machine.memory import available_bytes, needed_bytes
 from contact_app.results.friction import friction_potential
 from contact_app.results.percent import percent
-from contact_app.scene.bodies import Box
+from contact_app.scene.bodies import Body, Box
 from contact_app.scene.scene import Decomposition, Scene
 from solver import Reason
 
@@ -307,17 +307,19 @@ class _Levels:
             factor = self._last if finest else 0.5 * self._last
             self.factors, scene = [], replace(self._scene, bodies=refined(bodies, factor))
         else:
-            factor, scene = self._finer_box(current, assessed.solved, target)
+            factor, scene = self._finer_box(current.bodies, assessed.solved, target)
         self.factors.append(factor)
         self._last = factor
         return scene
 
-    def _finer_box(self, current: Scene, solved: SolvedScene, target: float) -> tuple[float, Scene]:
+    def _finer_box(
+        self, bodies: Sequence[Body], solved: SolvedScene, target: float
+    ) -> tuple[float, Scene]:
         """Refinement factor, and the scene with more cells in boxes, equal or graded."""
-        degree, scene = lowest_degree(current.bodies), self._scene
+        degree, scene = lowest_degree(bodies), self._scene
         factors = self.factors
         errors = comparable(self.levels[-len(factors) :]) if factors else []
-        lines = equal_lines(current.bodies) if self._grids is None else self._grids
+        lines = equal_lines(bodies) if self._grids is None else self._grids
         squares = layer_errors(solved, lines)
         slow = len(factors) > 1 and rate_of(factors, errors, degree) < SINGULAR[degree]
         if self._grids is None and (slow or degree == 2 and evenness(squares) < UNEVEN):

@@ -13,12 +13,7 @@ from mpi4py import MPI
 import contact_app
 from contact_app.accuracy.solved_scene import SolvedScene
 from contact_app.model.method import (
-    LEAST,
-    LEAST_THIN,
-    PATIENCE,
-    PATIENCE_OF_MULTIGRID,
-    PATIENCE_UNKNOWNS,
-    PATIENCE_WITH_FRICTION,
+    LIMITS,
     MethodChoice,
     patience,
     with_chosen_method,
@@ -70,7 +65,7 @@ def test_boxes_and_small_bodies_stay_with_total_feti() -> None:
         scene = scenes.build(scenes.ALL[name]("hexahedron", 4))
         assert with_chosen_method(scene).solver.method == "auto"
         assert not MethodChoice.of(scene).may_peel
-    assert LEAST > 3 * 5**3
+    assert LIMITS.least > 3 * 5**3
 
 
 def test_a_named_decomposition_stays_with_total_feti() -> None:
@@ -123,7 +118,7 @@ def pillow_block(degree: int, thickness: float | None = None) -> Scene:
 
 def test_small_bodies_of_a_mesh_file_stay_with_total_feti() -> None:
     scene = build_scene(load(CONFIGS / "pillow_block.yaml", ["bodies.0.degree=1"]))
-    assert scene.dimension * scene.bodies[0].nodes < LEAST
+    assert scene.dimension * scene.bodies[0].nodes < LIMITS.least
     assert with_chosen_method(scene).solver.method == "auto"
 
 
@@ -201,7 +196,7 @@ def test_with_friction_one_body_takes_multigrid_thick_or_thin() -> None:
 def test_with_friction_a_small_scene_from_mesh_files_takes_multigrid() -> None:
     """Total FETI took 345 operator applications, multigrid takes 24."""
     path = CONFIGS / "mindlin.yaml"
-    assert build_scene(load(path)).unknowns < LEAST
+    assert build_scene(load(path)).unknowns < LIMITS.least
     steps = contact_app.solve(path).summary["steps"]
     assert all(step["certificate"]["passed"] for step in steps)
     assert sum(step["solver"]["hessian_multiplications"] for step in steps) <= 40
@@ -227,24 +222,24 @@ def ways(scene: Scene) -> list[tuple[str, int | None]]:
 
 
 def test_total_feti_follows_multigrid_after_more_iterations_than_any_part_takes() -> None:
-    assert ways(pillow_block(1)) == [("primal", PATIENCE_OF_MULTIGRID), ("auto", None)]
+    assert ways(pillow_block(1)) == [("primal", LIMITS.patience_of_multigrid), ("auto", None)]
 
 
 def test_small_thin_bodies_of_mesh_files_begin_with_total_feti() -> None:
     larger = pillow_block(1, thickness=8.0)
-    assert larger.unknowns > LEAST_THIN
-    assert ways(larger) == [("primal", PATIENCE_OF_MULTIGRID), ("auto", None)]
+    assert larger.unknowns > LIMITS.least_thin
+    assert ways(larger) == [("primal", LIMITS.patience_of_multigrid), ("auto", None)]
     mesh = build_scene(load(CONFIGS / "pillow_block.yaml")).bodies[0].mesh
     body = replace(larger.bodies[0], mesh=Larger(mesh, 8.0, times=4))
     small = replace(larger, bodies=(body,))
-    assert LEAST < small.unknowns < LEAST_THIN
-    assert ways(small) == [("active-set", PATIENCE), ("primal", None), ("auto", None)]
+    assert LIMITS.least < small.unknowns < LIMITS.least_thin
+    assert ways(small) == [("active-set", LIMITS.patience), ("primal", None), ("auto", None)]
 
 
 def test_factors_of_larger_thin_bodies_cost_more_iterations_of_total_feti() -> None:
     bodies = pillow_block(2, thickness=8.0).bodies
-    assert bodies[0].mesh.dimension * bodies[0].nodes > 2 * PATIENCE_UNKNOWNS
-    assert patience(bodies) > 1.4 * PATIENCE
+    assert bodies[0].mesh.dimension * bodies[0].nodes > 2 * LIMITS.patience_unknowns
+    assert patience(bodies) > 1.4 * LIMITS.patience
 
 
 def test_friction_that_converges_slowly_is_left_to_multigrid() -> None:
@@ -259,7 +254,7 @@ def test_friction_that_converges_slowly_is_left_to_multigrid() -> None:
     assert methods(scenes.build(made)) == ["active-set", "primal", "auto", None]
     assert methods(scenes.build(made), keeps_subdomains=True) == ["auto", None]
     assert methods(scenes.build(made, 2)) == ["auto", None, "primal"]
-    assert list(ways_to(scenes.build(made)))[0].patience == PATIENCE_WITH_FRICTION
+    assert list(ways_to(scenes.build(made)))[0].patience == LIMITS.patience_with_friction
     made["solver"]["method"] = "primal"
     assert methods(scenes.build(made, 2)) == ["primal", "auto", None]
 
@@ -277,7 +272,7 @@ def test_several_bodies_from_mesh_files_with_friction_are_solved_by_multigrid() 
     scene = build_scene(load(CONFIGS / "hub_on_shaft.yaml", coarse))
     hub, shaft = scene.bodies
     thin = replace(hub, mesh=Larger(hub.mesh, thickness=2.0, times=2)), shaft
-    assert LEAST < replace(scene, bodies=thin).unknowns < LEAST_THIN
+    assert LIMITS.least < replace(scene, bodies=thin).unknowns < LIMITS.least_thin
     assert with_chosen_method(replace(scene, bodies=thin)).solver.method == "auto"
     pushed = [
         "conditions=[{on: shaft.end, displacement: [0, 0, 0], name: end}]",
