@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import cache, cached_property
 from pathlib import Path
 
 import numpy as np
@@ -85,8 +86,24 @@ class Geometry:
         extents = [np.ptp([b.mesh.lower, b.mesh.upper], axis=0) for b in self.bodies]
         return max(float(extent.max()) for extent in extents)
 
-    def facets_of(self, body: int, boundary: str) -> list[NDArray[np.int32]]:
-        """Rows of the reference's facets of each subdomain of this rank on a boundary."""
+    @cached_property
+    def facets_of(self) -> Callable[[int, str], list[NDArray[np.int32]]]:
+        """Rows of the reference's facets of each subdomain of this rank on a boundary of a body.
+
+        Found once for each boundary.
+        """
+        return cache(self._facets_of)
+
+    @cached_property
+    def boundary_surface(self) -> Callable[[int, str], Surface | None]:
+        """The surface of a boundary of a body, as `surface_of` has it (collective).
+
+        Made once for each boundary: contact rows, results and warnings ask for the same ones.
+        """
+        return cache(lambda body, boundary: self.surface_of(self.facets_of(body, boundary)))
+
+    def _facets_of(self, body: int, boundary: str) -> list[NDArray[np.int32]]:
+        """Find the facets by the condition of the boundary, or by its name in the mesh."""
         none = np.zeros(0, np.int32)
         subdomains, of_body = self.partition.subdomains, self.bodies[body]
         if boundary not in of_body.boundaries:

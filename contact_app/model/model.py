@@ -62,6 +62,8 @@ class Model:
 
     Attributes
     ----------
+    geometry
+        The bodies, cut into subdomains.
     place : (subdomains, 2)
         Class and column of each subdomain of this rank, which locate its vectors.
     elements
@@ -92,7 +94,7 @@ class Model:
     """
 
     scene: Scene
-    partition: Partition
+    geometry: Geometry
     problem: DualProblem
     place: NDArray[np.int64]
     elements: tuple[Element, ...]
@@ -109,10 +111,10 @@ class Model:
     cautions: tuple[str, ...] = ()
     pressed_before: NormalForces | None = None
 
-    @cached_property
-    def geometry(self) -> Geometry:
-        """The bodies, cut into subdomains."""
-        return Geometry.of(self.scene, self.partition)
+    @property
+    def partition(self) -> Partition:
+        """The subdomains."""
+        return self.geometry.partition
 
     @property
     def comm(self) -> MPI.Intracomm:
@@ -225,7 +227,7 @@ def model_of_outline(
     nodes = [np.zeros(0, np.int64), *(s.nodes for s in partition.subdomains)]
     return Model(
         scene=scene,
-        partition=partition,
+        geometry=geometry,
         problem=problem,
         place=place,
         elements=tuple(outline.elements[key[0]] for key in classes),

@@ -35,7 +35,7 @@ def sides_of(geometry: Geometry, pair: BodyContact | Tie) -> tuple[Surface, Surf
     for key, body, boundary in (
         ("on", pair.body, pair.boundary), ("against", pair.other, pair.other_boundary)
     ):  # fmt: skip
-        side = geometry.surface_of(geometry.facets_of(body, boundary))
+        side = geometry.boundary_surface(body, boundary)
         if side is None:
             raise ConfigurationError(
                 f"{geometry.at(pair.source)}.{key}: no whole facet of the surface of "

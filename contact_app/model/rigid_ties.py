@@ -107,7 +107,7 @@ def of_rigid_bodies(ties: Sequence[Tie | RigidTie]) -> list[tuple[int, RigidTie]
 
 def _nodes(geometry: Geometry, tie: RigidTie) -> tuple[NDArray[np.int64], Array]:
     """Nodes of the facets of a boundary, ascending, and their coordinates (collective)."""
-    side = geometry.surface_of(geometry.facets_of(tie.body, tie.boundary))
+    side = geometry.boundary_surface(tie.body, tie.boundary)
     if side is None:
         raise ConfigurationError(
             f"{geometry.at(tie.source)}.on: no whole facet of the surface of "

@@ -105,9 +105,10 @@ def smoothed_pressure(
         Pressure at these nodes, integrals of their shape functions, and covered shares.
     """
     touching = model.scene.touching[number]
-    sides, planes = [_side(model, touching.body, touching.boundary)], symmetry_planes(model, number)
+    surface, planes = model.geometry.boundary_surface, symmetry_planes(model, number)
+    sides = [surface(touching.body, touching.boundary)]
     if isinstance(touching, BodyContact):
-        sides.append(_side(model, touching.other, touching.other_boundary))
+        sides.append(surface(touching.other, touching.other_boundary))
     at_nodes = isinstance(touching, Contact) and not has_averaged_rows(
         model.scene.bodies[touching.body]
     )
@@ -197,12 +198,13 @@ def smoothed_tractions(
     nodes, tractions : (n,), (n, 3)
         Nodes with a traction that this rank owns.
     """
-    side = _side(model, tie.body, tie.boundary)
+    surface = model.geometry.boundary_surface
+    side = surface(tie.body, tie.boundary)
     parts = model.comm.allgather((nodes, tractions))
     at, values = (np.concatenate(part) for part in zip(*parts, strict=True))
     if side is None or len(at) == 0:
         return tractions
-    others = [_side(model, tie.other, tie.other_boundary)] if isinstance(tie, Tie) else []
+    others = [surface(tie.other, tie.other_boundary)] if isinstance(tie, Tie) else []
     numbers, points, areas, radii = _at_nodes(side, others, at_nodes=True)
     place = _places(at, numbers)
     some = place >= 0
@@ -217,11 +219,6 @@ def _places(numbers: NDArray[np.int64], wanted: NDArray[np.int64]) -> NDArray[np
     order = np.argsort(numbers)
     place = np.minimum(np.searchsorted(numbers[order], wanted), len(numbers) - 1)
     return np.where(numbers[order][place] == wanted, order[place], -1)
-
-
-def _side(model: Model, body: int, boundary: str) -> Surface | None:
-    chosen = model.geometry.facets_of(body, boundary)
-    return model.geometry.surface_of(chosen)
 
 
 def _planes(model: Model, body: int) -> set[tuple[int, float]]:

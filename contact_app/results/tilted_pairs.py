@@ -30,7 +30,7 @@ def tilted_pairs(model: Model, solution: Solution) -> Iterator[str]:
     """Sentences on pairs whose gaps depend much on the side they are measured from (collective)."""
     scene, geometry = model.scene, model.geometry
     for source, pair in enumerate(scene.pairs, start=len(scene.contacts)):
-        surface = geometry.surface_of(geometry.facets_of(pair.other, pair.other_boundary))
+        surface = geometry.boundary_surface(pair.other, pair.other_boundary)
         names = scene.bodies[pair.body].name, scene.bodies[pair.other].name
         moved = float(solution.measures.deformations[[pair.body, pair.other]].max())
         if surface is None:

@@ -147,8 +147,7 @@ def _facing_away(answer: SolvedScene) -> Iterator[str]:
     for contact, nodes in zip(model.scene.contacts, answer.nodes.contacts, strict=False):
         if comm.allreduce(int(nodes.closed.sum())):
             continue
-        chosen = model.geometry.facets_of(contact.body, contact.boundary)
-        surface = model.geometry.surface_of(chosen)
+        surface = model.geometry.boundary_surface(contact.body, contact.boundary)
         if surface is not None:
             normals = contact.obstacle.gap_and_normal(surface.centres)[1]
             if text := texts.facing_away(surface.normals, normals):

@@ -29,8 +29,13 @@ def undecided(comm: MPI.Intracomm, contact: ContactRows, tied: ContactRows) -> M
     columns, values = (np.concatenate([part[k] for part in gathered]) for k in (0, 2))
     rows = np.concatenate([part[1] + n for part, n in zip(gathered, counts, strict=False)])
     nodes = np.concatenate([part[3] for part in gathered])
-    if not len(nodes) or not len(contact.nodes):
+    met = np.zeros(len(nodes), bool)
+    met[rows[np.isin(columns, _columns(contact))]] = True  # a few, along the edge of a tie
+    if not met.any():
         return np.ones(len(contact.nodes), bool)
+    of_met = met[rows]
+    columns, rows, values = columns[of_met], (np.cumsum(met) - 1)[rows[of_met]], values[of_met]
+    nodes = nodes[met]
     all_columns = np.unique(np.concatenate([columns, _columns(contact)]))
     every = _unit(columns, rows, values, len(nodes), all_columns)
     of_contact = _unit(_columns(contact), contact.entries.row, contact.entries.value,

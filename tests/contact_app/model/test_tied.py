@@ -402,6 +402,20 @@ def test_located_errors(contact: scenes.Config, message: str) -> None:
         build_scene(from_mapping(made))
 
 
+def test_each_surface_is_made_once() -> None:
+    """Rows of a tie and its tractions need both sides, the smoothed pressure that of a contact."""
+    made = stacked("quadrilateral", "triangle", (3, 5), (1, 1))
+    made["conditions"] = [{"on": "upper.y+", "traction": [0.1, -1.0]},
+                          {"on": "lower.x-", "displacement": [0.0, None]}]  # fmt: skip
+    floor = {"plane": {"point": [0, 0], "normal": [0, 1]}}
+    made["contacts"].append({"on": "lower.y-", "obstacle": floor})
+    answer = solve(made)
+    assert answer.solution.certificate.passed
+    made_once: Any = answer.model.geometry.boundary_surface
+    assert made_once.cache_info().misses == 3
+    assert made_once.cache_info().hits >= 2
+
+
 @pytest.mark.mpi
 def test_two_ranks(tmp_path: Path) -> None:
     made = stacked("hexahedron", "tetrahedron", (3, 2), (1, 2))
