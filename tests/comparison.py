@@ -25,7 +25,7 @@ def in_order_of(known: reference.Reference, solution: Any) -> np.ndarray:
 
     Fails unless the two sets of nodes are the same.
     """
-    points, u = solution.displacement_at_nodes()
+    points, u = solution.nodes.points, solution.nodes.displacement
     assert points.shape == known.points.shape, "another number of nodes"
     distance, index = cKDTree(points).query(known.points)
     extent = np.ptp(known.points, axis=0).max()

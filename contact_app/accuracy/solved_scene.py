@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from contact_app.accuracy.estimate.error_estimate import ErrorEstimator
 from contact_app.machine.timings import Timings
 from contact_app.model.model import Model
-from contact_app.results.fields import CellFields, NodeFields, slabs
+from contact_app.results.fields import CellFields, NodeFields
 from contact_app.results.output import Fields
 from solver.contact.solution import Accuracy, Solution
 from solver.qp.result import Reason
@@ -65,16 +65,3 @@ class SolvedScene:
         """The answer without the factors of its model, which output does not need."""
         model = replace(self.model, problem=self.model.problem.without_factors())
         return replace(self, model=model)
-
-    def displacement_at_nodes(self) -> tuple[NDArray[np.float64], NDArray[np.float64]] | None:
-        """Points (n, 3) and displacements (n, dimension) of all nodes, on rank 0 (collective).
-
-        Gathers everything on one rank: for small scenes and tests.
-        """
-        parts = list(
-            slabs(self.model.comm, self.nodes.first, self.nodes.points, self.nodes.displacement)
-        )
-        if not parts:
-            return None
-        points, displacements = zip(*(arrays for _, arrays in parts), strict=True)
-        return np.concatenate(points), np.concatenate(displacements)

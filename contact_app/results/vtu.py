@@ -22,7 +22,7 @@ from numpy.typing import ArrayLike, NDArray
 from contact_app.errors import ContactError
 from contact_app.machine.atomic_file import part_of
 from contact_app.machine.disk import reserve_for
-from contact_app.results.xdmf import CELL_TYPES, as_components, three_columns
+from contact_app.results.xdmf import CELL_TYPES, as_components, in_run, three_columns
 
 LENGTH_BYTES = 8
 """Bytes of the length that precedes each array."""
@@ -137,16 +137,11 @@ class VTUWriter:
 
         The cells of one call are of one run.
         """
-        array, first, corner = np.asarray(values), 0, 0
-        for kind, count in self._kinds:
-            if first <= start and start + len(array) <= first + count:
-                break
-            first, corner = first + count, corner + count * kind.vertices
-        else:
-            raise VTUError(f"cells {start} to {start + len(array)} are not within one run")
+        array = np.asarray(values)
+        kind, corner = in_run(self._kinds, start, len(array))
         if array.shape[1:] != (kind.vertices,):
             raise VTUError(f"cells of shape {array.shape} are none of {kind.vertices} nodes")
-        self._write(self._connectivity, corner + (start - first) * kind.vertices, array.ravel())
+        self._write(self._connectivity, corner, array.ravel())
 
     def point_data(self, name: str, start: int, values: ArrayLike) -> None:
         """Write a field's values at nodes `start` to `start` + k, as XDMFWriter takes them."""

@@ -323,14 +323,18 @@ class _Runs:
 
     def find(self, start: int, count: int) -> tuple[CellType, int]:
         """Type of the cells `start` to `start` + count, and the row that the first begins at."""
-        cell = row = 0
-        for kind, size in self.runs:
-            if cell <= start and start + count <= cell + size:
-                width = 1 + kind.vertices if self.mixed else 1
-                return kind, row + (start - cell) * width
-            cell += size
-            row += size * (1 + kind.vertices) if self.mixed else size
-        raise XDMFError(f"cells {start} to {start + count} are not within one run of the grid")
+        kind, nodes = in_run(self.runs, start, count)
+        return kind, start + nodes if self.mixed else start
+
+
+def in_run(runs: Sequence[tuple[CellType, int]], start: int, count: int) -> tuple[CellType, int]:
+    """Type of the cells `start` to `start` + count, and the number of nodes of all cells before."""
+    cell = nodes = 0
+    for kind, size in runs:
+        if cell <= start and start + count <= cell + size:
+            return kind, nodes + (start - cell) * kind.vertices
+        cell, nodes = cell + size, nodes + size * kind.vertices
+    raise XDMFError(f"cells {start} to {start + count} are not within one run of the grid")
 
 
 def grid_bytes(nodes: int, cells: int, vertices: int, at_nodes: int, at_cells: int) -> int:

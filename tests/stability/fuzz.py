@@ -111,7 +111,7 @@ def _judged(scene: Any, system: reference.System, solved: Any, escapes: bool) ->
     if passed and overlap_at_nodes(system) > 1e-6 * float(np.ptp(system.points, axis=0).max()):
         return "invents an equilibrium", "nodes overlap"
     tolerance = float(solved.summary["solver"]["tolerance"])
-    u = in_order(system, *solved.displacement_at_nodes())
+    u = in_order(system, solved.nodes.points, solved.nodes.displacement)
     try:
         known = solve_groups(system, groups_of(scene), u)
     except reference.ReferenceError as error:

@@ -230,7 +230,7 @@ def _answer(solved: Any, coupled: Coupled) -> np.ndarray:
     """The unknowns of an answer in the order of the reference."""
     system, n, scene = coupled.system, coupled.meshed, solved.model.scene
     meshed = replace(system, points=system.points[:n], body=system.body[:n])
-    found = in_order(meshed, *solved.displacement_at_nodes())
+    found = in_order(meshed, solved.nodes.points, solved.nodes.displacement)
     assert found is not None, "the nodes of the reference are others"
     parts = [found]
     for number in scene.moving:

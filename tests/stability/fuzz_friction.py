@@ -104,10 +104,12 @@ def judged(condensed: Condensed, solved: Any) -> tuple[str, str, np.ndarray]:
     The reference of rank 0 decides, and has the displacements, (n, dim), in its order.
     """
     comm = solved.model.comm
-    ours, found = forces_of(condensed, solved), solved.displacement_at_nodes()
+    ours, nodes = forces_of(condensed, solved), solved.nodes
+    parts = comm.gather((nodes.first, nodes.points, nodes.displacement))
     told = None
     if comm.rank == 0:
-        ordered = in_order(condensed.system, *found)
+        _, points, u = zip(*sorted(parts, key=lambda part: part[0]), strict=True)
+        ordered = in_order(condensed.system, np.concatenate(points), np.concatenate(u))
         assert ordered is not None, "the nodes of the reference are others"
         u = ordered.reshape(-1, condensed.system.dimension)
         told = *_compared(condensed, solved.summary, ours, u), u

@@ -40,7 +40,7 @@ def tied_blocks(cells: tuple[int, int], warm: int) -> scenes.Config:
 def lattice(solved: SolvedScene, body: int) -> Array:
     """Displacements (n + 1, n + 1, 2) of the nodes of a block."""
     mesh, nodes = solved.model.scene.bodies[body].mesh, solved.model.partition.first_node
-    points, u = solved.displacement_at_nodes()
+    points, u = solved.nodes.points, solved.nodes.displacement
     mine = slice(nodes[body], nodes[body + 1])
     n = round((len(points[mine])) ** 0.5) - 1
     place = np.rint((points[mine, :2] - np.array(mesh.lower)) * n).astype(int)

@@ -45,7 +45,7 @@ def test_contact_patch_on_curved_cells(
     made = scenes.quadratic(patch(cell, written(cell, name, wavy, tmp_path)))
     solved = solve_scene(scenes.build(made, subdomains))
     assert all(s.reference.curved for s in solved.model.partition.subdomains)
-    points, u = solved.displacement_at_nodes()
+    points, u = solved.nodes.points, solved.nodes.displacement
     d = meshfiles.dimension(cell)
     slope = np.array([0.25, 0.25, -1.0]) * 100 / 900
     if d == 2:  # plane strain

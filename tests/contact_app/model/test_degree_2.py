@@ -62,7 +62,7 @@ def test_a_constant_pressure_is_constant(cell: str, subdomains: int) -> None:
     )
     solution = solve(made, subdomains)
     assert solution.summary["certificate"]["passed"]
-    x, u = solution.displacement_at_nodes()
+    x, u = solution.nodes.points, solution.nodes.displacement
     down, across = -(1 - nu**2 if d == 2 else 1) * q / E, nu * (1 + nu if d == 2 else 1) * q / E
     exact = x[:, :d] * [*[across] * (d - 1), down]
     np.testing.assert_allclose(u, exact, rtol=0, atol=1e-9 * abs(down))
@@ -100,7 +100,7 @@ def press(cell: str, n: int, poisson: float, **options: object) -> scenes.Config
 
 def sinking(made: scenes.Config) -> float:
     """Largest displacement downwards."""
-    _, u = solve(made, 1).displacement_at_nodes()
+    u = solve(made, 1).nodes.displacement
     return float(-u[:, -1].min())
 
 
@@ -116,7 +116,7 @@ def test_confined_column(cell: str, remedy: dict[str, object]) -> None:
     made["conditions"][-1]["on"] = f"block.{scenes.up(cell)}"
     solution = solve(made, [2] * d)
     assert solution.summary["certificate"]["passed"]
-    x, u = solution.displacement_at_nodes()
+    x, u = solution.nodes.points, solution.nodes.displacement
     np.testing.assert_allclose(u[:, -1], -0.01 / modulus * x[:, d - 1], rtol=0, atol=1e-12)
     assert solution.summary["solution"]["max_contact_pressure"] == pytest.approx(0.01, rel=1e-6)
     warnings = " ".join(solution.summary["certificate"]["warnings"])
@@ -269,7 +269,7 @@ def test_two_bodies_that_do_not_match(
     made = stack(lower, upper, n)
     made["bodies"] = [{**b, "degree": p} for b, p in zip(made["bodies"], degrees, strict=True)]
     solution = solve(made, 3, tolerance=1e-11)
-    points, u = solution.displacement_at_nodes()
+    points, u = solution.nodes.points, solution.nodes.displacement
     exact = patch_displacement(points, u.shape[1])
     np.testing.assert_allclose(u, exact, rtol=0, atol=1e-9 * np.abs(exact).max())
     pressure = solution.nodes.contact_pressure

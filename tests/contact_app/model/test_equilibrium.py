@@ -111,7 +111,7 @@ def test_grazing(subdomains: int | list[int], on: str) -> None:
     found = solution.summary["solution"]
     assert solution.summary["certificate"]["passed"], solution.summary["certificate"]
     np.testing.assert_allclose(found["contact_force"], 0, atol=1e-7)
-    _, u = solution.displacement_at_nodes()
+    u = solution.nodes.displacement
     np.testing.assert_allclose(u, np.broadcast_to([0, 0, 0.015625], u.shape), atol=1e-9)
 
 

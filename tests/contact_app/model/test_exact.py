@@ -21,7 +21,7 @@ EXACT = 1e-10
 
 def at(solution: Any, *point: float) -> np.ndarray:
     """Displacement at the node at a point."""
-    points, u = solution.displacement_at_nodes()
+    points, u = solution.nodes.points, solution.nodes.displacement
     distance = np.linalg.norm(points[:, : len(point)] - np.array(point), axis=1)
     assert distance.min() < 1e-9
     return np.asarray(u)[np.argmin(distance)]
@@ -48,7 +48,7 @@ def test_bar_against_a_wall(cell: str, split: bool) -> None:
 def test_patch_in_space(cell: str, subdomains: int | list[int]) -> None:
     solution = solve(scenes.patch(cell, 4), subdomains, tolerance=TIGHT)
     np.testing.assert_allclose(at(solution, 1, 1, 1), [1 / 36, 1 / 36, -1 / 9], rtol=EXACT)
-    points, u = solution.displacement_at_nodes()
+    points, u = solution.nodes.points, solution.nodes.displacement
     np.testing.assert_allclose(u, points * [1 / 36, 1 / 36, -1 / 9], atol=EXACT / 9)
     found = solution.summary["solution"]
     assert found["contact_force"][2] == pytest.approx(100, rel=EXACT)
@@ -68,7 +68,7 @@ def test_a_body_whose_nodes_are_all_held(subdomains: int) -> None:
         ],
     }
     solution = solve(scene, subdomains, tolerance=TIGHT)
-    points, u = solution.displacement_at_nodes()
+    points, u = solution.nodes.points, solution.nodes.displacement
     np.testing.assert_allclose(u, np.outer(points[:, 0], [0, 0.01]), atol=EXACT * 0.01)
     assert solution.summary["certificate"]["passed"]
 
@@ -80,7 +80,7 @@ def test_patch_in_the_plane(cell: str, assumption: str, subdomains: int | list[i
     E, nu, q = 2.1e5, 0.3, 100.0
     solution = solve(scenes.patch(cell, 4, assumption), subdomains, tolerance=TIGHT)
     down, side = (-(1 - nu**2), nu * (1 + nu)) if assumption == "strain" else (-1.0, nu)
-    points, u = solution.displacement_at_nodes()
+    points, u = solution.nodes.points, solution.nodes.displacement
     expected = points[:, :2] * np.array([side, down]) * q / E
     np.testing.assert_allclose(u, expected, atol=EXACT * q / E)
     if assumption == "strain":
@@ -122,7 +122,7 @@ def test_homogeneity(name: str, factor: float) -> None:
     made["contacts"] = made["contacts"][:2]  # the third plane of the duplicates is turned
     one = solve(made, [2, 2, 2])
     many = solve(scenes.scaled(made, factor), [2, 2, 2])
-    (_, u_one), (_, u_many) = one.displacement_at_nodes(), many.displacement_at_nodes()
+    u_one, u_many = one.nodes.displacement, many.nodes.displacement
     np.testing.assert_allclose(u_many, factor * u_one, rtol=0, atol=EXACT * np.abs(u_many).max())
     active = [s.summary["solution"]["active_contacts"] for s in (one, many)]
     assert active[0] == active[1]
@@ -166,10 +166,8 @@ def test_change_of_units(name: str, length: float, pressure: float) -> None:
     made = scenes.ALL[name]("hexahedron", 4)
     one = solve(made, [2, 2, 2])
     other = solve(converted(made, length, pressure), [2, 2, 2])
-    (points, u), (other_points, other_u) = (
-        one.displacement_at_nodes(),
-        other.displacement_at_nodes(),
-    )
+    points, u = one.nodes.points, one.nodes.displacement
+    other_points, other_u = other.nodes.points, other.nodes.displacement
     np.testing.assert_allclose(other_points, length * points, rtol=0, atol=1e-12 * length)
     np.testing.assert_allclose(other_u, length * u, rtol=0, atol=EXACT * length * np.abs(u).max())
     energy = pressure * length**3

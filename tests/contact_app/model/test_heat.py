@@ -49,7 +49,7 @@ def test_free_expansion(cell: str, degree: int, mean: bool, split: int, tmp_path
     """Without stress; in plane strain with the one across the plane, -E α T, alone."""
     made = heated(cell, degree, mean, tmp_path / "block.msh")
     solved = solve(made, split, tolerance=1e-10)
-    points, u = solved.displacement_at_nodes()
+    points, u = solved.nodes.points, solved.nodes.displacement
     d = scenes.dimension(cell)
     strain = STRAIN if d == 3 else (1.0 + POISSON) * STRAIN
     np.testing.assert_allclose(u, strain * points[:, :d], rtol=0, atol=1e-9 * strain)
@@ -69,7 +69,7 @@ def test_free_expansion(cell: str, degree: int, mean: bool, split: int, tmp_path
 def test_free_expansion_in_plane_stress(degree: int) -> None:
     made = {**heated("triangle", degree, False), "dimension": "plane_stress"}
     solved = solve(made, 3, tolerance=1e-10)
-    points, u = solved.displacement_at_nodes()
+    points, u = solved.nodes.points, solved.nodes.displacement
     np.testing.assert_allclose(u, STRAIN * points[:, :2], rtol=0, atol=1e-9 * STRAIN)
     assert np.abs(solved.cells.stress).max() < 1e-7 * YOUNG * STRAIN
 
@@ -156,7 +156,7 @@ def test_a_linear_temperature_bends_without_stress(cell: str) -> None:
         conditions.append({"on": f"block.p{k}", "displacement": exact(corner[None])[0].tolist()})
     del block["boundaries"]["corner"]
     solved = solve(scenes.config(cell, [block], conditions, []), 2, tolerance=1e-11)
-    points, u = solved.displacement_at_nodes()
+    points, u = solved.nodes.points, solved.nodes.displacement
     expected = exact(points[:, :d])
     np.testing.assert_allclose(u, expected, rtol=0, atol=1e-8 * np.abs(expected).max())
     in_plane = np.delete(solved.cells.stress, 2, axis=1) if d == 2 else solved.cells.stress
@@ -238,7 +238,7 @@ def test_bimetal_strip(tmp_path: Path) -> None:
     }  # fmt: skip
     made["bodies"][0]["boundaries"] = {"foot": {"where": "y < 1e-9 and abs(x) < 1e-9"}}
     solved = solve_scene(scenes.build(made, 3))
-    points, u = solved.displacement_at_nodes()
+    points, u = solved.nodes.points, solved.nodes.displacement
     tip = np.argmin(np.hypot(points[:, 0], points[:, 1] - 20.0))
     curvature = 2.0 * u[tip, 0] / 20.0**2
     assert curvature == pytest.approx(3.0 * 2e-5 * 100.0 / (2.0 * 0.5), rel=1e-3)

@@ -46,7 +46,7 @@ def test_contact_patch_on_distorted_cells(cell: str, subdomains: int, tmp_path: 
     """verification.md: E = 900, ν = 0.25, q = 100: u = (1/36, 1/36, -1/9) at the free corner."""
     file = meshfiles.write(meshfiles.block(cell, 4), tmp_path / "block.msh")
     solved = solve_scene(scenes.build(patch(cell, file), subdomains))
-    points, u = solved.displacement_at_nodes()
+    points, u = solved.nodes.points, solved.nodes.displacement
     d = meshfiles.dimension(cell)
     if d == 3:
         slope = np.array([1 / 36, 1 / 36, -1 / 9])
@@ -110,7 +110,7 @@ def test_two_materials_in_a_row(cell: str, subdomains: int, tmp_path: Path) -> N
     ]
     made["contacts"] = []
     solved = solve_scene(scenes.build(made, subdomains))
-    points, u = solved.displacement_at_nodes()
+    points, u = solved.nodes.points, solved.nodes.displacement
     x = points[:, 0]
     exact = 20 * (np.minimum(x, 0.5) / 500 + np.maximum(x - 0.5, 0) / 4000)
     np.testing.assert_allclose(u[:, 0], exact, rtol=0, atol=1e-9 * exact.max())
@@ -129,7 +129,7 @@ def test_the_answer_does_not_depend_on_the_decomposition(
     assert many.model.partition.count >= np.prod(subdomains)
     for key, value in one.summary["solution"].items():
         assert many.summary["solution"][key] == pytest.approx(value, rel=1e-7, abs=1e-8), key
-    (x, u), (y, v) = one.displacement_at_nodes(), many.displacement_at_nodes()
+    (x, u), (y, v) = ((s.nodes.points, s.nodes.displacement) for s in (one, many))
     np.testing.assert_allclose(y, x, rtol=0, atol=1e-15)  # they go by the corner of a subdomain
     np.testing.assert_allclose(v, u, rtol=0, atol=1e-8 * np.abs(u).max())
     for field in ("stress", "von_mises"):

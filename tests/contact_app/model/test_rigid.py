@@ -87,7 +87,7 @@ def test_a_pressed_ball_is_the_fixed_obstacle_at_its_depth(cell: str, n: int, de
     assert told["max_pressure"] == pytest.approx(known["max_pressure"], rel=1e-6)
     assert told["nodes"]["slip"] == known["nodes"]["slip"]
     assert told["with"] == "ball"
-    u, v = (s.displacement_at_nodes()[1] for s in (pressed, fixed))
+    u, v = (s.nodes.displacement for s in (pressed, fixed))
     np.testing.assert_allclose(u, v, rtol=0, atol=1e-6 * np.abs(v).max())
     assert pressed.summary["certificate"]["passed"]
 
@@ -180,7 +180,7 @@ def test_a_plate_that_tilts_is_in_equilibrium(held: bool) -> None:
     t, turn = np.array(plate["displacement"]), np.array(plate["rotation"])
     assert np.linalg.norm(turn) > 1e-4
     assert all(c["nodes"]["open"] == 0 for c in contacts)
-    points, u = solution.displacement_at_nodes()
+    points, u = solution.nodes.points, solution.nodes.displacement
     top = points[:, 2] == 1.0
     follows = t + np.cross(turn, points[top] - [1.5, 1.5, 1.0])
     np.testing.assert_allclose(u[top, 2], follows[:, 2], atol=1e-6 * np.abs(u).max())

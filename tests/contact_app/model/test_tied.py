@@ -93,7 +93,7 @@ def test_patch(
         where = " and ".join(f"abs({a} - {v}) < 1e-9" for a, v in zip("xyz", corner, strict=False))
         hold(made, "lower", where, uniform(corner[None])[0].tolist())
     solution = solve(made, split, tolerance=1e-12)
-    points, u = solution.displacement_at_nodes()
+    points, u = solution.nodes.points, solution.nodes.displacement
     exact = uniform(points[:, :d])
     np.testing.assert_allclose(u, exact, rtol=0, atol=1e-9 * np.abs(exact).max())
     assert solution.summary["certificate"]["passed"]
@@ -138,7 +138,7 @@ def test_inclined_patch(cell: str, angle: float, tmp_path: Path) -> None:
                              for a, v in zip("xyz", place.tolist(), strict=False))  # fmt: skip
         hold(made, "lower", where, (spin @ place).tolist())
     solution = solve(made, 3, tolerance=1e-12)
-    points, u = solution.displacement_at_nodes()
+    points, u = solution.nodes.points, solution.nodes.displacement
     exact = points[:, :d] @ spin.T
     np.testing.assert_allclose(u, exact, rtol=0, atol=1e-9 * np.abs(exact).max())
 
@@ -346,7 +346,7 @@ def test_tied_rings_turn_freely(tmp_path: Path) -> None:
         "q": {"where": "x < 1e-6 and abs(y - 5) < 1e-6"},
     }
     solution = solve(free, 3, tolerance=1e-10)
-    points, u = solution.displacement_at_nodes()
+    points, u = solution.nodes.points, solution.nodes.displacement
     turn = 1e-3 / 5.0
     exact = np.stack([-turn * points[:, 1], turn * (points[:, 0] - 5.0)], axis=1)
     np.testing.assert_allclose(u, exact, rtol=0, atol=1e-9 * np.abs(exact).max())

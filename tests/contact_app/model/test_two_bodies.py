@@ -67,7 +67,7 @@ PAIRS = [
 @pytest.mark.parametrize("split", [1, 5])
 def test_contact_patch(lower: str, upper: str, n: tuple[int, int], split: int) -> None:
     solution = solve(stack(lower, upper, n), split, tolerance=1e-12)
-    points, u = solution.displacement_at_nodes()
+    points, u = solution.nodes.points, solution.nodes.displacement
     exact = patch_displacement(points, u.shape[1])
     np.testing.assert_allclose(u, exact, rtol=0, atol=1e-9 * np.abs(exact).max())
     touching = np.isfinite(solution.nodes.gap)

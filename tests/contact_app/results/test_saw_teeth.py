@@ -58,7 +58,7 @@ def test_a_strip_rests_on_the_tips_with_the_smooth_side_as_on_and_hovers_with_th
         found = [answer(tmp_path, on, times) for times in (1, 2)]
         energies[on] = [made.summary["solution"]["energy"] for made in found]
         assert any("tilted" in w for w in found[1].summary["certificate"]["warnings"])
-        points, moved = found[1].displacement_at_nodes()
+        points, moved = found[1].nodes.points, found[1].nodes.displacement
         bottom = np.flatnonzero(np.isclose(points[:, 1], 0.6 - OVERLAP))
         bottom = bottom[bottom > 61 * 9 - 1]  # behind the nodes of the teeth
         deformed = points[bottom, :2] + moved[bottom]
