@@ -55,6 +55,7 @@ def of_bodies(count: int, ratio: float) -> tuple[Any, list[Any], float]:
     down, wide = -(-count // across), PANEL if across > 1 else 1.5 * PANEL
     size = wide * across, down * (wide * ratio + SCALE) + 0.5
     figure = Figure(figsize=size, layout="constrained")
+    figure.get_layout_engine().set(h_pad=0.1)  # inches; less cuts labels below tall bodies
     places = list(np.ravel(figure.subplots(down, across)))
     for axes in places:
         axes.set_axis_off()

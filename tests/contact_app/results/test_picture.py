@@ -54,9 +54,9 @@ def triangle(points: np.ndarray, moves: np.ndarray) -> Stored:
     return Stored(points, cells, {"triangle": np.array([0])}, {"displacement": moves}, {})
 
 
-def square(directory: Path, fields: bool = True) -> None:
-    """A unit square of two triangles, pressed at its foot."""
-    points = np.array([[0, 0], [1, 0], [1, 1], [0, 1]], dtype=float)
+def square(directory: Path, fields: bool = True, upper: tuple[float, float] = (1.0, 1.0)) -> None:
+    """A rectangle of two triangles, pressed at its foot."""
+    points = np.array([[0, 0], [1, 0], [1, 1], [0, 1]], dtype=float) * upper
     with XDMFWriter(directory / "solution.xdmf", "triangle", 4, 2) as file:
         file.points(0, points)
         file.cells(0, [[0, 1, 2], [0, 2, 3]])
@@ -87,6 +87,12 @@ def test_bodies_in_space_have_a_panel_for_each_field(tmp_path: Path) -> None:
     made, remarks = picture.plot(tmp_path)
     assert not remarks
     assert shows_two_halves(made[0])
+
+
+def test_labels_below_a_tall_body_are_whole(tmp_path: Path) -> None:
+    square(tmp_path, upper=(1.0, 6.0))
+    (made, *_), _ = picture.plot(tmp_path)
+    assert (matplotlib.image.imread(made)[-3:, :, :3] == 1.0).all()
 
 
 def shows_two_halves(made: Path) -> bool:
