@@ -35,6 +35,7 @@ from contact_app.forms.model import FormModel
 from contact_app.forms.results import ContactAtNodes, OnSpace, Owners
 from contact_app.forms.rows import held_components, in_the_mean
 from contact_app.model.facets import moments
+from contact_app.model.obstacle_hints import faces_away, facing_away
 from contact_app.results.carried import carried
 from contact_app.results.free_motions import sliding_bodies
 from contact_app.results.friction import closing_points
@@ -175,9 +176,9 @@ def _of_contact(answer: FormAnswer, number: int, contact: Contact) -> Iterator[s
     if contact.against is None:
         radius = getattr(contact.obstacle, "curvature_radius", None)
         yield texts.curving_away(largest_sliding(*rows), radius, moved)
-        if not comm.allreduce(int(nodes.closed.sum())):
-            (on, *_), size = sides.surfaces, float(model.bodies.lengths.max())
-            yield texts.facing_away(on.normals, contact.gap_and_normal(on.centres, d, size)[1])
+        (on, *_), size = sides.surfaces, float(model.bodies.lengths.max())
+        if faces_away(on.normals, contact.gap_and_normal(on.centres, d, size)[1]):
+            yield facing_away(comm.allreduce(int(nodes.closed.sum())) > 0)
         if not _flat(contact) or in_the_mean(model.parts):
             yield from _entering(answer, number, contact, (names, moved))
     else:

@@ -16,8 +16,8 @@ from scipy import sparse
 from scipy.linalg import block_diag
 
 from contact_app.errors import ConfigurationError, NoEquilibriumError
-from contact_app.model.far_obstacles import far_obstacle_hints
 from contact_app.model.geometry import Geometry
+from contact_app.model.obstacle_hints import obstacle_hints
 from contact_app.model.rigid import RigidUnknowns
 from contact_app.scene.bodies import MOTION_NAMES, Body
 from contact_app.scene.conditions import BodyContact, Contact, RigidTie, Tie
@@ -87,7 +87,7 @@ def body_balances(
         state = rows.balance(comm, load, float(scale[group].sum()))
         if state.escape is not None:
             message = _no_equilibrium(geometry, group, rows, load, state.escape, in_step)
-            hints = far_obstacle_hints(geometry, contact)
+            hints = obstacle_hints(geometry, contact)
             if moved is not None:
                 names = [touching.source for touching in geometry.touching]
                 hints += averaged_gap_hints(names, comm, contact, moved @ state.escape)

@@ -11,7 +11,6 @@ from mpi4py import MPI
 
 from contact_app.model.boundaries import boundary_nodes
 from contact_app.model.equilibrium import group_numbers
-from contact_app.model.far_obstacles import far_obstacle_hints
 from contact_app.model.loaded_area import loaded_facets
 from contact_app.model.method import (
     LIMITS,
@@ -19,6 +18,7 @@ from contact_app.model.method import (
     is_undecomposed,
     patience,
 )
+from contact_app.model.obstacle_hints import obstacle_hints
 from contact_app.model.outline import Outline, left_out_notes
 from contact_app.results.repeated_sentences import without_repetitions
 from contact_app.run.cost import distinct_nodes, gluing_rows, groups_of
@@ -122,7 +122,7 @@ def _modelled(scene: Scene, outline: Outline) -> list[str]:
             f"({_candidates(outline, i, scene.bodies[contact.body], nodes)})"
             f"{_friction(contact)}{_interference(contact)}"
         )
-    hints = far_obstacle_hints(outline.geometry, outline.rows.contact)
+    hints = obstacle_hints(outline.geometry, outline.rows.contact)
     lines += [f"warning: {hint}" for hint in hints]
     for i, pair in enumerate(scene.pairs, start=len(scene.contacts)):
         other = f"{scene.bodies[pair.other].name}.{pair.other_boundary}"

@@ -37,6 +37,7 @@ from contact_app.accuracy.solved_scene import SolvedScene
 from contact_app.accuracy.trust import few_cells
 from contact_app.model.equilibrium import body_frame, contact_motions, motion_size
 from contact_app.model.loaded_area import loaded_facets, straddled_area
+from contact_app.model.obstacle_hints import facing_away, turned_round
 from contact_app.results.carried import carried
 from contact_app.results.free_motions import free_motions
 from contact_app.results.friction import approach_of_held, closing_points
@@ -142,16 +143,11 @@ def _beside_obstacles(answer: SolvedScene) -> Iterator[str]:
 
 
 def _facing_away(answer: SolvedScene) -> Iterator[str]:
-    """Boundaries without contact that face away from their obstacle (collective)."""
-    model, comm = answer.model, answer.model.comm
-    for contact, nodes in zip(model.scene.contacts, answer.nodes.contacts, strict=False):
-        if comm.allreduce(int(nodes.closed.sum())):
-            continue
-        surface = model.geometry.boundary_surface(contact.body, contact.boundary)
-        if surface is not None:
-            normals = contact.obstacle.gap_and_normal(surface.centres)[1]
-            if text := texts.facing_away(surface.normals, normals):
-                yield f"{contact.source}: {text}"
+    """Boundaries that face away from their obstacle (collective)."""
+    contacts, pressed = answer.model.scene.contacts, _pressed(answer)
+    for source in turned_round(answer.model.geometry):
+        pulls = any(p for c, p in zip(contacts, pressed, strict=False) if c.source == source)
+        yield f"{source}: {facing_away(pulls)}"
 
 
 def _between_nodes(answer: SolvedScene) -> list[str]:

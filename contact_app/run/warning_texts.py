@@ -6,9 +6,6 @@ where there is nothing to say.
 
 from __future__ import annotations
 
-import numpy as np
-from numpy.typing import NDArray
-
 from contact_app.accuracy.faceted_curves import FITTED, FITTED_SMOOTH, Distances, compared
 
 SMALL_STRAIN, SMALL_ROTATION = 0.05, 0.1
@@ -39,28 +36,6 @@ Eck, J. Jarušek, *Existence results for the static contact problem with Coulomb
 Models Methods Appl. Sci. 8, 1998); examples of several have larger ones (P. Hild, *Non-unique
 slipping in the Coulomb friction model in two-dimensional linear elasticity*, Q. J. Mech. Appl.
 Math. 57, 2004). Random scenes: `python -m tests.stability.several_answers`."""
-
-
-SAME_WAY = 0.5
-"""Cosine of the angle between the normals of a boundary and of its obstacle, at every facet, from
-which on the boundary faces away: sides that touch have normals of opposite directions."""
-
-
-def facing_away(boundary: NDArray[np.float64], obstacle: NDArray[np.float64]) -> str:
-    """A boundary on the far side of its body, or an obstacle that is turned round.
-
-    Parameters
-    ----------
-    boundary, obstacle : (facets, 3)
-        Outward unit normals of the facets, and of the obstacle there.
-    """
-    if len(boundary) == 0 or np.einsum("fi,fi->f", boundary, obstacle).min() < SAME_WAY:
-        return ""
-    return (
-        "the boundary faces away from the obstacle: both have outward normals of nearly the same "
-        "direction, and nothing touches; the normal of a plane points out of the obstacle, towards "
-        "the body, and a cavity is `hollow`"
-    )
 
 
 def large_deformations(strain: float, rotation: float) -> list[str]:

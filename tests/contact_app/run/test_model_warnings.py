@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from contact_app.accuracy.faceted_curves import Distances
+from contact_app.errors import NoEquilibriumError
 from contact_app.run.solve import solve_scene
 from contact_app.run.warning_texts import flat_facets
 from contact_app.scene.build import build_scene
@@ -70,6 +71,36 @@ def test_a_boundary_that_faces_away_from_its_obstacle() -> None:
     plane = made["contacts"][0]["obstacle"]["plane"]
     plane["normal"] = [-x for x in plane["normal"]]
     assert "contacts[0]: the boundary faces away from the obstacle" in warnings_of(made)
+    assert "and nothing touches" in warnings_of(made)
+
+
+def test_an_obstacle_that_is_turned_round_and_pulls() -> None:
+    """The half space holds the whole block, which hangs on it by a certified force."""
+    made = scenes.floating_in_corner("hexahedron", 2)
+    made["conditions"] = [{"on": "block.z+", "traction": [0, 0, 5.0]}]
+    made["contacts"] = [
+        {"on": "block.z-", "obstacle": scenes.plane("hexahedron", (0, 0, 0), (0, 0, -1))}
+    ]
+    assert "faces away from the obstacle" in warnings_of(made)
+    assert "and the obstacle pulls the body" in warnings_of(made)
+    made["conditions"][0]["traction"] = [0, 0, -5.0]
+    with pytest.raises(NoEquilibriumError, match=r"(?s)along -z .*\[0\]: the boundary faces away"):
+        warnings_of(made)
+
+
+def test_one_shape_of_a_rigid_clamp_that_is_behind_the_boundary() -> None:
+    made = scenes.floating_in_corner("hexahedron", 2)
+    jaws = [
+        scenes.plane("hexahedron", (0, 0, height), (0, 0, sign))
+        for height, sign in ((0.0, 1.0), (1.5, -1.0))
+    ]
+    made["bodies"].append({"name": "clamp", "rigid": jaws})
+    made["conditions"] = [
+        {"on": "block.z+", "traction": [0, 0, -5.0]},
+        {"in": "clamp", "displacement": [0, 0, 0], "rotation": [0, 0, 0]},
+    ]
+    made["contacts"] = [{"on": "block.z-", "against": "clamp"}]
+    assert "faces away" not in warnings_of(made)
 
 
 def test_a_plane_ends_where_an_expression_ends_it() -> None:
