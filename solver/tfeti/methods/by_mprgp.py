@@ -11,7 +11,6 @@ from solver.contact.solution import Solution
 from solver.qp.box_qp import BoxQP
 from solver.qp.iterate import Iterate
 from solver.qp.result import Counts, Reason
-from solver.tfeti.columns import on_columns
 from solver.tfeti.methods.answers import answer_of_iterate
 from solver.tfeti.methods.task import Task
 from solver.vectors import Array
@@ -31,11 +30,11 @@ def solve_by_mprgp(task: Task, start: Array | None, accelerated: bool = True) ->
     start : (dual,)
         Initial multipliers.
     accelerated
-        Whether the solve of undecomposed bodies begins with columns of F, and stops at rounding
-        errors; the paper's algorithm does neither.
+        Whether the solve of undecomposed bodies spares the first multiplication, and stops at
+        rounding errors; the paper's algorithm does neither.
     """
     problem, rule, checkpoint = task.problem, task.rule, task.checkpoint
-    qp, columns = BoxQP(problem.projected, problem.rhs, lower=problem.lower), 0
+    qp = BoxQP(problem.projected, problem.rhs, lower=problem.lower)
     inner, before = replace(task.inner, atol=problem.round_off), Counts()
     from_zero = False
     restart = checkpoint.load(problem.size, problem.description) if checkpoint else None
@@ -45,9 +44,7 @@ def solve_by_mprgp(task: Task, start: Array | None, accelerated: bool = True) ->
     if accelerated and problem.coarse is None and problem.one_sided:
         steps = max(FEWEST_STEPS, STEPS_PER_ROW * problem.comm.allreduce(problem.size))
         inner = replace(inner, max_iterations=min(inner.max_iterations, steps))
-        if start is None:
-            start, columns = on_columns(problem)
-            from_zero = columns == 0
+        from_zero = start is None
     if start is not None and problem.coarse is not None:
         start = start - problem.offset
         problem.coarse.project(start, start)
@@ -58,7 +55,6 @@ def solve_by_mprgp(task: Task, start: Array | None, accelerated: bool = True) ->
         answer = rule.judge(answer_of_iterate(problem, rule, x, None))
         return answer
 
-    before = before + Counts(hessian=columns)
     saver = Saver(checkpoint, before)
 
     def watch(it: Iterate) -> None:
