@@ -253,7 +253,9 @@ def _failure(method: ActiveSetMethod[S], start: Start, loop: LoopState[S]) -> Fa
         return Failure.OTHER if peels or options.jumps(sets) else None
     if options.vanish(loop.strained) and not law.may_vanish:
         return Failure.VANISHED
-    unsettled = start.multiplier is None and options.is_unsettled(loop.turnovers)
+    first = start.multiplier is None and options.settling > 0
+    peels = not options.may_peel and options.loses_rows(loop.turnovers)
+    unsettled = first and (peels or options.is_unsettled(loop.turnovers))
     return Failure.UNSETTLED if unsettled else None
 
 

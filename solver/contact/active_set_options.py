@@ -176,6 +176,11 @@ class ActiveSetOptions:
         last = sets[-self.peeling :]
         return self.peels(sets) and len(last) == self.peeling and self.all_peel(last)
 
+    def loses_rows(self, sets: Sequence[Turnover]) -> bool:
+        """Whether contact peels off in the last sets, if only by a row each."""
+        last = sets[-self.peeling :]
+        return self.peels(sets) or (len(last) == self.peeling and all(t.peeled for t in last))
+
     def all_peel(self, sets: Sequence[Turnover]) -> bool:
         """Whether many rows left in each set, and no row joined."""
         return all(t.peeled > self.peeled * t.closed for t in sets)

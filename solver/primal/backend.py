@@ -145,7 +145,7 @@ class Multigrid:
 
     def first_set(self) -> FirstSet:
         """Contact on coarse levels; all rows if a constraint hierarchy applies (collective)."""
-        if self.matrices.peels:
+        if self.matrices.peels and self.matrices.direct:
             return FirstSet(np.ones(len(self.system.rows), bool), self.u)
         if self._first_set is None:
             first = find_first_set(self.system, self.matrices.hierarchy)
@@ -229,7 +229,10 @@ class Multigrid:
 
     def hierarchy(self, coarsened: bool) -> ConstraintHierarchy:
         """The constraint hierarchy of thin bodies, whose contact may peel off (collective)."""
-        return constraint_hierarchy(self.problem, coarsened and self.matrices.peels)
+        coarsened = coarsened and self.matrices.peels
+        if coarsened:
+            self.give_up_multigrid()
+        return constraint_hierarchy(self.problem, coarsened)
 
     def release(self) -> None:
         """Free the matrices of the last set: petsc4py leaves them for later."""

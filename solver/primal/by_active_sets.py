@@ -155,7 +155,8 @@ def _solve(
             method = method.with_options(negligible=NEGLIGIBLE * min(task.rule.tolerance, 1e-6))
     else:
         most_sets = min(method.options.most_sets, SETS_WITH_FRICTION)
-        method = method.with_options(most_sets=most_sets, insists=False)
+        may_peel = not backend.matrices.peels
+        method = method.with_options(most_sets=most_sets, insists=False, may_peel=may_peel)
     statuses = None
     if restart is not None:
         active = problem.inequality & (restart.multiplier > 0.5)

@@ -47,8 +47,9 @@ class Matrices:
     direct
         Whether factors solve on the sets.
     peels
-        Whether bodies are thin and their contact may peel off row by row. Without a factor the
-        many sets of a constraint hierarchy would cost too many iterations.
+        Whether bodies are thin, their contact may peel off row by row, and a factor is affordable:
+        without one the many sets of a constraint hierarchy would cost too many iterations. With
+        friction these are the sets of the contact without friction.
     hierarchy
         All levels, or K alone where a factor solves.
     floating
@@ -69,9 +70,10 @@ class Matrices:
         seconds = predicted_seconds(system)
         held = problem.system.constraints.held_without_contact
         by_cycles = problem.dimension == 3 and (problem.friction.acts or not held)
-        thin = not by_cycles and thinness(system) >= factors.thin
+        is_thin = thinness(system) >= factors.thin
+        thin = is_thin and not by_cycles
         direct = seconds <= (factors.thin_seconds if thin else factors.small)
-        peels = thin and direct and held
+        peels = is_thin and held and seconds <= factors.thin_seconds
         # thin bodies take their first set from levels, though a factor solves on the sets
         make = build_hierarchy if not direct or (thin and not peels) else no_hierarchy
         free_matrices(problem.comm)

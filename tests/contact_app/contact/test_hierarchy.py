@@ -160,3 +160,42 @@ def test_friction_has_no_levels() -> None:
     summary = solve_scene(scenes.build(made)).summary
     assert summary["certificate"]["passed"]
     assert summary["solver"]["hessian_multiplications"] <= 120
+
+
+STRIP = {"lower": [0.0, 0.0], "upper": [20.0, 1.0], "cells": [60, 2], "cell": "quadrilateral"}
+PULLED = [
+    {"in": "body", "force": [0.0, -0.03]},
+    {"on": "body.x-", "displacement": [0.0, 0.0]},
+    {"on": "body.x+", "traction": [5.0, 0.5]},
+]
+PLATE = {"lower": [0.0] * 3, "upper": [200.0, 80.0, 4.0], "cells": [43, 17, 2]}
+LIFTED = [
+    {"in": "body", "force": [0.0, 0.0, -2e-3]},
+    {"on": "body.x-", "displacement": [0.0, 0.0, None]},
+    {"on": "body.x+", "displacement": [None, None, 0.5]},
+]
+
+
+@pytest.mark.ratchet
+@pytest.mark.parametrize(
+    ("box", "conditions", "most"),
+    [
+        pytest.param(STRIP, PULLED, 60, id="one row a set: 182 without a new beginning"),
+        pytest.param(PLATE, LIFTED, 120, id="many rows a set: 1,421 without"),
+    ],
+)
+def test_contact_with_friction_that_peels_off_begins_anew_without(
+    box: Config, conditions: list[Config], most: int
+) -> None:
+    """The contact without friction has levels; with its rows few sets with friction remain."""
+    d = len(box["lower"])
+    floor = {"plane": {"point": [0.0] * d, "normal": [0.0] * (d - 1) + [1.0]}}
+    face = "body.y-" if d == 2 else "body.z-"
+    contact = {"on": face, "obstacle": floor, "friction": {"coulomb": 0.3}}
+    made = pressed_box(box, 0.3, conditions, contact)
+    made |= {"dimension": d, "solver": {"method": "primal", "tolerance": 1e-8}}
+    made["bodies"][0]["material"]["young"] = 2.1e5
+    summary = solve_scene(scenes.build(made)).summary
+    assert summary["certificate"]["passed"]
+    assert summary["solver"]["method"] == "primal"
+    assert summary["solver"]["hessian_multiplications"] <= most
