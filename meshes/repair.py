@@ -46,6 +46,9 @@ from meshes.unstructured import CellMesh, MeshError, Topology, first_of, row_pla
 SAME_PLACE = 1e-9
 """Distance over the size of the body below which two nodes are merged."""
 
+CLOSED_SEAM = "merged where the mesh is connected without them"
+"""Part of the note on merged nodes that join parts which other cells connect."""
+
 SAME_PLACE_EDGE = 1e-3
 """Distance over the shortest edge below which two nodes are merged, so that no cell collapses."""
 
@@ -196,9 +199,33 @@ def _nodes_of(
     same, merged = _same_place(points[used], cells, used, cell)
     if merged:
         notes.append(f"{merged} nodes lie where another one does: merged")
+        notes += _closed_seams(points, cells, used, same)
     rename = np.full(len(points), -1, np.int64)
     rename[used] = same
     return points[used][np.unique(same, return_index=True)[1]], rename
+
+
+def _closed_seams(points: Array, cells: Ints, used: Ints, same: Ints) -> list[str]:
+    """A note on merged nodes between which the cells are connected without them.
+
+    They close the seam of a ring, or a crack, which the file has with nodes on both of its sides.
+
+    Parameters
+    ----------
+    same : (used,)
+        Number of each used node after merging.
+    """
+    piece = connected([np.repeat(cells[:, 0], cells.shape[1]), cells.ravel()], len(points))[used]
+    order = np.lexsort([piece, same])
+    again = (np.diff(same[order]) == 0) & (np.diff(piece[order]) == 0)
+    if not again.any():
+        return []
+    place = ", ".join(f"{x:g}" for x in points[used[order[1:][again].min()]])
+    return [
+        f"{again.sum()} nodes were {CLOSED_SEAM}, the first at ({place}): this closes a seam, and "
+        f"it closes a crack, too; the sides of a crack that may open have to lie more than "
+        f"{SAME_PLACE:g} of the body's size apart in the file"
+    ]
 
 
 def _turned(middles: Array, turned: Mask, cell: str) -> Array:

@@ -53,6 +53,7 @@ from contact_app.run import warning_texts as texts
 from contact_app.scene.bodies import MOTION_NAMES
 from contact_app.scene.conditions import Pressure, Traction
 from meshes.quadratic import CORNERS_ONLY
+from meshes.repair import CLOSED_SEAM
 from solver.contact.certificate import EQUILIBRIUM_FLOOR
 from solver.driver import reason_text
 from solver.qp.result import Reason
@@ -205,6 +206,12 @@ def _corners_only(answer: SolvedScene) -> Iterator[str]:
     for body in answer.model.scene.bodies:
         if body.degree == 1 and not body.degree_given and CORNERS_ONLY in body.mesh.notes:
             yield f"{body.name}: {texts.corners_only()}"
+
+
+def _closed_seams(answer: SolvedScene) -> Iterator[str]:
+    """Seams or cracks of a mesh file that merging its nodes has closed."""
+    for body in answer.model.scene.bodies:
+        yield from (f"{body.name}: {n}" for n in body.mesh.notes if CLOSED_SEAM in n)
 
 
 def _locking_in_volume(answer: SolvedScene) -> Iterator[str]:
@@ -462,9 +469,9 @@ def _varying_energy(answer: SolvedScene) -> NDArray[np.float64]:
 CHECKS: tuple[Callable[[SolvedScene], Iterable[str]], ...] = (
     _large_deformations, _yielding, _straight_edges, _straight_facets, _beside_obstacles,
     _facing_away, _between_nodes, _coarse_pressures, _sharp_edges, _sliding_bodies,
-    _tilted, _corners_only, _locking_in_volume, _locking_in_bending, _moved_beyond_sizes,
-    _moved_far, _coarse_meshes, _stresses_beside_expansion, _straddled_facets, _without_facets,
-    _certificates, _overcome, _cautions, _slides, _loaded_holds, _rubs_where_open, _closes_at_once,
-    _several_answers, _plays, _carried,
+    _tilted, _corners_only, _closed_seams, _locking_in_volume, _locking_in_bending,
+    _moved_beyond_sizes, _moved_far, _coarse_meshes, _stresses_beside_expansion,
+    _straddled_facets, _without_facets, _certificates, _overcome, _cautions, _slides, _loaded_holds,
+    _rubs_where_open, _closes_at_once, _several_answers, _plays, _carried,
 )  # fmt: skip
 """The tests of an answer, in the order of their warnings."""

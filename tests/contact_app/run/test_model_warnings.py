@@ -64,6 +64,34 @@ def test_contact_that_leaves_its_boundary(cell: str) -> None:
         assert ("outside part penetrate the obstacle" in found) == told
 
 
+def test_a_crack_with_nodes_on_both_sides_that_is_merged(tmp_path: Path) -> None:
+    """A plate pulled across a crack that ends in its middle: as one piece it is stiffer."""
+    energies = []
+    for opening, reported in ((0.0, True), (1e-6, False)):
+        given = meshfiles.block("quadrilateral", 8)
+        points, cells = given.points, given.cells[0].data
+        lips = np.flatnonzero((np.abs(points[:, 1] - 0.5) < 0.05) & (points[:, 0] < 0.45))
+        upper = np.arange(len(points))
+        upper[lips] = len(points) + np.arange(len(lips))
+        above = points[cells][..., 1].mean(axis=1) > 0.5
+        given.cells[0].data = np.where(above[:, None], upper[cells], cells)
+        given.points = np.vstack([points, points[lips] + [0.0, opening, 0.0]])
+        made = scenes.config("quadrilateral", [scenes.block("quadrilateral", 8)], [], [])
+        made["bodies"][0]["mesh"] = {"file": str(meshfiles.write(given, tmp_path / "a.vtu", None))}
+        made["bodies"][0]["boundaries"] = {
+            name: {"where": f"y {sign} 1e-9"} for name, sign in (("low", "<"), ("top", "> 1 -"))
+        }
+        made["conditions"] = [
+            {"on": "block.low", "displacement": [0, 0]},
+            {"on": "block.top", "traction": [0, 1]},
+        ]
+        solved = solve_scene(scenes.build(made, 1))
+        found = "\n".join(solved.summary["certificate"]["warnings"])
+        assert ("4 nodes were merged where the mesh is connected without them" in found) == reported
+        energies.append(solved.summary["solution"]["energy"])
+    assert energies[1] < 1.05 * energies[0] < 0.0
+
+
 def test_a_boundary_that_faces_away_from_its_obstacle() -> None:
     """A plane whose normal points into it touches nothing."""
     made = scenes.wall("quadrilateral", 4)
