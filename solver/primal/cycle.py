@@ -108,14 +108,13 @@ class CycleWithSprings:
     cycle
     operators
         Stiffness of its levels with springs.
-    springs, open : (rows,)
-        Stiffness of each spring, and its stiffness while the row is open.
+    springs : (rows,)
+        Stiffness of each spring; zero for open rows.
     """
 
     cycle: Cycle
     operators: Sequence[BlockRows]
     springs: Array
-    open: Array
 
 
 class CycleOnSets:
@@ -143,10 +142,10 @@ class CycleOnSets:
         self._coarse: Cycle | None = None
         if made is None:
             self._operators = [rows_in_blocks(operator) for operator in hierarchy.operators[1:]]
-            self._open = self._springs = np.zeros(len(self._stiffness))
+            self._springs = np.zeros(len(self._stiffness))
         else:
             self._coarse, self._operators = made.cycle, list(made.operators)
-            self._open, self._springs = made.open, made.springs
+            self._springs = made.springs
 
     def _cycle(self) -> Cycle:
         operators = [petsc_blocks(rows) for rows in self._operators]
@@ -180,7 +179,7 @@ class CycleOnSets:
         """Stiffness of the spring of each row, (rows,) (collective)."""
         turned = projector.system is not self._unturned
         stiff = row_stiffness(projector.system) if turned else self._stiffness
-        springs, rows = self._open.copy(), projector.rows
+        springs, rows = np.zeros(len(stiff)), projector.rows
         springs[rows] = stiff[rows]
         if projector.compliance is not None:
             springs[rows] /= 1.0 + stiff[rows] * projector.compliance

@@ -27,7 +27,7 @@ from solver.primal.block_rows import BlockRows
 from solver.primal.blocks import petsc_blocks, rows_in_blocks
 from solver.primal.cholesky import factored
 from solver.primal.cycle import Cycle, CycleWithSprings
-from solver.primal.factor import spring_matrix, with_springs
+from solver.primal.factor import diagonal_below, spring_matrix, squared, with_springs
 from solver.primal.friction_springs import FrictionSprings
 from solver.primal.hierarchy import Hierarchy
 from solver.primal.line_search import minimum_along
@@ -354,18 +354,23 @@ class CycleLevel(SharedLevel):
         return x
 
     def _cycle_of(self, weights: Array) -> Cycle:
-        """The cycle, made with the springs of the first call (collective)."""
+        """The cycle, made with the springs of the first call (collective).
+
+        Faint springs, which most rows have, are only the diagonal of their Galerkin products.
+        """
         if self.cycle is None:
             levels, block = self._hierarchy, self.A.getBlockSize()
-            springs = spring_matrix(self.Q, weights, block)
-            operators = [rows_in_blocks(self.A).plus(springs.plus_diagonal(self.shift))]
+            stiff = np.where(weights > self.options.faint * self.rows.stiffness, weights, 0.0)
+            springs = spring_matrix(self.Q, stiff, block)
+            faint = multiply_transposed(squared(self.Q), weights - stiff)
+            added = springs.plus_diagonal(self.shift + faint)
+            operators = [rows_in_blocks(self.A).plus(added)]
             for A, P in zip(levels.operators[1:], levels.prolongations, strict=True):
-                springs = springs.galerkin(BlockRows.of(P))
+                springs, faint = springs.galerkin(BlockRows.of(P)), diagonal_below(P, faint)
                 shift = self._addition(A.getDiagonal().getArray())
-                operators.append(rows_in_blocks(A).plus(springs.plus_diagonal(shift)))
+                operators.append(rows_in_blocks(A).plus(springs.plus_diagonal(shift + faint)))
             cycle = Cycle([*map(petsc_blocks, operators)], levels.prolongations, levels.options)
-            open_rows = np.minimum(weights, self.options.faint * self.rows.stiffness)
-            self.cycle = CycleWithSprings(cycle, operators, weights, open_rows)
+            self.cycle = CycleWithSprings(cycle, operators, stiff)
         return self.cycle.cycle
 
 
