@@ -10,6 +10,7 @@ from contact_app.results.fields import (
     NODAL_FIELDS,
     POINT_FIELDS,
 )
+from contact_app.results.vtu import vtu_bytes
 from contact_app.results.xdmf import CELL_TYPES, cell_type_name, grid_bytes
 from contact_app.scene.bodies import Body
 from contact_app.scene.scene import OutputOptions
@@ -63,8 +64,3 @@ def result_bytes(
     at_cells = sum(components(name) for name in wanted if name in CELL_FIELDS)
     room = nodes, cells, vertices, at_nodes, at_cells
     return {"xdmf": grid_bytes(*room), "vtu": vtu_bytes(*room)}
-
-
-def vtu_bytes(nodes: int, cells: int, vertices: int, at_nodes: int, at_cells: int) -> int:
-    """Size of ``solution.vtu``, about; parameters as of `xdmf.grid_bytes`."""
-    return 4096 + nodes * 8 * (3 + at_nodes) + cells * (8 * at_cells + 4 * vertices + 9)

@@ -41,28 +41,24 @@ class XDMFError(ContactError):
 
 @dataclass(frozen=True)
 class CellType:
-    """A cell type of XDMF: name of its topology, number in mixed grids, number of nodes.
-
-    `vtk` is VTK's number for it.
-    """
+    """A cell type of XDMF: name of its topology, number in mixed grids, number of nodes."""
 
     topology: str
     number: int
     vertices: int
-    vtk: int
 
 
 #: Names as dolfinx and the configuration use them, and of cells of second order with the number of
 #: their nodes; nodes in VTK's order.
 CELL_TYPES = {
-    "triangle": CellType("Triangle", 4, 3, 5),
-    "quadrilateral": CellType("Quadrilateral", 5, 4, 9),
-    "tetrahedron": CellType("Tetrahedron", 6, 4, 10),
-    "hexahedron": CellType("Hexahedron", 9, 8, 12),
-    "triangle6": CellType("Triangle_6", 36, 6, 22),
-    "quadrilateral9": CellType("Quadrilateral_9", 35, 9, 28),
-    "tetrahedron10": CellType("Tetrahedron_10", 38, 10, 24),
-    "hexahedron27": CellType("Hexahedron_27", 50, 27, 29),
+    "triangle": CellType("Triangle", 4, 3),
+    "quadrilateral": CellType("Quadrilateral", 5, 4),
+    "tetrahedron": CellType("Tetrahedron", 6, 4),
+    "hexahedron": CellType("Hexahedron", 9, 8),
+    "triangle6": CellType("Triangle_6", 36, 6),
+    "quadrilateral9": CellType("Quadrilateral_9", 35, 9),
+    "tetrahedron10": CellType("Tetrahedron_10", 38, 10),
+    "hexahedron27": CellType("Hexahedron_27", 50, 27),
 }
 
 #: XDMF's word for a value of so many components.
