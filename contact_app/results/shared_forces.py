@@ -6,7 +6,9 @@ forces is determined: every λ + t Δ with Rᵀ Δ = 0 that leaves the normal fo
 friction within its limits belongs to the same displacement. An edge that sticks on a rough floor
 and touches a wall is an example: the wall may press more if the friction of the floor pushes back.
 Where three bodies meet in a node of each, R has the components of all three: a brick may rest on
-two others with more friction if these press each other less.
+two others with more friction if these press each other less. A tie there is a row of R whose force
+has no limit: a brick may rest more on one of two tied blocks and less on the other, since the tie
+carries the difference, with friction or without.
 
 The displacement need not be unique, either,
 
@@ -30,6 +32,7 @@ from contact_app.results.undetermined import PRESSING
 from meshes.connected import connected
 from solver.contact.friction_points import AT_LIMIT
 from solver.contact.solution import Solution
+from solver.tfeti.constraints.conditions import ContactRows
 from solver.tfeti.dual import DualProblem
 
 Array = NDArray[np.float64]
@@ -57,11 +60,14 @@ class SharedForces:
         Range of the normal forces of these nodes over all normal forces of the contact.
     moves
         Whether the displacement depends on the division.
+    tied
+        Whether a tie takes part.
     """
 
     nodes: int
     shares: Array
     moves: bool
+    tied: bool = False
 
 
 @dataclass(frozen=True, eq=False)
@@ -74,6 +80,7 @@ class SharedNode:
         Their number.
     sources : (contacts,)
     normals, normal_forces : (contacts, nodes · d), (contacts,)
+        A row of a tie counts as a contact whose force is infinite: it has no limit.
     tangents, friction : (contacts, d - 1, nodes · d), (contacts, d - 1)
         Tangents are zero where there is no friction.
     coefficients, limits : (contacts,), (contacts,)
@@ -92,6 +99,11 @@ class SharedNode:
     rests: NDArray[np.bool_]
     nodes: int = 1
 
+    @property
+    def ties(self) -> NDArray[np.bool_]:
+        """Mask (contacts,) of rows of ties."""
+        return np.isinf(self.normal_forces)
+
     def ranges(self) -> Array:
         """Range of the normal forces, (contacts,): at least what one direction of Δ allows.
 
@@ -104,7 +116,7 @@ class SharedNode:
         left, sizes, _ = np.linalg.svd(rows[acts])
         ranges, null = np.zeros(count), left[:, int((sizes > DEPENDENT).sum()) :]
         place = np.cumsum(acts) - 1
-        for source in np.unique(self.sources):
+        for source in np.unique(self.sources[~self.ties]):
             pressing = np.flatnonzero(self.presses & (self.sources == source))
             change = np.zeros(len(rows))
             change[acts] = null @ null[place[pressing]].sum(axis=0)
@@ -119,7 +131,7 @@ class SharedNode:
         across = change[count:].reshape(-1, count).T
         falls = normal < 0.0
         reach = float((self.normal_forces[falls] / -normal[falls]).min(initial=np.inf))
-        limit = self.coefficients * self.normal_forces + self.limits
+        limit = self.coefficients * np.where(self.ties, 0.0, self.normal_forces) + self.limits
         growth = self.coefficients * normal
         a = (across**2).sum(axis=1) - growth**2
         b = 2.0 * ((self.friction * across).sum(axis=1) - growth * limit)
@@ -164,8 +176,11 @@ def shared_force_warnings(
             continue
         most = f"by {percent(share)}" if np.isfinite(share) else "without bound"
         too = ", and so may displacements" if shared.moves else ""
+        too += ", and so may the force of the tie" if shared.tied else ""
+        causes = {"friction": problem.friction.acts, "a tie": shared.tied}
+        why = " or ".join(cause for cause, acts in causes.items() if acts)
         yield (
-            f"{name}: {shared.nodes} nodes rest in several contacts, and friction allows other "
+            f"{name}: {shared.nodes} nodes rest in several contacts, and {why} allows other "
             "divisions of their force: the sum of the normal forces of this contact may differ "
             f"{most}{too}; the answer is one of several"
         )
@@ -179,30 +194,34 @@ def shared_forces(problem: DualProblem, solution: Solution, contacts: int) -> Sh
     contacts
         Number of contacts.
     """
-    if not problem.friction.acts:
+    comm = problem.comm
+    if not problem.friction.acts and not comm.allreduce(len(problem.shared.tied.nodes)):
         return SharedForces(0, np.zeros(contacts), False)
     normal = problem.contact.spread * solution.multiplier[problem.inequality]
-    sources, comm = problem.contact.sources, problem.comm
+    sources = problem.contact.sources
     least = PRESSING * comm.allreduce(float(normal.max(initial=0.0)), op=MPI.MAX)
     total = comm.allreduce(np.bincount(sources, np.maximum(normal, 0.0), contacts))
-    ranges, nodes, moves = np.zeros(contacts), 0, False
-    for node in _nodes(problem, solution, normal, least):
+    ranges, nodes, moves, tied = np.zeros(contacts), 0, False, False
+    for node in _nodes(problem, solution, normal, least, contacts):
         of_node = node.ranges()
-        ranges += np.bincount(node.sources, of_node, contacts)
+        ranges += np.bincount(node.sources, of_node, contacts)[:contacts]
+        tied = tied or bool(node.ties.any() and of_node.any())
         slides = (of_node != 0.0) & ~node.rests & (node.coefficients > 0.0)
         moves = moves or bool(slides.any()) or node.is_wedged()
         nodes += node.nodes * bool(of_node.any())
     nodes, ranges = comm.allreduce(nodes), comm.allreduce(ranges)
     shares = np.divide(ranges, total, out=np.zeros(contacts), where=total > 0.0)
-    return SharedForces(nodes, shares, comm.allreduce(moves, op=MPI.LOR))
+    moves, tied = (comm.allreduce(some, op=MPI.LOR) for some in (moves, tied))
+    return SharedForces(nodes, shares, moves, tied)
 
 
 def _nodes(
-    problem: DualProblem, solution: Solution, normal: Array, least: float
+    problem: DualProblem, solution: Solution, normal: Array, least: float, contacts: int
 ) -> Iterator[SharedNode]:
-    """The nodes in several contacts of which one has friction and another presses (collective).
+    """The nodes in several contacts of which one presses, with friction or a tie (collective).
 
-    The first rank has those of all ranks. Contacts with rigid bodies that move do not count.
+    The first rank has those of all ranks. Contacts with rigid bodies that move, and boundaries tied
+    to rigid bodies, do not count.
 
     Parameters
     ----------
@@ -210,19 +229,26 @@ def _nodes(
         Normal forces.
     least
         Force above which a contact presses or holds; zero if nothing presses on any rank.
+    contacts
+        Number of contacts; ties are counted from there on.
     """
     if least == 0.0:
         return
     contact, comm, d = problem.contact, problem.comm, problem.dimension
-    points, table = _Points.of(problem, solution, normal, least), _table(problem)
-    row, node = table[:2].astype(np.int64)
+    points = _Points.of(problem, solution, normal, least)
     acts = (points.presses | points.rests) & ~contact.on_rigid
+    tied = _ties_at(problem.shared.tied, contact.of(acts), comm)
+    points = _Points.joined([points, _Points.of_ties(tied, contacts)])
+    table = _table(problem, tied)
+    row, node = table[:2].astype(np.int64)
+    acts = np.concatenate([acts, np.ones(len(tied.nodes), bool)])
     row, node, table = (x[..., acts[row // d]] for x in (row, node, table))
     # a row with one node counts by itself, the rows of a contact between bodies once at each node
-    by = np.where(contact.wide, contact.sources, -1 - np.arange(len(contact.nodes)))
+    wide = np.concatenate([contact.wide, np.ones(len(tied.nodes), bool)])
+    by = np.where(wide, points.sources, -1 - np.arange(len(points.sources)))
     pairs = np.unique(np.hstack(comm.allgather(np.stack([node, by[row // d]]))), axis=1)
-    nodes, contacts = np.unique(pairs[0], return_counts=True)
-    chosen = np.unique(row[np.isin(node, nodes[contacts > 1])] // d)
+    nodes, touching = np.unique(pairs[0], return_counts=True)
+    chosen = np.unique(row[np.isin(node, nodes[touching > 1])] // d)
     of_chosen = np.isin(row // d, chosen)
     row, table = row[of_chosen], table[:, of_chosen]
     table[0] = np.searchsorted(chosen, row // d) * d + row % d
@@ -238,7 +264,7 @@ def _nodes(
 
 @dataclass(frozen=True, eq=False)
 class _Points:
-    """Contact rows with the state of their friction; arrays (rows, …).
+    """Contact rows with the state of their friction, and rows of ties; arrays (rows, …).
 
     Attributes
     ----------
@@ -260,7 +286,9 @@ class _Points:
     def of(cls, problem: DualProblem, solution: Solution, normal: Array, least: float) -> _Points:
         """The contact rows of this rank; parameters as of `_nodes`."""
         points, contact, multiplier = problem.friction, problem.contact, solution.multiplier
-        residual = problem.residual(problem.on_interface(solution.displacements))
+        residual = np.zeros(problem.size)
+        if points.acts:
+            residual = problem.residual(problem.on_interface(solution.displacements))
         still = solution.tolerance * solution.measures.displacement
         slides = points.sizes(points.slips(residual)) > still
         rests = (points.slip_limits(multiplier) > least) & ~slides
@@ -273,6 +301,16 @@ class _Points:
         return cls(
             contact.nodes, contact.sources, normal, friction[:count], coefficients, limits,
             normal > least, resting > 0.0,
+        )  # fmt: skip
+
+    @classmethod
+    def of_ties(cls, tied: ContactRows, contacts: int) -> _Points:
+        """Rows of ties as contacts without friction that press with an infinite force."""
+        count, d = tied.normals.shape
+        none, no = np.zeros(count), np.zeros(count, bool)
+        return cls(
+            tied.nodes, contacts + tied.sources, none + np.inf, np.zeros((count, d - 1)), none,
+            none, ~no, no,
         )  # fmt: skip
 
     def at(self, rows: NDArray[np.int64]) -> _Points:
@@ -293,27 +331,54 @@ def _directions(of_row: NDArray[np.int64]) -> NDArray[np.int64]:
     return numbers
 
 
-def _table(problem: DualProblem) -> Array:
+def _ties_at(tied: ContactRows, contact: ContactRows, comm: MPI.Intracomm) -> ContactRows:
+    """Rows of ties of bodies with entries at nodes of contact rows of any rank (collective)."""
+    nodes = np.unique(np.concatenate([contact.entries.node, contact.held.node]))
+    meets = np.isin(tied.entries.node, np.concatenate(comm.allgather(nodes)))
+    some = np.zeros(len(tied.nodes), bool)
+    some[tied.entries.row[meets]] = True
+    return tied.of(some & ~tied.on_rigid)
+
+
+def _table(problem: DualProblem, tied: ContactRows) -> Array:
     """Entries of the forces of contact rows on nodes for multipliers of one, (4, entries).
 
-    Their numbers (d for each contact row: that of its normal, then those of its tangents), nodes,
-    components and values.
+    Their numbers (d for each contact row, then for each row of a tie: that of its normal, then
+    those of its tangents), nodes, components and values.
     """
     d, rough = problem.dimension, problem.shared.friction
     of_row = rough.places(problem.contact)
     tangents = np.where(of_row < 0, -1, of_row * d + 1 + _directions(of_row))
-    normals = np.arange(len(problem.contact.nodes)) * d
+    count = len(problem.contact.nodes)
+    normals, ties = np.arange(count) * d, (count + np.arange(len(tied.nodes))) * d
     parts = [
         np.stack([number[part.row], part.node, part.component, -part.value])
-        for rows, number in ((problem.contact, normals), (rough.rows, tangents))
+        for rows, number in ((problem.contact, normals), (rough.rows, tangents), (tied, ties))
         for part in (rows.entries, rows.held)
     ]
     table = np.hstack(parts)
     return np.asarray(table[:, (np.abs(table[3]) > DEPENDENT) & (table[0] >= 0)])
 
 
+def _without_lone_ties(table: Array, tied: NDArray[np.bool_], d: int) -> Array:
+    """The entries without rows of ties that act on a component of a node alone.
+
+    No other force balances theirs. So most rows of a tie go, and few places are joined.
+    """
+    while True:
+        row, node, component = table[:3].astype(np.int64)
+        _, place, count = np.unique(node * d + component, return_inverse=True, return_counts=True)
+        lone = np.zeros(len(tied) * d, bool)
+        lone[row[count[place] == 1]] = True
+        gone = lone[row] & tied[row // d]
+        if not gone.any():
+            return table
+        table = table[:, ~gone]
+
+
 def _groups(table: Array, points: _Points, d: int) -> Iterator[SharedNode]:
-    """The nodes that rows join, where one presses and one rests."""
+    """The nodes that rows join, where one presses, and one rests or is tied."""
+    table = _without_lone_ties(table, np.isinf(points.normal_forces), d)
     row, node, component = table[:3].astype(np.int64)
     _, node = np.unique(node, return_inverse=True)
     count = len(points.sources)
@@ -322,7 +387,9 @@ def _groups(table: Array, points: _Points, d: int) -> Iterator[SharedNode]:
         rows = np.flatnonzero(label[:count] == group)
         nodes = np.flatnonzero(label[count:] == group)
         some = points.at(rows)
-        if not (some.presses.any() and some.rests.any()) or len(rows) > MOST:
+        tied = np.isinf(some.normal_forces)
+        one = (some.presses & ~tied).any() and (some.rests | tied).any()
+        if not one or len(rows) > MOST:
             continue
         forces = np.zeros((len(rows), d, len(nodes), d))
         of = np.flatnonzero(label[row // d] == group)

@@ -12,6 +12,7 @@ from contact_app.results.shared_forces import SharedNode
 from contact_app.run.increments import SolvedIncrement, solved_increments
 from contact_app.run.solve import solve_scene
 from tests import scenes
+from tests.comparison import solve
 from tests.stability.friction_scenes import history_scene
 
 X, Y, Z = np.eye(3)
@@ -60,6 +61,56 @@ def test_friction_across_an_edge_may_hold_a_node_that_could_slide(
         friction=np.array([[0.0, along], [0.0, 0.0]]),
     )  # fmt: skip
     assert node.is_wedged() == wedged
+
+
+def test_a_tie_without_limit_moves_the_force_from_one_block_to_the_other() -> None:
+    """A brick, first node, rests on two tied blocks, the others: either may carry all of it."""
+    down = np.array([0.0, -1.0])
+    none = np.zeros(2)
+    node = SharedNode(
+        sources=np.array([0, 1, 2]),
+        normals=np.stack([np.concatenate(row) for row in
+                          ([-down, down, none], [-down, none, down], [none, -down, down])]),
+        normal_forces=np.array([10.0, 2.0, np.inf]),
+        tangents=np.zeros((3, 1, 6)), friction=np.zeros((3, 1)),
+        coefficients=np.zeros(3), limits=np.zeros(3),
+        presses=np.ones(3, bool), rests=np.zeros(3, bool),
+    )  # fmt: skip
+    assert node.ranges() == pytest.approx([12.0, 12.0, 0.0])
+
+
+def _on_one_floor(cells: tuple[int, int], method: str) -> tuple[list[float], str]:
+    """Vertical forces of two tied blocks on a floor without friction, and the warnings."""
+    bodies = [scenes.block("quadrilateral", n, name, (k, 0, 0), (k + 1, 1, 1), 1e3 / (k + 1))
+              for k, (n, name) in enumerate(zip(cells, "ab", strict=True))]  # fmt: skip
+    loads = [*({"on": f"{name}.y+", "traction": [0.0, -20.0]} for name in "ab"),
+             {"on": "a.x-", "displacement": [0.0, None]}]  # fmt: skip
+    floor = {"plane": {"point": [0, 0], "normal": [0, 1]}}
+    contacts = [{"on": "b.x-", "against": "a.x+", "tied": True},
+                *({"on": f"{name}.y-", "obstacle": floor} for name in "ab")]  # fmt: skip
+    made = scenes.config("quadrilateral", bodies, loads, contacts)
+    answer = solve(made, method=method, tolerance=1e-9)
+    assert answer.solution.certificate.passed
+    records = answer.summary["contacts"][1:]
+    warnings = answer.summary["certificate"]["warnings"]
+    return [record["force"][1] for record in records], " ".join(
+        w for w in warnings if "several" in w
+    )
+
+
+def test_a_tie_that_reaches_a_floor_shares_its_force() -> None:
+    """Two nodes at one place press the floor: statics leave open which of them, and methods differ.
+
+    If `on` has the coarser mesh, the row of the tie there has further nodes, off the floor.
+    """
+    (one, first), (other, second) = (_on_one_floor((4, 4), m) for m in ("active-set", "primal"))
+    assert abs(other[0] / one[0] - 1.0) > 0.01
+    for warning in (first, second):
+        assert "contacts[1]: 2 nodes rest in several contacts, and a tie allows" in warning
+        assert "so may the force of the tie" in warning
+    (one, first), (other, second) = (_on_one_floor((5, 4), m) for m in ("active-set", "primal"))
+    assert other == pytest.approx(one, rel=1e-5)
+    assert first == second == ""
 
 
 def _solved(subdomains: int) -> list[SolvedIncrement]:
