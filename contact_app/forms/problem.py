@@ -43,7 +43,7 @@ from contact_app.forms.warnings import FormAnswer, form_warnings
 from contact_app.machine.environment import slow_blas_warning
 from contact_app.machine.timings import Timings
 from contact_app.model.normal_forces import NormalForces
-from contact_app.results.friction import friction_at_rows
+from contact_app.results.division import loads_of_rows
 from contact_app.run.fallback import FAILURES, failure_text
 from meshes import dolfinx_compat
 from solver.contact.certificate import Certificate
@@ -268,9 +268,11 @@ class ContactProblem:
             displacement = Owners.of_subdomains(model).mean(copies)
             on_space, owners = OnSpace(parts, model.exchange), Owners.of_parts(model)
             self.u.x.array[:] = on_space.values(displacement).ravel()
-            rough = friction_at_rows(model.problem, solution)
+            problem = model.problem
+            force = solution.multiplier[problem.inequality] * problem.contact.spread
+            loads = loads_of_rows(problem, solution, force)
             at_nodes = [
-                contact_at_nodes(model, solution, owners, rough, i, planes)
+                contact_at_nodes(model, solution, owners, loads, i, planes)
                 for i, planes in enumerate(planes_of_contacts(model, owners, self.bcs))
             ]
             answer = FormAnswer(

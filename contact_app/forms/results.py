@@ -16,8 +16,9 @@ from contact_app.machine.environment import environment
 from contact_app.machine.timings import Timings
 from contact_app.model.normal_forces import NormalForces
 from contact_app.results.contact_side import ContactSide
-from contact_app.results.friction import FrictionAtRows, dissipated_work, of_most_pressed
-from contact_app.results.pressure import NodesInContact
+from contact_app.results.division import ContactLoads
+from contact_app.results.friction import dissipated_work, of_most_pressed
+from contact_app.results.pressure import NodesInContact, nodes_of_side
 from contact_app.results.reactions import add_contact
 from contact_app.results.resultants import joined, summed
 from contact_app.results.smoothed_pressure import AT_PLANE, smoothed_on
@@ -113,7 +114,7 @@ def contact_at_nodes(
     model: FormModel,
     solution: Solution,
     owners: Owners,
-    rough: FrictionAtRows,
+    loads: ContactLoads,
     number: int,
     planes: Sequence[tuple[int, float]],
 ) -> ContactAtNodes:
@@ -121,57 +122,25 @@ def contact_at_nodes(
 
     Parameters
     ----------
-    rough
-        Friction at the contact rows.
+    loads
+        Forces of all contact rows.
     planes
         Axis and place of planes of symmetry at which the contact goes on.
     """
-    problem, rows, d = model.problem, model.problem.contact, model.parts.dimension
-    side = _side_of(model, owners, number)
-    of_contact = rows.sources == number
-    at = rows.nodes[of_contact] - model.exchange.first
-    force = (solution.multiplier[problem.inequality] * rows.spread)[of_contact]
-    jump = problem.residual(problem.on_interface(solution.displacements))[problem.inequality]
-    area = np.where(np.isnan(rows.areas[of_contact]), side.shares[at], rows.areas[of_contact])
-
-    def at_owned(values: Array) -> Array:
-        result = np.zeros((owners.count, *values.shape[1:]))
-        result[at] = values
-        return result
-
-    closed = force > 0.0
-    gap = np.full(owners.count, np.nan)
-    np.fmin.at(gap, at, (-jump / rows.spread)[of_contact])
+    problem, rows = model.problem, model.problem.contact
+    side, of_contact = _side_of(model, owners, number), rows.sources == number
     between = model.contacts[number].against is not None
     at_nodes = not between and not in_the_mean(model.parts)
-    pressure, traction, covered = side.pressures(
-        rows.of(of_contact), area, np.column_stack([force, rough.forces[of_contact]]), at_nodes,
-        between,
-    )  # fmt: skip
+    carriers = (side.shares if at_nodes else side.areas) > 0.0
+    nodes, covered, _ = nodes_of_side(side, loads, number, (at_nodes, between, None), carriers)
+    jump = problem.residual(problem.on_interface(solution.displacements))[problem.inequality]
+    gap = np.full(owners.count, np.nan)
+    at = rows.nodes[of_contact] - model.exchange.first
+    np.fmin.at(gap, at, (-jump / rows.spread)[of_contact])
     if side.degree == 2 and not at_nodes:
         gap = side.at_all_nodes(gap)
-    vectors = rough.forces[of_contact]
-    vectors[:, :d] += force[:, None] * rows.normals[of_contact]
-    moments = force[:, None] * rows.moments[of_contact] + rough.moments[of_contact]
-    smoothed = _smoothed(model, side, number, (pressure, covered), at_nodes, planes)
-    masks = {
-        "closed": closed, "sticks": rough.sticks[of_contact], "rubs": rough.rubs[of_contact],
-    }  # fmt: skip
-    return ContactAtNodes(
-        nodes=side.owned,
-        pressure=pressure,
-        smoothed=smoothed,
-        shares=side.shares,
-        carriers=side.shares > 0.0 if at_nodes else side.areas > 0.0,
-        areas=at_owned(np.where(closed, area, 0.0)),
-        forces=at_owned(vectors),
-        moments=at_owned(moments),
-        traction=traction,
-        slips=at_owned(rough.slips[of_contact]),
-        gap=gap,
-        planes=planes,
-        **{name: at_owned(mask.astype(float)) > 0.0 for name, mask in masks.items()},
-    )
+    smoothed = _smoothed(model, side, number, (nodes.pressure, covered), at_nodes, planes)
+    return ContactAtNodes(**{**vars(nodes), "smoothed": smoothed}, gap=gap, planes=planes)
 
 
 def _side_of(model: FormModel, owners: Owners, number: int) -> ContactSide:

@@ -19,6 +19,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,12 +27,12 @@ from numpy.typing import NDArray
 from contact_app.model.averaged_rows import has_averaged_rows
 from contact_app.model.candidates import NEARLY_PARALLEL
 from contact_app.model.model import Model
-from contact_app.results.friction import friction_at_rows
 from contact_app.results.seams import smooth_forces
 from contact_app.results.surface_nodes import SurfaceNodes
 from meshes.connected import connected
 from solver.contact.solution import Solution
 from solver.tfeti.constraints.conditions import ContactRows, pairs_at_nodes, unit_rows
+from solver.tfeti.dual import DualProblem
 
 Array = NDArray[np.float64]
 
@@ -97,31 +98,59 @@ def contact_loads(model: Model, solution: Solution, surface: SurfaceNodes) -> Co
     )
     rows = ContactRows.join(parts)  # in this order
     touches = order < len(contact.nodes)
-    force = np.zeros(len(order))
-    force[touches] = forces[order[touches]]
-    vectors = np.zeros((len(order), 3))
-    vectors[:, : model.scene.dimension] = force[:, None] * rows.normals
-    rough = friction_at_rows(problem, solution)
-    friction, turned, slips = np.zeros((3, len(order), 3))
-    sticks, rubs = np.zeros((2, len(order)), bool)
-    for target, values in (
-        (friction, rough.forces), (turned, rough.moments), (slips, rough.slips),
-        (sticks, rough.sticks), (rubs, rough.rubs),
-    ):  # fmt: skip
-        target[touches] = values[order[touches]]
+    loads = loads_of_rows(problem, solution, forces)
+
+    def padded(values: NDArray[Any]) -> NDArray[Any]:
+        result = np.zeros((len(order), *values.shape[1:]), values.dtype)
+        result[touches] = values[order[touches]]
+        return result
+
     loads = ContactLoads(
-        rows.sources, rows.nodes, force, vectors + friction,
-        force[:, None] * rows.moments + turned, rows.areas, friction, slips, sticks,
-        rubs, rows,
+        rows.sources, rows.nodes, padded(loads.force), padded(loads.vectors),
+        padded(loads.moments), rows.areas, padded(loads.friction), padded(loads.slips),
+        padded(loads.sticks), padded(loads.rubs), rows,
     )  # fmt: skip
-    label = _together(
-        rows, touches, force, TIED * model.geometry.length, _rigid_bodies(model, rows)
-    )
+    tied = TIED * model.geometry.length
+    label = _together(rows, touches, loads.force, tied, _rigid_bodies(model, rows))
     if model.comm.allreduce(int((label >= 0).sum())):
         loads = _divided(model, surface, loads, label)
     members = touches | (loads.force > 0.0)
     fields = {name: values[members] for name, values in loads.__dict__.items() if name != "rows"}
     return ContactLoads(**fields, rows=rows.of(members))
+
+
+def loads_of_rows(problem: DualProblem, solution: Solution, force: Array) -> ContactLoads:
+    """The forces of the contact rows of this rank, with their friction.
+
+    The friction force on the body of `on` is -Σ λ_k t_k over the tangents t_k of a point, its slip
+    Σ w_k t_k is its displacement along the other side. A point with friction sticks whose force is
+    below its limit, or nearly at it without a slip.
+
+    Parameters
+    ----------
+    force : (rows,)
+        Normal forces.
+    """
+    rows, d = problem.contact, problem.dimension
+    vectors, friction, slips = np.zeros((3, len(force), 3))
+    sticks, rubs = np.zeros((2, len(force)), bool)
+    points, tangents = problem.friction, problem.shared.friction
+    place, normals = tangents.places(rows), tangents.rows.normals
+    along = points.forces(solution.multiplier)
+    slip = points.slips(problem.residual(problem.on_interface(solution.displacements)))
+    moments = force[:, None] * rows.moments
+    np.add.at(friction[:, :d], place, along[:, None] * normals)
+    np.add.at(moments, place, along[:, None] * tangents.rows.moments)
+    np.add.at(slips[:, :d], place, -slip[:, None] * normals)
+    still = solution.tolerance * solution.measures.displacement
+    rests = ~points.sliding(solution.multiplier)[points.rows[points.first]]
+    sticks[place] = (rests | (points.sizes(slip) <= still))[points.point]
+    rubs[place] = ((points.limits > 0.0) & (points.sizes(along) > 0.0))[points.point]
+    vectors[:, :d] = force[:, None] * rows.normals
+    return ContactLoads(
+        rows.sources, rows.nodes, force, vectors + friction, moments, rows.areas, friction, slips,
+        sticks, rubs, rows,
+    )  # fmt: skip
 
 
 def _rigid_bodies(model: Model, rows: ContactRows) -> NDArray[np.int64]:

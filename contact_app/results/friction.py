@@ -1,7 +1,4 @@
-"""Friction of an answer at its contact rows: forces, slips and sticking points.
-
-The force on the body of `on` is -Σ λ_k t_k over the tangents t_k of a point, its slip Σ w_k t_k is
-its displacement along the other side.
+"""Friction of an answer: its work, its fields at nodes, and the points that close.
 
 The slip limit of a point changes from s' = μ λ_n' + s₀ at the begin of an increment to
 s = μ λ_n + s₀ at its end, and friction dissipates
@@ -17,7 +14,6 @@ friction under a load that is applied at once.
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -30,47 +26,6 @@ from solver.contact.solution import Solution
 from solver.tfeti.dual import DualProblem
 
 Array = NDArray[np.float64]
-
-
-@dataclass(frozen=True, eq=False)
-class FrictionAtRows:
-    """Friction at the contact rows of this rank, in row order; zero where there is none.
-
-    Attributes
-    ----------
-    forces, moments : (rows, 3)
-        On the body of `on`, and about the node.
-    slips : (rows, 3)
-    sticks : (rows,)
-        Mask of points with friction whose force is below its limit, or nearly at it without a slip.
-    rubs : (rows,)
-        Mask of points with a friction force of a given limit, which also acts at open points.
-    """
-
-    forces: Array
-    moments: Array
-    slips: Array
-    sticks: NDArray[np.bool_]
-    rubs: NDArray[np.bool_]
-
-
-def friction_at_rows(problem: DualProblem, solution: Solution) -> FrictionAtRows:
-    """Friction of an answer."""
-    count, d = len(problem.contact.nodes), problem.dimension
-    forces, moments, slips = np.zeros((3, count, 3))
-    sticks, rubs = np.zeros((2, count), bool)
-    points, rows = problem.friction, problem.shared.friction
-    place, normals = rows.places(problem.contact), rows.rows.normals
-    force = points.forces(solution.multiplier)
-    slip = points.slips(problem.residual(problem.on_interface(solution.displacements)))
-    np.add.at(forces[:, :d], place, force[:, None] * normals)
-    np.add.at(moments, place, force[:, None] * rows.rows.moments)
-    np.add.at(slips[:, :d], place, -slip[:, None] * normals)
-    still = solution.tolerance * solution.measures.displacement
-    rests = ~points.sliding(solution.multiplier)[points.rows[points.first]]
-    sticks[place] = (rests | (points.sizes(slip) <= still))[points.point]
-    rubs[place] = ((points.limits > 0.0) & (points.sizes(force) > 0.0))[points.point]
-    return FrictionAtRows(forces, moments, slips, sticks, rubs)
 
 
 def of_most_pressed(

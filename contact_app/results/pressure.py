@@ -6,6 +6,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -131,44 +132,67 @@ def _in_contact(
     )
     side = side_of(model, surface, touching)
     on = _on_boundary(model, surface, touching, side) if at_nodes else side.facets_of_node > 0.0
-    chosen = loads.sources == number
-    of_contact = np.flatnonzero(chosen)
-    at = np.searchsorted(surface.owned, loads.nodes[of_contact])
-    force, area = loads.force[of_contact], loads.areas[of_contact]
-    area = np.where(np.isnan(area), side.shares[at], area)
-    loaded = force > 0.0
-    usable = loaded & (area > 0.0)
+    carriers = on if at_nodes else side.areas > 0.0
+    between, folded = isinstance(touching, BodyContact), _folded(model, touching, side.points)
+    of_owned, covered, lost = nodes_of_side(
+        side, loads, number, (at_nodes, between, folded), carriers
+    )
+    nodes = NodesInContact(**{name: values[on] for name, values in vars(of_owned).items()})
+    fitted = nodes.pressure, nodes.shares, covered[on]
+    smoothed = smoothed_pressure(model, number, nodes.nodes, fitted)
+    return replace(nodes, smoothed=smoothed), lost
 
-    def at_owned(rows: NDArray[np.bool_], values: Array) -> Array:
-        result = np.zeros((len(surface.owned), *values.shape[1:]))
-        result[at[rows]] = values
+
+def nodes_of_side(
+    side: ContactSide,
+    loads: ContactLoads,
+    number: int,
+    law: tuple[bool, bool, NDArray[np.bool_] | None],
+    carriers: NDArray[np.bool_],
+) -> tuple[NodesInContact, Array, int]:
+    """One contact at all nodes that this rank owns, without a smoothed pressure (collective).
+
+    Parameters
+    ----------
+    law
+        `at_nodes`, `between` and `folded` of `ContactSide.pressures`.
+    carriers : (owned,)
+        Mask of nodes at which the contact law is enforced.
+
+    Returns
+    -------
+    nodes, covered, lost
+        The contact, the covered shares (owned,), and the number of its rows with force but no area.
+    """
+    chosen = loads.sources == number
+    at = np.searchsorted(side.owned, loads.nodes[chosen])
+    force, area = loads.force[chosen], loads.areas[chosen]
+    area = np.where(np.isnan(area), side.shares[at], area)
+    loaded, usable = force > 0.0, (force > 0.0) & (area > 0.0)
+
+    def at_owned(values: NDArray[Any]) -> NDArray[Any]:
+        result = np.zeros((len(side.owned), *values.shape[1:]), values.dtype)
+        result[at] = values
         return result
 
-    every = np.ones(len(of_contact), bool)
-    pressure, traction, covered = side.pressures(
-        loads.rows.of(chosen), area, np.column_stack([force, loads.friction[of_contact]]), at_nodes,
-        isinstance(touching, BodyContact), _folded(model, touching, side.points),
-    )  # fmt: skip
-    carriers = on if at_nodes else side.areas > 0.0
-    of_owned = NodesInContact(
-        nodes=surface.owned,
+    forces = np.column_stack([force, loads.friction[chosen]])
+    pressure, traction, covered = side.pressures(loads.rows.of(chosen), area, forces, *law)
+    nodes = NodesInContact(
+        nodes=side.owned,
         pressure=pressure,
         smoothed=np.zeros_like(pressure),
         shares=side.shares,
         carriers=carriers,
-        closed=at_owned(loaded, force[loaded]) > 0.0,
-        areas=at_owned(usable, area[usable]),
-        forces=at_owned(every, loads.vectors[of_contact]),
-        moments=at_owned(every, loads.moments[of_contact]),
+        closed=at_owned(loaded),
+        areas=at_owned(np.where(usable, area, 0.0)),
+        forces=at_owned(loads.vectors[chosen]),
+        moments=at_owned(loads.moments[chosen]),
         traction=traction,
-        slips=at_owned(every, loads.slips[of_contact]),
-        sticks=at_owned(every, loads.sticks[of_contact].astype(float)) > 0.0,
-        rubs=at_owned(every, loads.rubs[of_contact].astype(float)) > 0.0,
+        slips=at_owned(loads.slips[chosen]),
+        sticks=at_owned(loads.sticks[chosen]),
+        rubs=at_owned(loads.rubs[chosen]),
     )
-    nodes = NodesInContact(**{name: values[on] for name, values in of_owned.__dict__.items()})
-    fitted = nodes.pressure, nodes.shares, covered[on]
-    smoothed = smoothed_pressure(model, number, nodes.nodes, fitted)
-    return replace(nodes, smoothed=smoothed), int((loaded & ~usable).sum())
+    return nodes, covered, int((loaded & ~usable).sum())
 
 
 def node_gaps(model: Model, solution: Solution, surface: SurfaceNodes, far: Array) -> Array:
