@@ -12,8 +12,8 @@ n across the contact.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 
 import numpy as np
 from mpi4py import MPI
@@ -31,50 +31,64 @@ from contact_app.scene.conditions import Contact
 from meshes.quadratic import FACETS
 from solver.contact.solution import Solution
 
-ENTERED = 1e-2
-"""Depth of nodes next to a contact in an obstacle, over the displacement, that causes a warning."""
 
-BETWEEN = 0.1
-"""Depth of a round obstacle between nodes, over the largest displacement, from which on a warning
-follows. Under Hertz's ball on facets of size h it is h²/(8a²) of the approach, a the radius of
-contact."""
+@dataclass(frozen=True)
+class ContactLimits:
+    """Limits of the warnings on contacts.
 
-FLAT = 1e-9
-"""Thickness of a boundary, over its size, up to which it counts as flat."""
+    Attributes
+    ----------
+    entered
+        Depth of nodes next to a contact in an obstacle, over the displacement, that causes a
+        warning.
+    between
+        Depth of a round obstacle between nodes, over the largest displacement, from which on a
+        warning follows. Under Hertz's ball on facets of size h it is h²/(8a²) of the approach, a
+        the radius of contact.
+    flat
+        Thickness of a boundary, over its size, up to which it counts as flat.
+    unpressed_depth
+        Limit for that depth in runs to an accuracy if the obstacle presses no node. Without a
+        force, the depth alone decides.
+    concentrated
+        Number of nodes in contact, by dimension, up to which their force counts as concentrated.
+    facets_across
+        Facets across a contact times the variation of its pressure within them.
+    fewest_facets
+        Facets across a contact below which its pressure is that of the mesh: with 2.6 across
+        Hertz's ellipse of a ball between grooves the largest is 80 % too high.
+    long
+        Largest `PressedFacets.across` over the number of facets across the narrow side of an
+        ellipse: 3π/4 if it is very long.
+    enough_facets
+        Facets across the narrow side of a contact from which on its largest pressure is not warned
+        of: it is within 4 % of Hertz's.
+    peak_error, order
+        Largest error of the largest smoothed pressure of Hertz's contact with three facets across,
+        and the power of their number with which it falls: of balls and rollers at random positions
+        on meshes of all kinds of cells, and of half and quarter models of degree 1, none had a
+        larger one (`python -m contact_app.studies.peak_draws --seed 11`, also `--half`). The worst
+        are hexahedra, 19 % too low with 3.48 facets, and tetrahedra of degree 2, 69 % too low with
+        1.9.
+    reaches
+        Distance of a contact from a plane of symmetry, over its size, up to which it reaches it.
+    """
 
-UNPRESSED_DEPTH = 1e-2
-"""Limit for that depth in runs to an accuracy if the obstacle presses no node.
+    entered: float = 0.01
+    between: float = 0.1
+    flat: float = 1e-9
+    unpressed_depth: float = 0.01
+    concentrated: Mapping[int, float] = field(default_factory=lambda: {2: 1, 3: 3})
+    facets_across: Mapping[int, float] = field(default_factory=lambda: {2: 8.0 / np.pi, 3: 6.0})
+    fewest_facets: float = 3.0
+    long: float = 2.5
+    enough_facets: float = 6.0
+    peak_error: float = 0.29
+    order: float = 2.6
+    reaches: float = 1e-6
 
-Without a force, the depth alone decides.
-"""
 
-CONCENTRATED = {2: 1, 3: 3}
-"""Number of nodes in contact, by dimension, up to which their force counts as concentrated."""
-
-FACETS_ACROSS = {2: 8.0 / np.pi, 3: 6.0}
-"""Facets across a contact times the variation of its pressure within them."""
-
-FEWEST_FACETS = 3.0
-"""Facets across a contact below which its pressure is that of the mesh: with 2.6 across Hertz's
-ellipse of a ball between grooves the largest is 80 % too high."""
-
-LONG = 2.5
-"""Largest `PressedFacets.across` over the number of facets across the narrow side of an ellipse:
-3π/4 if it is very long."""
-
-ENOUGH_FACETS = 6.0
-"""Facets across the narrow side of a contact from which on its largest pressure is not warned of:
-it is within 4 % of Hertz's."""
-
-PEAK_ERROR, ORDER = 0.29, 2.6
-"""Largest error of the largest smoothed pressure of Hertz's contact with three facets across, and
-the power of their number with which it falls: of balls and rollers at random positions on meshes of
-all kinds of cells, and of half and quarter models of degree 1, none had a larger one
-(`python -m contact_app.studies.peak_draws --seed 11`, also `--half`). The worst are hexahedra, 19 %
-too low with 3.48 facets, and tetrahedra of degree 2, 69 % too low with 1.9."""
-
-REACHES = 1e-6
-"""Distance of a contact from a plane of symmetry, over its size, up to which it reaches it."""
+LIMITS = ContactLimits()
 
 
 def entered_beside(model: Model, solution: Solution, number: int) -> tuple[int, float]:
@@ -88,7 +102,7 @@ def entered_beside(model: Model, solution: Solution, number: int) -> tuple[int, 
     body, count, depth = scene.bodies[contact.body], 0, 0.0
     if contact.boundary in body.boundaries and contact.obstacle.curvature_radius is None:
         return count, depth
-    least = ENTERED * solution.measures.deformations[contact.body]
+    least = LIMITS.entered * solution.measures.deformations[contact.body]
     for s, (cls, column) in zip(model.partition.subdomains, model.place, strict=True):
         if s.body != contact.body:
             continue
@@ -178,7 +192,7 @@ def depth_between(
 def _flat(points: NDArray[np.float64]) -> bool:
     """Whether facets (n, nodes, d) lie in one plane across an axis."""
     size = np.ptp(points, axis=(0, 1))
-    return bool(size.min() <= FLAT * size.max())
+    return bool(size.min() <= LIMITS.flat * size.max())
 
 
 def coarse_contact(model: Model, solution: Solution, nodes: NodeFields) -> float:
@@ -209,7 +223,7 @@ def coarse_contact(model: Model, solution: Solution, nodes: NodeFields) -> float
         width = np.pi / 8.0 if scene.dimension == 2 else _facet_size(model, contact)
         square += forces[number] * depth / max(across[number], 1.0) ** 2
         square += young * width * depth**2
-        if pressed[number] <= CONCENTRATED[scene.dimension]:
+        if pressed[number] <= LIMITS.concentrated[scene.dimension]:
             square += forces[number] ** 2 / (2.0 * young * width)
     return float(square)
 
@@ -227,7 +241,7 @@ def _facet_size(model: Model, contact: Contact) -> float:
 
 
 def slipped_through(
-    model: Model, solution: Solution, unpressed_depth: float = BETWEEN
+    model: Model, solution: Solution, unpressed_depth: float = LIMITS.between
 ) -> list[str]:
     """Sentences on contacts whose obstacle passes between the nodes (collective).
 
@@ -245,7 +259,7 @@ def slipped_through(
     for number, contact in enumerate(scene.contacts):
         depth = entered_between(model, solution, number)
         moved = float(solution.measures.deformations[contact.body])
-        if depth > (BETWEEN if pressed_nodes[number] else unpressed_depth) * moved:
+        if depth > (LIMITS.between if pressed_nodes[number] else unpressed_depth) * moved:
             body = scene.bodies[contact.body]
             text = between_nodes(depth, moved, body.name, has_averaged_rows(body))
             warnings.append(f"{contact.source}: {text}")
@@ -298,7 +312,7 @@ class PressedFacets:
         p = self.pressure
         sums = self.areas @ np.stack([np.ptp(p, axis=1), p.mean(axis=1)], axis=1)
         varying, total = comm.allreduce(sums)
-        return FACETS_ACROSS[dimension] * total / varying if varying > 0.0 else np.inf
+        return LIMITS.facets_across[dimension] * total / varying if varying > 0.0 else np.inf
 
     def across_narrow_side(self, comm: MPI.Intracomm, dimension: int) -> float:
         """Approximate number of facets across the narrow side of the contact.
@@ -310,7 +324,7 @@ class PressedFacets:
         if dimension == 2:
             return across
         narrow = min(self.along_axes(comm))
-        return min(across, narrow) if across < LONG * narrow else across
+        return min(across, narrow) if across < LIMITS.long * narrow else across
 
     def along_axes(self, comm: MPI.Intracomm) -> tuple[float, ...]:
         """Approximate number of facets along each axis of a contact in space; ∞ without a pressure.
@@ -330,7 +344,7 @@ class PressedFacets:
         off = self.corners[loaded, :, axis] - place
         ends = off.min(initial=np.inf), -off.max(initial=-np.inf)
         least, most = (comm.allreduce(float(end), op=MPI.MIN) for end in ends)
-        near = REACHES * max(abs(least), abs(most))
+        near = LIMITS.reaches * max(abs(least), abs(most))
         return min(abs(least), abs(most)) <= near and np.isfinite(least)
 
 
@@ -356,20 +370,20 @@ def coarse_pressure(facets: PressedFacets, comm: MPI.Intracomm, dimension: int) 
     """
     across = facets.across(comm, dimension)
     narrow = facets.across_narrow_side(comm, dimension)
-    if across < FEWEST_FACETS:
+    if across < LIMITS.fewest_facets:
         return (
             "the pressure varies within single facets: only about "
             f"{max(across, 1.0):.0f} across carry the contact; the largest pressure depends on "
             f"the mesh, {_smoothed_too(across)}; use smaller cells there"
         )
-    if narrow < FEWEST_FACETS:
+    if narrow < LIMITS.fewest_facets:
         return (
             f"the pressure varies within single facets: about {narrow:.1f} "
             "facets lie across the narrow side of the contact and "
             f"{max(facets.along_axes(comm)):.0f} along it; the largest pressure depends on the "
             f"mesh, {_smoothed_too(narrow)}; use smaller cells there"
         )
-    if narrow < ENOUGH_FACETS:
+    if narrow < LIMITS.enough_facets:
         return (
             "the pressure varies as that of Hertz's contact with only about "
             f"{narrow:.1f} facets across: max_smoothed_pressure may be "
@@ -389,7 +403,7 @@ def _smoothed_too(across: float) -> str:
 
 def expected_error(across: float) -> float:
     """Relative error to expect of the largest smoothed pressure, by facets across the contact."""
-    return PEAK_ERROR * (FEWEST_FACETS / across) ** ORDER
+    return LIMITS.peak_error * (LIMITS.fewest_facets / across) ** LIMITS.order
 
 
 def pressed_facets(model: Model, nodes: NodeFields) -> list[PressedFacets]:

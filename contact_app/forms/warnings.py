@@ -15,8 +15,7 @@ from mpi4py import MPI
 from numpy.typing import NDArray
 
 from contact_app.accuracy.contact_limits import (
-    BETWEEN,
-    ENTERED,
+    LIMITS,
     PressedFacets,
     between_nodes,
     carries_force,
@@ -275,7 +274,11 @@ def _entering(
     if len(tagged.copies):
         depth = depth_between(tagged.points, u[tagged.copies], gap_and_normal)
     depth = largest_magnitude(parts.comm, np.array([depth]))
-    yield between_nodes(depth, moved, name, in_the_mean(parts)) if depth > BETWEEN * moved else ""
+    yield (
+        between_nodes(depth, moved, name, in_the_mean(parts))
+        if depth > LIMITS.between * moved
+        else ""
+    )
     if _flat(contact):
         return
     outside = exterior_facets(parts)
@@ -285,7 +288,9 @@ def _entering(
     free[outside.copies] = True
     on = answer.owners.copies(answer.owners.on(tagged.copies, len(u)).astype(float)) > 0.0
     beside = np.flatnonzero(free & of_bodies & ~on)
-    entered, deep = entered_points(parts.points[beside], u[beside], gap_and_normal, ENTERED * moved)
+    entered, deep = entered_points(
+        parts.points[beside], u[beside], gap_and_normal, LIMITS.entered * moved
+    )
     count, deep = parts.comm.allreduce(entered), largest_magnitude(parts.comm, np.array([deep]))
     yield texts.beside_boundary(name, contact.on, count, deep)
 

@@ -37,7 +37,7 @@ from contact_app.accuracy.estimate.stress_recovery import (
     at_cells,
     stress_operator,
 )
-from contact_app.accuracy.refine.next_mesh import FASTEST
+from contact_app.accuracy.refine.next_mesh import STEPS
 from contact_app.accuracy.refine.refinement import solve_to_accuracy
 from contact_app.accuracy.solved_scene import SolvedScene
 from contact_app.run.solve import solve_scene
@@ -326,7 +326,7 @@ def measured(case: Case, solved: SolvedScene, series: Sweep) -> float:
     else:
         finer = AnswerOnMesh(answer.case, 0, solve_scene(_halved_cells(solved.model.scene)))
         error = answer.error_to(finer)
-        error /= (1.0 - 4.0 ** -FASTEST[degree]) ** 0.5
+        error /= (1.0 - 4.0 ** -STEPS.fastest[degree]) ** 0.5
     return float(error / answer.norm)
 
 

@@ -22,8 +22,7 @@ from typing import Any
 import numpy as np
 
 from contact_app.accuracy.contact_limits import (
-    ENOUGH_FACETS,
-    FEWEST_FACETS,
+    LIMITS,
     expected_error,
     pressed_facets,
 )
@@ -138,7 +137,7 @@ def _row(name: str, facets: float, of_row: Sequence[Draw]) -> str:
     nodal, smoothed = (
         100.0 * np.array([getattr(d, key) for d in of_row]) for key in ("nodal", "smoothed")
     )
-    counted = [d for d in of_row if FEWEST_FACETS <= d.across < ENOUGH_FACETS]
+    counted = [d for d in of_row if LIMITS.fewest_facets <= d.across < LIMITS.enough_facets]
     beyond = sum(abs(d.smoothed) > expected_error(d.across) for d in counted)
     across = np.mean([d.across for d in of_row])
     worst = [values[np.abs(values).argmax()] for values in (nodal, smoothed)]

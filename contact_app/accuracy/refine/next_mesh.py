@@ -8,8 +8,8 @@ last two levels.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
-from dataclasses import replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,31 +19,47 @@ from contact_app.scene.bodies import Body, Box
 from contact_app.scene.scene import Decomposition, Scene
 from meshes.graded import graded_box
 
-FARTHEST = 2.0
-"""Largest refinement factor from one mesh to the next, along an edge."""
 
-SLOWEST, FASTEST = 0.4, {1: 1.0, 2: 1.5}
-"""Smallest rate, and largest rate by degree, that are accepted."""
+@dataclass(frozen=True)
+class MeshSteps:
+    """Limits of the steps from one mesh to the next.
 
-GRADED = {1: 1.0, 2: 2.0}
-"""Largest accepted rate on graded cells."""
+    Attributes
+    ----------
+    farthest
+        Largest refinement factor from one mesh to the next, along an edge.
+    slowest, fastest
+        Smallest rate, and largest rate by degree, that are accepted.
+    graded
+        Largest accepted rate on graded cells.
+    patient
+        Largest refinement factor between graded meshes of degree 2, whose grid lines follow the
+        error.
+    undecomposed_nodes
+        Nodes by dimension up to which graded bodies are not cut into subdomains.
+    least
+        Smallest refinement factor between graded meshes whose grid lines hardly move any more.
+    settled
+        Predicted relative error after new grid lines from which on grid lines hardly move.
+    first_exponent, smallest_exponent
+        Exponent of the evenness in the predicted relative error after new grid lines: at first, and
+        the smallest later, when the exponent observed with the last grid lines is used.
+    """
 
-PATIENT = 1.5
-"""Largest refinement factor between graded meshes of degree 2, whose grid lines follow the
-error."""
+    farthest: float = 2.0
+    slowest: float = 0.4
+    fastest: Mapping[int, float] = field(default_factory=lambda: {1: 1.0, 2: 1.5})
+    graded: Mapping[int, float] = field(default_factory=lambda: {1: 1.0, 2: 2.0})
+    patient: float = 1.5
+    undecomposed_nodes: Mapping[int, float] = field(default_factory=lambda: {2: 500_000, 3: 80_000})
+    least: float = 1.04
+    settled: float = 0.85
+    first_exponent: float = 0.75
+    smallest_exponent: float = 0.3
 
-UNDECOMPOSED_NODES = {2: 500_000, 3: 80_000}
-"""Nodes by dimension up to which graded bodies are not cut into subdomains."""
 
-LEAST = 1.04
-"""Smallest refinement factor between graded meshes whose grid lines hardly move any more."""
+STEPS = MeshSteps()
 
-SETTLED = 0.85
-"""Predicted relative error after new grid lines from which on grid lines hardly move."""
-
-FIRST_EXPONENT, SMALLEST_EXPONENT = 0.75, 0.3
-"""Exponent of the evenness in the predicted relative error after new grid lines: at first, and the
-smallest later, when the exponent observed with the last grid lines is used."""
 
 Grids = list[list[NDArray[np.float64]]]
 """Coordinates of grid lines, by body and axis."""
@@ -51,13 +67,13 @@ Grids = list[list[NDArray[np.float64]]]
 
 def rate_of(factors: list[float], errors: list[float], degree: int = 1) -> float:
     """Rate p of e ~ s^-p from the last two meshes, within limits; the best for one mesh."""
-    fastest = FASTEST[degree]
+    fastest = STEPS.fastest[degree]
     if len(factors) < 2:
         return fastest
     if errors[-1] >= errors[-2] or factors[-1] <= factors[-2]:
-        return SLOWEST
+        return STEPS.slowest
     rate = math.log(errors[-2] / errors[-1]) / math.log(factors[-1] / factors[-2])
-    return min(max(rate, SLOWEST), fastest)
+    return min(max(rate, STEPS.slowest), fastest)
 
 
 def next_factor(
@@ -87,7 +103,7 @@ def next_factor(
     """
     rate = rate_of(factors, errors, degree)
     step = (errors[-1] / target) ** (1.0 / rate)
-    factor = factors[-1] * min(step, FARTHEST)
+    factor = factors[-1] * min(step, STEPS.farthest)
     return float(math.ceil(factor - 1e-9)) if integer else factor
 
 
@@ -108,9 +124,9 @@ def graded_step(error: float, left: float, target: float, degree: int) -> float:
     >>> round(graded_step(0.02, 1.0, 0.01, 2), 3)
     1.414
     """
-    step = (error * left / target) ** (1.0 / GRADED[degree])
-    least = LEAST if left > SETTLED else 1.0
-    return min(max(step, least), PATIENT if degree == 2 else FARTHEST)
+    step = (error * left / target) ** (1.0 / STEPS.graded[degree])
+    least = STEPS.least if left > STEPS.settled else 1.0
+    return min(max(step, least), STEPS.patient if degree == 2 else STEPS.farthest)
 
 
 def evenness_exponent(before: float, even: float, step: float, after: float, degree: int) -> float:
@@ -121,8 +137,8 @@ def evenness_exponent(before: float, even: float, step: float, after: float, deg
     >>> [evenness_exponent(0.2, 0.25, 1.0, after, 2) for after in (0.1, 0.05, 0.3)]
     [0.5, 1.0, 0.3]
     """
-    left = max(after / before * step ** GRADED[degree], even)
-    return max(math.log(left) / math.log(even), SMALLEST_EXPONENT)
+    left = max(after / before * step ** STEPS.graded[degree], even)
+    return max(math.log(left) / math.log(even), STEPS.smallest_exponent)
 
 
 def has_free_degree(bodies: Sequence[Body]) -> bool:
@@ -228,7 +244,11 @@ def on_lines(scene: Scene, grids: Grids, ranks: int) -> Scene:
     parts = scene.decomposition.subdomains
     if not isinstance(parts, int):
         nodes = sum(body.nodes for body in bodies)
-        parts = len(bodies) if ranks == 1 and nodes <= UNDECOMPOSED_NODES[scene.dimension] else None
+        parts = (
+            len(bodies)
+            if ranks == 1 and nodes <= STEPS.undecomposed_nodes[scene.dimension]
+            else None
+        )
     return replace(scene, bodies=bodies, decomposition=Decomposition(parts))
 
 

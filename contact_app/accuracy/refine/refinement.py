@@ -39,14 +39,14 @@ from typing import Protocol
 from mpi4py import MPI
 
 from contact_app.accuracy.agreement import Measured, Verdict
-from contact_app.accuracy.contact_limits import UNPRESSED_DEPTH, coarse_contact, slipped_through
+from contact_app.accuracy.contact_limits import LIMITS, coarse_contact, slipped_through
 from contact_app.accuracy.faceted_curves import polygon_solved
 from contact_app.accuracy.judge import Judge, coarser, lowest_degree, measured
 from contact_app.accuracy.refine.grading import evenness, layer_errors
 from contact_app.accuracy.refine.levels import Level, Refined, comparable, level_of
 from contact_app.accuracy.refine.local_refinement import locally_refined
 from contact_app.accuracy.refine.next_mesh import (
-    FIRST_EXPONENT,
+    STEPS,
     Grids,
     equal_lines,
     evenness_exponent,
@@ -210,7 +210,7 @@ class _Levels:
         self._judge = Judge(scene)
         self._last, self._doubts = 1.0, 0
         self._grids: Grids | None = None
-        self._even, self._step, self._exponent = 1.0, 1.0, FIRST_EXPONENT
+        self._even, self._step, self._exponent = 1.0, 1.0, STEPS.first_exponent
 
     def refined(self, solved: SolvedScene, missed: str) -> Refined:
         """The result at the end of the run."""
@@ -232,7 +232,7 @@ class _Levels:
         share, verdict = self._judge.assess(
             _measured(solved), estimate.discretisation, self._grids is not None
         )
-        unseen = slipped_through(solved.model, solved.solution, UNPRESSED_DEPTH)
+        unseen = slipped_through(solved.model, solved.solution, LIMITS.unpressed_depth)
         if unseen:  # contact is not resolved: two such meshes cannot confirm an estimate
             verdict = Verdict(1.0, unseen[0])
             self._judge.forget()
