@@ -319,18 +319,13 @@ class _Runs:
 
     def find(self, start: int, count: int) -> tuple[CellType, int]:
         """Type of the cells `start` to `start` + count, and the row that the first begins at."""
-        kind, nodes = in_run(self.runs, start, count)
-        return kind, start + nodes if self.mixed else start
-
-
-def in_run(runs: Sequence[tuple[CellType, int]], start: int, count: int) -> tuple[CellType, int]:
-    """Type of the cells `start` to `start` + count, and the number of nodes of all cells before."""
-    cell = nodes = 0
-    for kind, size in runs:
-        if cell <= start and start + count <= cell + size:
-            return kind, nodes + (start - cell) * kind.vertices
-        cell, nodes = cell + size, nodes + size * kind.vertices
-    raise XDMFError(f"cells {start} to {start + count} are not within one run of the grid")
+        cell = row = 0
+        for kind, size in self.runs:
+            width = 1 + kind.vertices if self.mixed else 1
+            if cell <= start and start + count <= cell + size:
+                return kind, row + (start - cell) * width
+            cell, row = cell + size, row + size * width
+        raise XDMFError(f"cells {start} to {start + count} are not within one run of the grid")
 
 
 def grid_bytes(nodes: int, cells: int, vertices: int, at_nodes: int, at_cells: int) -> int:
