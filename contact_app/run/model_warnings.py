@@ -151,14 +151,6 @@ def _facing_away(answer: SolvedScene) -> Iterator[str]:
         yield f"{source}: {facing_away(pulls)}"
 
 
-def _between_nodes(answer: SolvedScene) -> list[str]:
-    """Obstacles that enter the body between its nodes, and bodies that enter each other."""
-    return [
-        *slipped_through(answer.model, answer.solution),
-        *entered_pairs(answer.model, answer.solution, answer.nodes),
-    ]
-
-
 def _coarse_pressures(answer: SolvedScene) -> Iterator[str]:
     """Pressures that vary within single facets."""
     scene, comm = answer.model.scene, answer.model.comm
@@ -166,11 +158,6 @@ def _coarse_pressures(answer: SolvedScene) -> Iterator[str]:
     for item, facets, pressed in zip(scene.touching, every, _pressed(answer), strict=True):
         if pressed and (text := coarse_pressure(facets, comm, scene.dimension)):
             yield f"{item.source}: {text}"
-
-
-def _sharp_edges(answer: SolvedScene) -> list[str]:
-    """Largest pressures at sharp edges (collective)."""
-    return sharp_peaks(answer.model, answer.nodes, _pressed(answer))
 
 
 def _pressed(answer: SolvedScene) -> list[bool]:
@@ -194,11 +181,6 @@ def _sliding_bodies(answer: SolvedScene) -> Iterator[str]:
         sliding_and_size = sliding_on_each_other(*_moved(answer), answer.solution, i)
         if text := texts.sliding_far(*sliding_and_size):
             yield f"{pair.source}: {text}"
-
-
-def _tilted(answer: SolvedScene) -> Iterator[str]:
-    """Bodies that overlap or are apart where their surfaces are tilted against each other."""
-    return tilted_pairs(answer.model, answer.solution)
 
 
 def _corners_only(answer: SolvedScene) -> Iterator[str]:
@@ -303,17 +285,6 @@ def _certificates(answer: SolvedScene) -> Iterator[str]:
         )
     if not certificate.passed:
         yield f"not certified: {reason_text(solution)}"
-
-
-def _overcome(answer: SolvedScene) -> Iterable[str]:
-    """Friction that does not hold the loads of an answer without a certificate (collective)."""
-    model = answer.model
-    return overcome_friction(model.problem, answer.solution, model.geometry.body_names.__getitem__)
-
-
-def _cautions(answer: SolvedScene) -> Iterable[str]:
-    """Bodies that are not held and not driven by a load, and tied surfaces that are apart."""
-    return answer.model.cautions
 
 
 def _rubs_where_open(answer: SolvedScene) -> Iterator[str]:
@@ -468,10 +439,21 @@ def _varying_energy(answer: SolvedScene) -> NDArray[np.float64]:
 
 CHECKS: tuple[Callable[[SolvedScene], Iterable[str]], ...] = (
     _large_deformations, _yielding, _straight_edges, _straight_facets, _beside_obstacles,
-    _facing_away, _between_nodes, _coarse_pressures, _sharp_edges, _sliding_bodies,
-    _tilted, _corners_only, _closed_seams, _locking_in_volume, _locking_in_bending,
+    _facing_away,
+    lambda answer: slipped_through(answer.model, answer.solution),
+    lambda answer: entered_pairs(answer.model, answer.solution, answer.nodes),
+    _coarse_pressures,
+    lambda answer: sharp_peaks(answer.model, answer.nodes, _pressed(answer)),
+    _sliding_bodies,
+    lambda answer: tilted_pairs(answer.model, answer.solution),
+    _corners_only, _closed_seams, _locking_in_volume, _locking_in_bending,
     _moved_beyond_sizes, _moved_far, _coarse_meshes, _stresses_beside_expansion,
-    _straddled_facets, _without_facets, _certificates, _overcome, _cautions, _slides, _loaded_holds,
+    _straddled_facets, _without_facets, _certificates,
+    lambda answer: overcome_friction(
+        answer.model.problem, answer.solution, answer.model.geometry.body_names.__getitem__
+    ),
+    lambda answer: answer.model.cautions,
+    _slides, _loaded_holds,
     _rubs_where_open, _closes_at_once, _several_answers, _plays, _carried,
 )  # fmt: skip
 """The tests of an answer, in the order of their warnings."""
