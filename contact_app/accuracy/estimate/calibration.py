@@ -1,16 +1,9 @@
 """The correction of a run's estimates by the energies of its meshes.
 
-Where every admissible displacement of a mesh is admissible in the continuum, answers come down to
-the energy of the true one, and their distances from it obey ‖u - u_h‖² = 2 (J(u_h) - J(u)) (an
-upper bound where the contact area still changes). J(u) is not known, but two meshes l and m do not
-need it,
-
-    ‖u - u_l‖² - ‖u - u_m‖² = 2 (J(u_l) - J(u_m)),
-
-which is compared with η_l² - η_m² of their estimates. If the estimate is the same multiple of the
-error on both meshes, the quotient of the two differences calibrates it. Compared meshes have the
-same kinds of cells and of grid lines (`kind`), and errors that differ so much that changes of this
-multiple matter little.
+Where every admissible displacement of a mesh is admissible in the continuum, and the estimate is
+the same multiple of the error on two meshes, the quotient q of `contact_app.accuracy.agreement` is
+the share of η² that is squared error. Compared meshes have the same kinds of cells and of grid
+lines (`kind`), and errors that differ so much that changes of this multiple matter little.
 
 Energies only lower an estimate here: at most to the largest of the quotients, times a factor for
 their uncertainty, since estimates improve on finer meshes. Nothing is lowered if energies do not
