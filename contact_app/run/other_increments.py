@@ -181,8 +181,12 @@ def change_to(
     multiplier: NDArray[np.float64],
     displacements: list[NDArray[np.float64]],
 ) -> Change:
-    """Difference between two answers with the same rows (collective)."""
+    """Difference between two answers with the same rows (collective).
+
+    Slip limits below the tolerance times the loads are those of contacts that have opened.
+    """
     comm, points = problem.comm, problem.friction
+    least = solution.tolerance * float(solution.measures.loads.sum())
     forces = points.forces(multiplier) - points.forces(solution.multiplier)
     sums = points.sizes(forces).sum(), points.slip_limits(solution.multiplier).sum()
     moved, limits = comm.allreduce(np.array(sums))
@@ -195,6 +199,6 @@ def change_to(
     )
     change, largest = np.max(comm.allgather(slipped), axis=0)
     return Change(
-        float(moved / limits) if limits > 0.0 else 0.0,
+        float(moved / limits) if limits > least else 0.0,
         float(change / largest) if largest > 0.0 else 0.0,
     )

@@ -613,6 +613,24 @@ def test_small_increments_are_not_warned_of() -> None:
     assert not [w for w in warnings if "halving" in w]
 
 
+def test_an_increment_that_opens_all_contacts_changes_no_friction() -> None:
+    """A hot block between two walls cools: the slip limits left are rounding errors."""
+    body = scenes.box("block", [2, 1, 1], [6, 3, 3])
+    body["material"]["expansion"] = 1e-4
+    walls = [{"on": f"block.{side}", "obstacle": {"plane": {"point": [x, 0, 0], "normal": n}}}
+             for side, x, n in (("x-", 0, [1, 0, 0]), ("x+", 2, [-1, 0, 0]))]  # fmt: skip
+    walls[0]["friction"] = {"coulomb": 0.2}
+    conditions = [{"name": "hot", "in": "block", "temperature": 100},
+                  {"on": "block.y-", "displacement": [None, 0, None]},
+                  {"on": "block.z-", "displacement": [None, None, 0]},
+                  {"name": "push", "on": "block.z+", "traction": [0, 0, -2]}]  # fmt: skip
+    made = scenes.config("hexahedron", [body], conditions, walls)
+    made["solver"]["tolerance"] = 1e-9
+    answer = solved({**made, "steps": [{"hot": 1}, {"push": 1, "increments": 2}, {"hot": -1}]})
+    assert answer.last.certificate.passed
+    assert not [w for w in answer.last.certificate.warnings if "halving" in w]
+
+
 def test_growing_frictional_contact_under_a_load_at_once_causes_a_warning() -> None:
     warnings = contact_app.solve(on_a_ball(None)).summary["certificate"]["warnings"]
     assert [w for w in warnings if "close or open under the load" in w]
