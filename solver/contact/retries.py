@@ -1,8 +1,9 @@
 """Active sets that begin anew with other rules where they do not settle.
 
 With friction sets may not settle because each has other contact; the loop then begins from the
-contact without friction. Where points were released before a state showed that they slide, the loop
-begins again without such releases.
+contact without friction. If they do not settle then either, multigrid goes on without sets. Where
+points were released before a state showed that they slide, the loop begins again without such
+releases.
 """
 
 from __future__ import annotations
@@ -28,8 +29,11 @@ def solve_with_retries(method: ActiveSetMethod[S], start: Start) -> Outcome[S]:
         outcome, statuses = _contact_without_friction(method.after(outcome), start)
         if statuses is None and not method.options.insists:
             return replace(outcome, reason=None)
-        patient = method.with_options(settling=0).after(outcome)
+        settling = 0 if method.options.insists else method.options.settling
+        patient = method.with_options(settling=settling, may_peel=True).after(outcome)
         outcome, failure = active_set_loop(patient, replace(start, statuses=statuses))
+        if failure is Failure.UNSETTLED:
+            return replace(outcome, reason=None)
     guessed = start.statuses is not None and outcome.reason in (None, Reason.SLIDES)
     if failure is Failure.AHEAD or guessed:  # sets may settle if no point is released too early
         method.backend.forget()

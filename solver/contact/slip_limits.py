@@ -6,7 +6,7 @@ accelerated (D. G. Anderson, *Iterative procedures for nonlinear integral equati
 1965; H. F. Walker, P. Ni, *Anderson acceleration for fixed-point iterations*, SIAM J. Numer. Anal.
 49, 2011): the next limits are the combination of the last ones whose residuals s - μ λ_n(s) are
 least. Where the residual grows, the earlier limits are dropped and the next step is half a plain
-step.
+step, for the augmented Lagrangian also all later ones.
 """
 
 from __future__ import annotations
@@ -31,12 +31,19 @@ History = tuple[tuple[Array, Array], ...]
 """Limits and their residuals, (points,) each, the last ones last."""
 
 
-def combined(comm: MPI.Intracomm, history: History) -> Array:
-    """The combination of limits with the least residual, and a step by this residual (collective).
+def combined(comm: MPI.Intracomm, history: History, share: float = 1.0) -> Array:
+    """The combination of limits with the least residual, and a step by it (collective).
 
     s + r minus the combination of differences that makes the last residual r least.
+
+    Parameters
+    ----------
+    share
+        Of the residual that the step takes.
     """
     values, residual = history[-1]
+    if len(history) == 1:
+        return np.asarray(values + share * residual)
     differences = np.array([residual - r for _, r in history[:-1]])
     steps = np.array([values - s for s, _ in history[:-1]])
     gram = comm.allreduce(differences @ differences.T)
@@ -44,11 +51,17 @@ def combined(comm: MPI.Intracomm, history: History) -> Array:
     size, vectors = np.linalg.eigh(gram)
     independent = size > SMALLEST * max(size.max(), np.finfo(float).tiny)
     weights = vectors[:, independent] @ ((vectors[:, independent].T @ right) / size[independent])
-    return np.asarray(values + residual - weights @ (steps + differences))
+    return np.asarray(values + share * residual - weights @ (steps + share * differences))
 
 
 class SlipLimits:
     """Slip limits of the problem with given limits, and their iteration.
+
+    Parameters
+    ----------
+    lasting
+        Whether steps stay halved once the residual grew. SMALBE-M, whose contact forces are less
+        accurate, takes 930 operator applications on a cube with μ = 1 so, and 275 otherwise.
 
     Attributes
     ----------
@@ -56,12 +69,18 @@ class SlipLimits:
         Slip limits s, forces.
     """
 
-    def __init__(self, points: FrictionPoints, comm: MPI.Intracomm, multiplier: Array) -> None:
+    def __init__(
+        self,
+        points: FrictionPoints,
+        comm: MPI.Intracomm,
+        multiplier: Array,
+        lasting: bool = False,
+    ) -> None:
         self._points, self._comm = points, comm
         self.values = points.slip_limits(multiplier)
         self._history: History = ()
         self._last: Array | None = None
-        self._size = np.inf
+        self._size, self._share, self._lasting = np.inf, 1.0, lasting
 
     @property
     def depend_on_forces(self) -> bool:
@@ -83,10 +102,10 @@ class SlipLimits:
         grown, self._size, self._last = size > GROWN * self._size, size, None
         if grown:
             self._history = ()
+            self._share *= 0.5 if self._lasting else 1.0
         self._history = (*self._history, (self.values, residual))[-MEMORY - 1 :]
-        mixed = self.values + (0.5 if grown else 1.0) * residual
-        if len(self._history) > 1:
-            mixed = combined(self._comm, self._history)
+        share = min(self._share, 0.5) if grown else self._share
+        mixed = combined(self._comm, self._history, share)
         self.values = np.maximum(mixed, self._points.limits)
 
     def _norm(self, values: Array) -> float:

@@ -114,7 +114,8 @@ class FrictionRows(OneSidedRows):
     def begin(self, forces: Array) -> None:
         """Take the limits of these contact forces."""
         on_all_rows = self.system.on_all_rows
-        self._change(SlipLimits(self._points, self.system.comm, on_all_rows(forces)))
+        limits = SlipLimits(self._points, self.system.comm, on_all_rows(forces), lasting=True)
+        self._change(limits)
 
     def advance(self, forces: Array, accurate: bool) -> None:
         """Take the next limits of Anderson's acceleration."""

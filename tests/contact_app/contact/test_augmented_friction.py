@@ -144,6 +144,62 @@ def test_a_wedge_that_locks_in_elastic_jaws_is_solved_by_multigrid(tmp_path: Pat
     assert forces[0, 0] == pytest.approx(-forces[1, 0], rel=1e-3)
 
 
+def hook(path: Path) -> str:
+    """A mesh file of a half ring about a peg of radius 8, which ends in a straight stem."""
+    inner, outer, stem, cells = 8.05, 16.0, 20.0, (60, 6)
+    arc = np.pi * (inner + outer) / 2
+    s, r = np.meshgrid(
+        np.linspace(0, arc + stem, cells[0] + 1), np.linspace(inner, outer, cells[1] + 1)
+    )
+    angle = np.pi * (1 - np.minimum(s, arc) / arc)
+    x, y = r * np.cos(angle), r * np.sin(angle) - np.maximum(s - arc, 0.0)
+    points = np.column_stack([x.ravel(), y.ravel(), np.zeros(x.size)])
+    node = np.arange(x.size).reshape(x.shape)
+    e, f, g, h = (v.ravel() for v in (node[:-1, :-1], node[1:, :-1], node[1:, 1:], node[:-1, 1:]))
+    triangles = np.concatenate([np.c_[e, f, g], np.c_[e, g, h]])
+    meshio.Mesh(points, {"triangle": triangles}).write(path)
+    return str(path)
+
+
+@pytest.mark.ratchet
+@pytest.mark.parametrize("coefficient", [0.3, 0.8])
+def test_a_hook_that_slides_on_a_peg_is_solved_by_multigrid(
+    tmp_path: Path, coefficient: float
+) -> None:
+    """Its few contact points wander about the peg with each set.
+
+    With limits that follow each step, and earlier limits forgotten again and again, the
+    Lagrangian did not settle, and SMALBE-M ended after 1,600 operator applications.
+    """
+    body = {
+        "name": "hook",
+        "mesh": {"file": hook(tmp_path / "hook.vtu")},
+        "material": {"young": 2.1e5, "poisson": 0.3},
+        "boundaries": {
+            "bore": {"where": "sqrt(x**2 + y**2) < 8.06 and y > -1e-6"},
+            "end": {"where": "y < -19.999"},
+        },
+    }
+    peg = {"sphere": {"center": [0, 0], "radius": 8}}
+    made = {
+        "dimension": 2,
+        "bodies": [body],
+        "conditions": [
+            {"on": "hook.end", "displacement": [0, None]},
+            {"on": "hook.end", "traction": [0, -20]},
+        ],
+        "contacts": [
+            {"on": "hook.bore", "obstacle": peg, "friction": {"coulomb": coefficient}},
+        ],
+    }
+    summary = solve(made, None, tolerance=1e-6, method="primal").summary
+    assert summary["certificate"]["passed"]
+    assert summary["solver"]["method"] == "primal"
+    assert summary["solver"]["hessian_multiplications"] <= 350
+    width = 16.0 - 8.05
+    assert summary["contacts"][0]["force"][1] == pytest.approx(20 * width, rel=1e-3)
+
+
 @pytest.mark.parametrize("seed", range(5))
 def test_line_search_finds_the_least_energy_where_springs_yield(seed: int) -> None:
     """Springs along one slip yield at a limit: s |p| - ½ s² beyond it, ½ p² below."""
