@@ -9,15 +9,19 @@ outside of the other body before the deformation count, and those that slide by 
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from itertools import combinations
+
 import numpy as np
 from mpi4py import MPI
 from numpy.typing import NDArray
 
+from contact_app.model.boundaries import surface_facets
 from contact_app.model.model import Model
 from contact_app.model.pairs import sides_of
 from contact_app.results.fields import NodeFields
 from contact_app.results.percent import percent
-from contact_app.scene.conditions import BodyContact
+from contact_app.scene.conditions import BodyContact, Tie
 from meshes.contact_surface import Surface, frames, is_curved
 from meshes.facet_overlaps import on_facets
 from meshes.facet_search import points_along_normals
@@ -43,6 +47,71 @@ def entered_pairs(model: Model, solution: Solution, nodes: NodeFields) -> list[s
         if text := entering_each_other(names, entered(model, nodes, pair), largest):
             sentences.append(f"{pair.source}: {text}")
     return sentences
+
+
+def entered_without_contact(model: Model, solution: Solution, nodes: NodeFields) -> list[str]:
+    """Sentences on bodies that enter each other where no contact joins them (collective)."""
+    scene, measures, sentences = model.scene, solution.measures, []
+    entries: list[BodyContact | Tie] = [*scene.pairs, *scene.ties]
+    if not solution.converged:
+        return []
+    for a, b in combinations(range(len(scene.bodies)), 2):
+        bodies = scene.bodies[a], scene.bodies[b]
+        reach = float(measures.displacements[a] + measures.displacements[b])
+        lower, upper = (
+            np.array([getattr(body.mesh, side) for body in bodies]) for side in ("lower", "upper")
+        )
+        if (lower.max(axis=0) > upper.min(axis=0) + reach).any():
+            continue
+        joined = [entry for entry in entries if {entry.body, entry.other} == {a, b}]
+        depth = _outside_of_contacts(model, nodes, (a, b), joined)
+        if depth > ENTERED * max(measures.deformations[a], measures.deformations[b]):
+            where = "no entry of `contacts` joins them"
+            if joined:
+                where = "the boundaries of their contacts end; name larger boundaries"
+            sentences.append(
+                f"{bodies[0].name} and {bodies[1].name} enter each other by up to {depth:.2g}: "
+                f"bodies pass through each other where {where}"
+            )
+    return sentences
+
+
+def _outside_of_contacts(
+    model: Model, nodes: NodeFields, bodies: tuple[int, int], joined: Sequence[BodyContact | Tie]
+) -> float:
+    """Largest depth of a vertex of one body in the other one away from their contacts (collective).
+
+    Facets with a node on a boundary of a contact do not count: there the contact decides.
+    """
+    named = [side.nodes.ravel() for item in joined for side in sides_of(model.geometry, item)]
+    in_contact = np.unique(np.concatenate([np.zeros(0, np.int64), *named]))
+    one, two = (_whole_surface(model, body) for body in bodies)
+    depth = 0.0
+    for sides in ((_away_from(one, in_contact), two), (one, _away_from(two, in_contact))):
+        if all(len(side.nodes) for side in sides):
+            displaced = _displaced(model, nodes, sides[0]), _displaced(model, nodes, sides[1])
+            depth = max(depth, depth_in_each_other(model.comm, sides, displaced, False))
+    return depth
+
+
+def _away_from(surface: Surface, in_contact: NDArray[np.int64]) -> Surface:
+    """The facets of a surface without any of the nodes in contact."""
+    away = ~np.isin(surface.nodes, in_contact).any(axis=1)
+    parts = (surface.nodes[away], surface.points[away], surface.normals[away])
+    return Surface(surface.dimension, *parts)
+
+
+def _whole_surface(model: Model, body: int) -> Surface:
+    """All outer facets of a body, on all ranks (collective)."""
+    none = np.zeros(0, np.int32)
+    surface = model.geometry.surface_of(
+        [
+            surface_facets(s, model.scene.bodies[body]) if s.body == body else none
+            for s in model.partition.subdomains
+        ]
+    )
+    assert surface is not None, "a body has a surface"
+    return surface
 
 
 def entering_each_other(names: str, depth: float, moved: float) -> str:

@@ -34,6 +34,7 @@ from contact_app.model.geometry import Geometry
 from contact_app.model.method import feti_options, is_undecomposed
 from contact_app.model.normal_forces import NormalForces
 from contact_app.model.outline import Outline, Report, outline_of_scene
+from contact_app.model.pairs import doubled_pairs
 from contact_app.model.probes import Probe
 from contact_app.model.rigid import RigidUnknowns, rigid_subdomains, subdomains_of_copies
 from contact_app.model.rigid_ties import ContactsAndTies, rough_at_tied_nodes
@@ -283,6 +284,7 @@ def _cautions(outline: Outline) -> tuple[str, ...]:
         "reaction takes the load, which acts on no other body"
         for load in held
     ]
+    cautions += doubled_pairs(geometry)
     cautions += without_area(geometry, outline.tangential)
     cautions += rough_at_tied_nodes(
         ContactsAndTies(geometry, outline.contact, outline.rows.tied.rows)

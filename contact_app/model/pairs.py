@@ -11,6 +11,8 @@ own there; entries of rows at these nodes are moved to the nodes of which they a
 
 from __future__ import annotations
 
+from itertools import combinations
+
 import numpy as np
 
 from contact_app.errors import ConfigurationError
@@ -44,6 +46,28 @@ def sides_of(geometry: Geometry, pair: BodyContact | Tie) -> tuple[Surface, Surf
             )
         sides.append(side)
     return sides[0], sides[1]
+
+
+def doubled_pairs(geometry: Geometry) -> list[str]:
+    """Sentences on contacts of two bodies that share facets on both of them (collective)."""
+    sentences = []
+    for one, other in combinations(geometry.pairs, 2):
+        if {one.body, one.other} == {other.body, other.other}:
+            sides, others = sides_of(geometry, one), sides_of(geometry, other)
+            order = 1 if one.body == other.body else -1
+            if all(map(_have_common_facets, sides, others[::order])):
+                sentences.append(
+                    f"{other.source}: facets on both bodies belong to {one.source}, too: each of "
+                    "the two contacts has a part of the pressure there, and its largest pressure "
+                    "is too small; name these facets in one of them"
+                )
+    return sentences
+
+
+def _have_common_facets(one: Surface, other: Surface) -> bool:
+    """Whether two surfaces share a facet."""
+    facets = [set(map(tuple, np.sort(side.nodes, axis=1).tolist())) for side in (one, other)]
+    return not facets[0].isdisjoint(facets[1])
 
 
 def of_what_is_solved(geometry: Geometry, means: MeanGaps) -> MeanGaps:

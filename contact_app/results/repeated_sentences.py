@@ -23,10 +23,11 @@ PLACE = r"\b(?:contacts|conditions|bodies)\[\d+\](?:\.\w+)*"
 
 
 def without_repetitions(sentences: Sequence[str], names: Iterable[str]) -> list[str]:
-    """The sentences, with equal ones joined into one at the place of the first.
+    """The sentences, with those of one kind joined into one at the place of the first.
 
-    Two sentences count as equal if they differ only in names of bodies and places in the
-    configuration. Different numbers make them different, so no larger value is hidden.
+    Two sentences are of one kind if they differ only in names of bodies and places in the
+    configuration. Different numbers make them different, so no larger value is hidden. The same
+    sentence, as of two shapes of one rigid body, counts once.
 
     Parameters
     ----------
@@ -39,7 +40,7 @@ def without_repetitions(sentences: Sequence[str], names: Iterable[str]) -> list[
     ['b1: is loose (and 1 more alike: b3)', 'b2: is stiff']
     """
     pattern = _names(names)
-    groups = _grouped(sentences, lambda sentence: pattern.sub("\0", sentence))
+    groups = _grouped(dict.fromkeys(sentences), lambda sentence: pattern.sub("\0", sentence))
     return [_joined(group, pattern) for group in groups]
 
 
@@ -92,7 +93,5 @@ def _joined(group: list[str], pattern: re.Pattern[str]) -> str:
         return first
     about = [match[0] for match in map(pattern.search, others) if match]
     listed = dict.fromkeys(about[:LISTED])
-    if not listed:
-        return f"{first} ({len(group)} times)"
     last = f", … {about[-1]}" if len(about) > LISTED else ""
     return f"{first} (and {len(others)} more alike: {', '.join(listed)}{last})"

@@ -30,7 +30,7 @@ from contact_app.accuracy.contact_limits import (
     pressed_facets,
     slipped_through,
 )
-from contact_app.accuracy.entered_pairs import entered_pairs
+from contact_app.accuracy.entered_pairs import entered_pairs, entered_without_contact
 from contact_app.accuracy.faceted_curves import median_gaps, pair_distances, sagittas
 from contact_app.accuracy.sharp_edges import sharp_peaks
 from contact_app.accuracy.solved_scene import SolvedScene
@@ -442,10 +442,12 @@ CHECKS: tuple[Callable[[SolvedScene], Iterable[str]], ...] = (
     _facing_away,
     lambda answer: slipped_through(answer.model, answer.solution),
     lambda answer: entered_pairs(answer.model, answer.solution, answer.nodes),
+    lambda answer: entered_without_contact(answer.model, answer.solution, answer.nodes),
     _coarse_pressures,
     lambda answer: sharp_peaks(answer.model, answer.nodes, _pressed(answer)),
     _sliding_bodies,
     lambda answer: tilted_pairs(answer.model, answer.solution),
+    lambda answer: answer.model.scene.idle,
     _corners_only, _closed_seams, _locking_in_volume, _locking_in_bending,
     _moved_beyond_sizes, _moved_far, _coarse_meshes, _stresses_beside_expansion,
     _straddled_facets, _without_facets, _certificates,

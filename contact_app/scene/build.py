@@ -27,7 +27,7 @@ from contact_app.scene.conditions import (
 )
 from contact_app.scene.configuration import Configuration
 from contact_app.scene.keys import Keys, Place
-from contact_app.scene.load_factors import read_cases, read_steps
+from contact_app.scene.load_factors import idle_conditions, read_cases, read_steps
 from contact_app.scene.read_bodies import read_bodies
 from contact_app.scene.read_conditions import ConditionReader
 from contact_app.scene.read_rigid import read_rigid_bodies, refuse_with_rigid
@@ -103,6 +103,7 @@ def build_scene(
         guaranteed=configuration.certificate.guaranteed,
         cases=read_cases(keys),
         steps=read_steps(keys),
+        idle=idle_conditions(keys),
         places=_places(configuration),
     ).placed_as_held()
     refuse_with_rigid(keys, scene)

@@ -105,6 +105,22 @@ def read_steps(keys: Keys) -> tuple[LoadStep, ...]:
     return tuple(steps)
 
 
+def idle_conditions(keys: Keys) -> tuple[str, ...]:
+    """A sentence on each condition with a name that no case and no step has: it never acts."""
+    cases, steps = keys.configuration.cases, keys.configuration.steps
+    if cases is None and steps is None:
+        return ()
+    loadings = [*(cases or {}).values(), *(step.model_extra or {} for step in steps or ())]
+    named = set().union(*loadings)
+    return tuple(
+        f"conditions[{i}]: no {'step' if steps else 'case'} names {condition.name!r}, so that its "
+        "factor is 0 throughout; a condition without a name always acts in full"
+        for i, condition in enumerate(keys.configuration.conditions)
+        if condition.name is not None and condition.name not in named
+        if condition.displacement is None or any(condition.displacement)
+    )
+
+
 def _refuse_without_names(keys: Keys, key: str, names: Sequence[str]) -> None:
     if not names:
         keys.fail(

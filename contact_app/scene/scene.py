@@ -199,6 +199,8 @@ class Scene:
         The load history; empty if all conditions act in full at once.
     in_step
         Whether this is the scene of a place in a load history.
+    idle
+        Sentences on conditions with a name that no case and no step has.
     ties, rigid_ties
         Tied pairs of boundaries, and boundaries tied to rigid bodies; they are not among the
         contacts.
@@ -231,6 +233,7 @@ class Scene:
     case: str = ""
     steps: tuple[LoadStep, ...] = ()
     in_step: bool = False
+    idle: tuple[str, ...] = ()
     ties: tuple[Tie, ...] = ()
     rigid_ties: tuple[RigidTie, ...] = ()
     places: Mapping[str, str] = field(default_factory=dict, compare=False)

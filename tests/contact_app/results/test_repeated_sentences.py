@@ -27,7 +27,11 @@ def test_a_name_within_a_word_is_none() -> None:
 
 
 def test_the_same_sentence_twice_and_long_lists() -> None:
-    assert without_repetitions(["slow"] * 3, []) == ["slow (3 times)"]
+    assert without_repetitions(["slow"] * 3, []) == ["slow"]
+    shapes = ["contacts[1]: up to 0.1 off"] * 2
+    assert without_repetitions([*shapes, "contacts[2]: up to 0.1 off"], []) == [
+        "contacts[1]: up to 0.1 off (and 1 more alike: contacts[2])"
+    ]
     (told,) = without_repetitions([f"b{i} hangs" for i in range(20)], [f"b{i}" for i in range(20)])
     assert told == "b0 hangs (and 19 more alike: b1, b2, b3, b4, b5, … b19)"
 

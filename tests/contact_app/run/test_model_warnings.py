@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+import contact_app
 from contact_app.accuracy.faceted_curves import Distances
 from contact_app.errors import NoEquilibriumError
 from contact_app.run.solve import solve_scene
@@ -15,6 +16,7 @@ from contact_app.run.warning_texts import flat_facets
 from contact_app.scene.build import build_scene
 from contact_app.scene.configuration import load
 from tests import meshfiles, rings, scenes
+from tests.contact_app.model.test_two_bodies import stack
 
 
 def warnings_of(made: scenes.Config, subdomains: Any = 1) -> str:
@@ -90,6 +92,65 @@ def test_a_crack_with_nodes_on_both_sides_that_is_merged(tmp_path: Path) -> None
         assert ("4 nodes were merged where the mesh is connected without them" in found) == reported
         energies.append(solved.summary["solution"]["energy"])
     assert energies[1] < 1.05 * energies[0] < 0.0
+
+
+@pytest.mark.parametrize(("lower", "upper"), [("quadrilateral", "triangle"), ("tetrahedron",) * 2])
+def test_bodies_that_enter_each_other_without_a_contact(lower: str, upper: str) -> None:
+    """A block held at its side above another one, pressed into it or lifted from it."""
+    made = stack(lower, upper, (3, 3))
+    side = [0.0] * scenes.dimension(lower)
+    made["conditions"].append({"on": "upper.x-", "displacement": side})
+    contacts = made["contacts"]
+    for pressure, given, reported in ((1, [], True), (-1, [], False), (1, contacts, False)):
+        made["conditions"][1]["pressure"], made["contacts"] = pressure, given
+        found = "lower and upper enter each other by up to" in warnings_of(made)
+        assert found == reported
+
+
+@pytest.mark.parametrize("cell", ["quadrilateral", "tetrahedron"])
+def test_bodies_that_enter_each_other_beyond_their_contact(cell: str) -> None:
+    made = stack(cell, cell, (6, 6))
+    made["bodies"][0]["boundaries"] = {
+        name: {"where": f"{scenes.up(cell)[0]} > 1 - 1e-9 and x < {end} + 1e-9"}
+        for name, end in (("half", 0.5), ("all", 1.0))
+    }
+    for boundary, reported in (("half", True), ("all", False)):
+        made["contacts"][0]["against"] = f"lower.{boundary}"
+        found = "where the boundaries of their contacts end" in warnings_of(made)
+        assert found == reported
+
+
+@pytest.mark.parametrize("cell", ["quadrilateral", "tetrahedron"])
+def test_two_contacts_that_share_facets_on_both_bodies(cell: str) -> None:
+    """They divide the pressure, in whatever order they name the bodies."""
+    made = stack(cell, cell, (3, 3))
+    ends = scenes.up(cell), scenes.down(cell)
+    made["bodies"][1]["boundaries"] = {
+        "foot": {"where": f"{ends[0][0]} < 1 + 1e-9 and x < 0.7"},
+        "rest": {"where": f"{ends[0][0]} < 1 + 1e-9 and x > 0.6"},
+    }
+    for first, reported in ((ends[1], True), ("rest", False)):
+        made["contacts"] = [
+            {"on": f"upper.{first}", "against": f"lower.{ends[0]}"},
+            {"on": f"lower.{ends[0]}", "against": "upper.foot"},
+        ]
+        found = warnings_of(made)
+        assert ("contacts[1]: facets on both bodies belong to contacts[0]" in found) == reported
+
+
+def test_a_named_condition_that_no_step_and_no_case_has() -> None:
+    made = scenes.wall("quadrilateral", 3)
+    for condition, name in zip(made["conditions"], ("foot", "push"), strict=False):
+        condition["name"] = name
+    made["conditions"].append({"name": "weight", "in": "block", "force": [0.0, -1.0]})
+    sentence = "conditions[2]: no {} names 'weight'"
+    for key, loadings in (("steps", [{"push": 1}]), ("cases", {"pushed": {"push": 1}})):
+        scene = scenes.build({**made, key: loadings})
+        assert [s.split(",")[0] for s in scene.idle] == [sentence.format(key[:-1])]
+        assert scene.under(scene.loadings[0]).idle == scene.idle
+    assert scenes.build(made).idle == ()
+    (record,) = contact_app.solve({**made, "steps": [{"push": 1}]}).summary["steps"]
+    assert sentence.format("step") in "\n".join(record["certificate"]["warnings"])
 
 
 def test_a_boundary_that_faces_away_from_its_obstacle() -> None:
