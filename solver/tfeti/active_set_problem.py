@@ -105,19 +105,11 @@ class ActiveSetProblem:
         directions: Directions | None = None,
         coupled: CoupledRows | None = None,
     ) -> None:
-        self.statuses = statuses
-        turn, self._compliance = statuses.turn, statuses.compliance
+        self.statuses, self._compliance = statuses, statuses.compliance
+        turn, active = statuses.turn, statuses.active
         changed = turn is not None or self._compliance is not None
-        if turn is not None:
-            problem = turned(problem, turn)
-            multiplier = None if multiplier is None else turn.turned(multiplier)
+        self.problem = problem = problem if turn is None else turned(problem, turn)
         self._tractions = _outside(statuses, problem)
-        if self._tractions is not None and multiplier is not None:
-            multiplier = multiplier - self._tractions
-        if self._compliance is not None and multiplier is not None:
-            # in the answer these components are zero, and C times them may be large
-            multiplier = np.where(self._compliance > 0.0, 0.0, multiplier)
-        self.problem, active = problem, self.active
         rows = None if self._compliance is None else _scalings(problem, self._compliance)
         self._scale = None if rows is None else rows[0]
         frame = RowFrame(turn, self._scale)
@@ -125,31 +117,27 @@ class ActiveSetProblem:
         directions.begin(frame.original if changed else None)
         if changed and directions.suffice:
             directions.settle()
-        self.reduced = with_active(problem, active, multiplier, self._tractions, self._scale)
+        start = None if multiplier is None else self._start(multiplier)
+        self.reduced = with_active(problem, active, start, self._tractions, self._scale)
         recycled = None if changed else Recycled(directions, active)
         if recycled is not None and not recycled.empty:
             self.reduced = beginning_at(self.reduced, *recycled.best(self.reduced.rhs))
-        coarse = self.reduced.coarse
-        assert coarse is not None
+        assert self.reduced.coarse is not None
         if not problem.system.constraints.held_without_contact:
             self._check_coarse_problem()
+        scaled, rhs = self._compliant_terms()
+        operator = RecordedOperator(self.reduced, directions, scaled)
         # no penalty: steps out of the range of P would have no curvature, and none occur
         # coupled rows belong to the original frames and lengths
         coupled_rows = (
             None if changed or coupled is None else coupled.on(active | ~problem.conditional)
         )
         base = DualPreconditioner(self.reduced, math.inf, coupled_rows)
-        inner: Preconditioner = base
-        rhs, scaled = self.reduced.rhs, None
-        if rows is not None and self._compliance is not None:
-            inner = ScaledPreconditioner(base, rows[1])
-            scaled = rows[0] ** 2 * self._compliance
-            compliant = scaled * self.reduced.offset
-            coarse.project_transpose(compliant, compliant)
-            rhs = rhs - compliant
-        operator = RecordedOperator(self.reduced, directions, scaled)
+        inner: Preconditioner = base if rows is None else ScaledPreconditioner(base, rows[1])
         if recycled is None and directions.count:
-            near = ChangedDirections(directions, problem, statuses, frame, scaled, coarse)
+            near = ChangedDirections(
+                directions, problem, statuses, frame, scaled, self.reduced.coarse
+            )
             inner = BalancedPreconditioner(inner, near)
         preconditioner = DeflatedPreconditioner(inner, recycled, operator)
         self._iterate = it = Iterate(BoxQP(operator, rhs), preconditioner=preconditioner)
@@ -160,6 +148,28 @@ class ActiveSetProblem:
         self._weight = it.reduction.norm(self.reduced.offset)
         self._most, self._stalls = STALLED * problem.comm.allreduce(problem.size), False
         self._before = it.reduction.collectives
+
+    def _start(self, multiplier: Array) -> Array:
+        """A multiplier of the whole problem as one of this set, in its frames."""
+        turn = self.statuses.turn
+        result = multiplier if turn is None else turn.turned(multiplier)
+        if self._tractions is not None:
+            result = result - self._tractions
+        if self._compliance is not None:
+            # in the answer these components are zero, and C times them may be large
+            result = np.where(self._compliance > 0.0, 0.0, result)
+        return result
+
+    def _compliant_terms(self) -> tuple[Array | None, Array]:
+        """The scaled compliance of the rows, None without, and the right-hand side (dual,)."""
+        rhs = self.reduced.rhs
+        if self._compliance is None or self._scale is None:
+            return None, rhs
+        assert self.reduced.coarse is not None
+        scaled = self._scale**2 * self._compliance
+        compliant = scaled * self.reduced.offset
+        self.reduced.coarse.project_transpose(compliant, compliant)
+        return scaled, rhs - compliant
 
     @property
     def active(self) -> Mask:
