@@ -19,16 +19,24 @@ from tests.bearings import half_bearing
 from tests.comparison import solve
 from tests.contact_app.contact.test_friction import on_a_slope
 
+TRESCA, COULOMB = {"tresca": 20.0}, {"coulomb": 0.4}
 
-@pytest.mark.parametrize("friction", [{"tresca": 20.0}, {"coulomb": 0.4}])
+
 @pytest.mark.parametrize("cell", ["triangle", "hexahedron"])
-@pytest.mark.parametrize("name", ["wall", "two_bodies"])
+@pytest.mark.parametrize(
+    ("name", "friction"),
+    [
+        *((name, law) for name in ("wall", "two_bodies") for law in (TRESCA, COULOMB)),
+        ("wall", None),
+        ("rollers_and_floor", None),
+    ],
+)
 def test_the_lagrangian_alone_finds_the_answer_of_the_active_sets(
-    name: str, cell: str, friction: dict[str, Any]
+    name: str, cell: str, friction: dict[str, Any] | None
 ) -> None:
     """It begins after one set that has to change."""
     made = scenes.ALL[name](cell, 4)
-    for contact in made["contacts"]:
+    for contact in made["contacts"] if friction else []:
         contact["friction"] = friction
     made["solver"] = {"method": "primal", "tolerance": 1e-8}
     model = solve(made, None).model
@@ -201,23 +209,31 @@ def test_a_hook_that_slides_on_a_peg_is_solved_by_multigrid(
 
 
 @pytest.mark.parametrize("seed", range(5))
-def test_line_search_finds_the_least_energy_where_springs_yield(seed: int) -> None:
-    """Springs along one slip yield at a limit: s |p| - ½ s² beyond it, ½ p² below."""
+@pytest.mark.parametrize("yielding", [False, True])
+def test_line_search_finds_the_least_energy(yielding: bool, seed: int) -> None:
+    """Springs that only press, and springs along one slip that yield.
+
+    Beyond its limit s a spring that yields has the energy s |p| - ½ s², and ½ p² below.
+    """
     random = np.random.default_rng(seed)
-    start, rate, limit = random.normal(size=9), random.normal(size=9), random.uniform(0.1, 1.0, 9)
-    slope, curvature = -abs(random.normal()) - 20.0, random.uniform(0.1, 10.0)
-    none = np.zeros(0)
+    force, image, start, rate = random.normal(size=(4, 9))
+    stiffness, limit = random.uniform(0.1, 10.0, 9), random.uniform(0.1, 1.0, 9)
+    curvature = random.uniform(0.1, 10.0)
+    slope = -abs(random.normal()) - 20.0 - float(image @ np.maximum(force, 0.0))
 
     def energy(t: float) -> float:
+        pressed = np.maximum(force + t * stiffness * image, 0.0)
         size = np.abs(start + t * rate)
-        yielding = np.where(size > limit, limit * size - 0.5 * limit**2, 0.5 * size**2)
-        return slope * t + 0.5 * curvature * t**2 + float(yielding.sum())
+        slips = np.where(size > limit, limit * size - 0.5 * limit**2, 0.5 * size**2)
+        springs = float(pressed**2 @ (0.5 / stiffness)) + yielding * float(slips.sum())
+        return slope * t + 0.5 * curvature * t**2 + springs
 
     def more(t: float) -> tuple[float, float]:
         p = start + t * rate
         inside = np.abs(p) <= limit
         return float(rate @ np.clip(p, -limit, limit)), float(rate @ (rate * inside))
 
-    t = minimum_along(MPI.COMM_SELF, slope, curvature, none, none, none, more)
+    rows = force, stiffness * image, image
+    t = minimum_along(MPI.COMM_SELF, slope, curvature, *rows, more if yielding else None)
     assert t > 0.0
     assert energy(t) <= min(energy((1.0 - 1e-4) * t), energy((1.0 + 1e-4) * t))

@@ -9,15 +9,12 @@ import pytest
 from mpi4py import MPI
 
 from contact_app.model.model import build_model
-from solver.contact.active_set_options import ActiveSetOptions
 from solver.contact.bodies import Bodies
 from solver.contact.solve_on_set import Outcome
 from solver.contact.stopping import StoppingRule
-from solver.driver import solve as solve_problem
 from solver.primal import by_active_sets
 from solver.primal.augmented import AugmentedLagrangian
 from solver.primal.factor import FactorOptions
-from solver.primal.line_search import minimum_along
 from solver.qp.mprgp import MPRGP
 from solver.tfeti.methods.task import Task
 from solver.tfeti.sizes import BodyForces, force_references
@@ -51,37 +48,6 @@ def test_bodies_that_only_contact_holds_are_solved_by_multigrid(
     assert summary["certificate"]["passed"]
     assert summary["solver"]["method"] == "primal"
     assert summary["solver"]["hessian_multiplications"] <= most
-
-
-@pytest.mark.parametrize("cell", ["triangle", "hexahedron"])
-@pytest.mark.parametrize("name", ["wall", "rollers_and_floor"])
-def test_the_lagrangian_alone_finds_the_answer_of_the_active_sets(name: str, cell: str) -> None:
-    """It begins after one set that has to change."""
-    made = scenes.ALL[name](cell, 4)
-    made["solver"] = {"method": "primal", "tolerance": 1e-8}
-    model = solve(made, None).model
-    options = model.scene.solver
-    expected = solve_problem(model.problem, options)
-    found = solve_problem(model.problem, options, active_sets=ActiveSetOptions(most_sets=0))
-    assert found.converged
-    for one, other in zip(found.displacements, expected.displacements, strict=True):
-        assert one == pytest.approx(other, abs=1e-5 * np.abs(other).max())
-
-
-@pytest.mark.parametrize("seed", range(5))
-def test_line_search_finds_the_least_energy(seed: int) -> None:
-    random = np.random.default_rng(seed)
-    force, image = random.normal(size=(2, 9))
-    stiffness, curvature = random.uniform(0.1, 10.0, 9), random.uniform(0.1, 10.0)
-    slope = -abs(random.normal()) - float(image @ np.maximum(force, 0.0))
-
-    def energy(t: float) -> float:
-        pressed = np.maximum(force + t * stiffness * image, 0.0)
-        return slope * t + 0.5 * curvature * t**2 + float(pressed**2 @ (0.5 / stiffness))
-
-    t = minimum_along(MPI.COMM_SELF, slope, curvature, force, stiffness * image, image)
-    assert t > 0.0
-    assert energy(t) <= min(energy((1.0 - 1e-4) * t), energy((1.0 + 1e-4) * t))
 
 
 def test_rollers_without_load_do_not_keep_a_bearing_from_its_certificate(tmp_path: Path) -> None:

@@ -191,12 +191,15 @@ def test_matching_meshes_are_one_mesh(cell: str, degree: int) -> None:
 
 @pytest.mark.ratchet
 @pytest.mark.parametrize(
-    ("cell", "whole", "parts"),
-    [("quadrilateral", [64, 16], [[32, 16], [28, 14]]),
-     ("hexahedron", [24, 6, 6], [[12, 6, 6], [10, 5, 5]])],
+    ("cell", "whole", "parts", "method"),
+    [("quadrilateral", [64, 16], [[32, 16], [28, 14]], "auto"),
+     ("hexahedron", [24, 6, 6], [[12, 6, 6], [10, 5, 5]], "auto"),
+     ("tetrahedron", [24, 12, 12], [[12, 12, 12], [11, 11, 11]], "primal")],
 )  # fmt: skip
-def test_a_tie_costs_little(cell: str, whole: list[int], parts: list[list[int]]) -> None:
-    """At most 1.3 times the applications of the dual operator on the conforming mesh."""
+def test_a_tie_costs_little(
+    cell: str, whole: list[int], parts: list[list[int]], method: str
+) -> None:
+    """At most 1.3 times the operator applications on the conforming mesh, by both methods."""
     counts, d = [], scenes.dimension(cell)
     for some, pieces in (([whole], 8), (parts, 4)):
         made = beam(cell, 1, some)
@@ -204,25 +207,12 @@ def test_a_tie_costs_little(cell: str, whole: list[int], parts: list[list[int]])
         floor = {"plane": {"point": [0.0] * (d - 1) + [-0.05], "normal": [0.0] * (d - 1) + [1.0]}}
         name = made["bodies"][-1]["name"]
         made["contacts"] = [*made.get("contacts", []), {"on": f"{name}.{axis}-", "obstacle": floor}]
-        solved = solve(made, [pieces] + [1] * (d - 1))
-        assert solved.summary["solution"]["active_contacts"] > 0
-        counts.append(solved.summary["solver"]["hessian_multiplications"])
-    assert counts[1] <= 1.3 * counts[0]
-
-
-@pytest.mark.ratchet
-def test_a_tie_costs_little_by_multigrid() -> None:
-    """At most 1.3 times the multiplications with the stiffness on the conforming mesh."""
-    counts = []
-    for parts in ([[24, 12, 12]], [[12, 12, 12], [11, 11, 11]]):
-        made = beam("tetrahedron", 1, parts)
-        floor = {"plane": {"point": [0.0, 0.0, -0.05], "normal": [0.0, 0.0, 1.0]}}
-        name = made["bodies"][-1]["name"]
-        made["contacts"] = [*made.get("contacts", []), {"on": f"{name}.z-", "obstacle": floor}]
-        solved = solve(made, method="primal")
-        assert solved.summary["solver"]["method"] == "primal"
-        assert solved.summary["certificate"]["passed"]
-        counts.append(solved.summary["solver"]["hessian_multiplications"])
+        split = None if method == "primal" else [pieces] + [1] * (d - 1)
+        solved = solve(made, split, method=method).summary
+        assert solved["solution"]["active_contacts"] > 0
+        assert solved["certificate"]["passed"]
+        assert (solved["solver"]["method"] == "primal") == (method == "primal")
+        counts.append(solved["solver"]["hessian_multiplications"])
     assert counts[1] <= 1.3 * counts[0]
 
 
