@@ -25,7 +25,7 @@ from solver.primal.cholesky import factored
 from solver.primal.merged import MergedSystem
 from solver.primal.products import chosen_rows, multiply, multiply_transposed
 from solver.primal.projector import Projector
-from solver.tfeti.constraints.matrix import local_rows
+from solver.tfeti.constraints.matrix import local_rows, petsc_rows
 from solver.tfeti.subdomain.costs import factor_seconds
 from solver.vectors import Array, on_arrays
 
@@ -192,12 +192,10 @@ def squared_rows(system: MergedSystem) -> PETSc.Mat:
 
 
 def squared(matrix: PETSc.Mat) -> PETSc.Mat:
-    """A matrix with squared entries."""
-    squares = matrix.copy()
-    begins, places, values = squares.getValuesCSR()
-    squares.setValuesCSR(begins, places, values**2)
-    squares.assemble()
-    return squares
+    """A matrix with squared entries (collective)."""
+    rows = local_rows(matrix)
+    rows.data *= rows.data
+    return petsc_rows(matrix.comm.tompi4py(), rows, matrix.getLocalSize()[1])
 
 
 def diagonal_below(P: PETSc.Mat, springs: Array) -> Array:
