@@ -49,6 +49,9 @@ class FactorOptions:
         holds have the V-cycle: on the leaf spring and the beam on rollers of `make_trials.py
         --size 1.8`, of degree 2, it takes 2.4 and 1.2 s of CPU time, factors 6.7 and 1.6 s. So have
         bodies with friction, where many sets would have a factor each and contact hardly peels off.
+        With more seconds, up to `slow_seconds`, factors begin where contact peels off: a pressed
+        plate of degree 2 (75,615 unknowns, `pressed_plate --size 1.2`) takes 4.9 s by V-cycles and
+        7.7 s by factors, a lifted one (72,225) 19 s and 9.5 s.
     slow, slow_digit, slow_seconds
         Iterations on one set after which a factor replaces the V-cycle if each digit of the
         residual took so many, and predicted seconds up to which it does. A bracket of hexahedra

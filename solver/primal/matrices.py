@@ -46,8 +46,10 @@ class Matrices:
         Predicted for one factor of K.
     direct
         Whether factors solve on the sets.
+    thin
+        Whether bodies are thin and held, so that their contact may peel off row by row.
     peels
-        Whether bodies are thin, their contact may peel off row by row, and a factor is affordable:
+        Whether they are, and a factor is inexpensive from the first set on:
         without one the many sets of a constraint hierarchy would cost too many iterations. With
         friction these are the sets of the contact without friction.
     hierarchy
@@ -59,6 +61,7 @@ class Matrices:
     system: MergedSystem
     seconds: float
     direct: bool
+    thin: bool
     peels: bool
     hierarchy: Hierarchy
     floating: FloatingMotions
@@ -71,15 +74,25 @@ class Matrices:
         held = problem.system.constraints.held_without_contact
         by_cycles = problem.dimension == 3 and (problem.friction.acts or not held)
         is_thin = thinness(system) >= factors.thin
-        thin = is_thin and not by_cycles
-        direct = seconds <= (factors.thin_seconds if thin else factors.small)
+        by_factors = is_thin and not by_cycles
+        direct = seconds <= (factors.thin_seconds if by_factors else factors.small)
         peels = is_thin and held and seconds <= factors.thin_seconds
         # thin bodies take their first set from levels, though a factor solves on the sets
-        make = build_hierarchy if not direct or (thin and not peels) else no_hierarchy
+        make = build_hierarchy if not direct or (by_factors and not peels) else no_hierarchy
         free_matrices(problem.comm)
         hierarchy = make(system)
         free_matrices(problem.comm)
-        return cls(system, seconds, direct, peels, hierarchy, FloatingMotions(system))
+        floating = FloatingMotions(system)
+        return cls(system, seconds, direct, is_thin and held, peels, hierarchy, floating)
+
+    def peeling(self, most_seconds: float) -> Matrices | None:
+        """The same with factors on levels of rows.
+
+        None where they are so already, no body is thin and held, or a factor takes longer.
+        """
+        if self.peels or not self.thin or self.seconds > most_seconds:
+            return None
+        return replace(self, direct=True, peels=True)
 
     @classmethod
     def shared(
