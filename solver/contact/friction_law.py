@@ -194,22 +194,13 @@ class Friction(Frictionless):
         normals = normals.copy()
         normals[points.normals[points.first[overshot]]] = True
         touching = normals[points.normals[points.first]]
-        limit = points.coefficients * np.where(touching, points.pressing(multiplier), 0.0)
-        limit = limit + points.limits
-        if relaxation is not None:
-            reached = points.sizes(self._prescribed(before))
-            reached = reached + relaxation.factor * relaxation.residual
-            limit = np.where(overshot, np.maximum(reached, 0.0), limit)
+        limit = self._limits(multiplier, touching, relaxation, before)
         spread = points.spread[points.first]
         slack = error.force * spread
 
         direction = self._units(forces)
-        relative = state.distance[points.rows]
         slid = np.where(springs[points.point], self._units(self._prescribed(before)), direction)
-        back = points.dots(relative, slid)
-        sticks_again = np.where(
-            size > 0.0, back < -error.distance, points.sizes(relative) <= error.distance
-        )
+        sticks_again = self._slips_back(state, error, slid, size > 0.0)
         sticks = (limit > 0.0) & np.where(stuck, size <= limit + slack, sticks_again)
         sticks &= ~overshot
         early = np.zeros(len(sticks), bool)
@@ -237,6 +228,27 @@ class Friction(Frictionless):
         guessed[points.rows[points.first]] = early
         after = self._with_former_tractions(after, before, unchanged)
         return replace(after, relaxation=relaxation), guessed
+
+    def _limits(
+        self, multiplier: Array, touching: Mask, relaxation: Relaxation | None, before: Statuses
+    ) -> Array:
+        """Slip limits of a state, (points,); relaxed ones at points that overshot."""
+        points = self.points
+        limit = points.coefficients * np.where(touching, points.pressing(multiplier), 0.0)
+        limit = limit + points.limits
+        if relaxation is None:
+            return limit
+        reached = points.sizes(self._prescribed(before)) + relaxation.factor * relaxation.residual
+        return np.where(relaxation.residual != 0.0, np.maximum(reached, 0.0), limit)
+
+    def _slips_back(
+        self, state: SetState, error: StateError, direction: Array, has_force: Mask
+    ) -> Mask:
+        """Points that slip against their friction force, or, without a force, do not slip."""
+        points, relative = self.points, state.distance[self.points.rows]
+        back = points.dots(relative, direction)
+        still = points.sizes(relative) <= error.distance
+        return np.where(has_force, back < -error.distance, still)
 
     def _relaxed(self, limit: Array, slides: Mask, before: Statuses) -> tuple[Array, Relaxation]:
         """Limits (points,) between the prescribed ones and those of the state (collective).

@@ -36,15 +36,14 @@ def solve_by_mprgp(task: Task, start: Array | None, accelerated: bool = True) ->
     problem, rule, checkpoint = task.problem, task.rule, task.checkpoint
     qp = BoxQP(problem.projected, problem.rhs, lower=problem.lower)
     inner, before = replace(task.inner, atol=problem.round_off), Counts()
-    from_zero = False
     restart = checkpoint.load(problem.size, problem.description) if checkpoint else None
     warm = start is not None
     if restart is not None:
         start, before = restart.x, restart.counts
-    if accelerated and problem.coarse is None and problem.one_sided:
+    accelerated = accelerated and problem.coarse is None and problem.one_sided
+    if accelerated:
         steps = max(FEWEST_STEPS, STEPS_PER_ROW * problem.comm.allreduce(problem.size))
         inner = replace(inner, max_iterations=min(inner.max_iterations, steps))
-        from_zero = start is None
     if start is not None and problem.coarse is not None:
         start = start - problem.offset
         problem.coarse.project(start, start)
@@ -68,7 +67,7 @@ def solve_by_mprgp(task: Task, start: Array | None, accelerated: bool = True) ->
         monitor=task.monitor,
         accept=lambda x: certify(x).converged,
         watch=watch,
-        from_zero=from_zero,
+        from_zero=accelerated and start is None,
     )
     if answer is None or not answer.converged:
         answer = certify(result.x)
