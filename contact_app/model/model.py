@@ -42,6 +42,7 @@ from contact_app.model.sections import SectionPiece
 from contact_app.model.supports import support_rows
 from contact_app.model.total_loads import LinearTraction
 from contact_app.scene.bodies import Body
+from contact_app.scene.conditions import RigidTie
 from contact_app.scene.material import Material
 from contact_app.scene.rigid import idle_loads
 from contact_app.scene.scene import Scene
@@ -283,6 +284,13 @@ def _cautions(outline: Outline) -> tuple[str, ...]:
         f"{load.source}: {rigid.bodies[load.body].name} is held against this load: its "
         "reaction takes the load, which acts on no other body"
         for load in held
+    ]
+    touched = {contact.rigid for contact in geometry.contacts}
+    touched |= {tie.rigid for tie in geometry.ties if isinstance(tie, RigidTie)}
+    cautions += [
+        f"{body.name}: no entry of `contacts` names this rigid body, and nothing touches it"
+        for number, body in enumerate(rigid.bodies)
+        if number not in touched
     ]
     cautions += doubled_pairs(geometry)
     cautions += without_area(geometry, outline.tangential)

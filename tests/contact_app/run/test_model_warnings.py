@@ -138,6 +138,18 @@ def test_two_contacts_that_share_facets_on_both_bodies(cell: str) -> None:
         assert ("contacts[1]: facets on both bodies belong to contacts[0]" in found) == reported
 
 
+def test_a_rigid_body_that_no_contact_names() -> None:
+    """A punch that is moved into a block passes through it."""
+    made = scenes.wall("quadrilateral", 4)
+    made["bodies"].append({"name": "punch", "rigid": scenes.ball("quadrilateral", (0.5, 0, 2), 1)})
+    made["conditions"].append({"in": "punch", "displacement": [0, -0.5], "rotation": 0})
+    sentence = "punch: no entry of `contacts` names this rigid body"
+    assert sentence in warnings_of(made)
+    made["conditions"][-1]["displacement"] = [0, -0.001]
+    made["contacts"].append({"on": "block.y+", "against": "punch"})
+    assert sentence not in warnings_of(made)
+
+
 def test_a_named_condition_that_no_step_and_no_case_has() -> None:
     made = scenes.wall("quadrilateral", 3)
     for condition, name in zip(made["conditions"], ("foot", "push"), strict=False):
