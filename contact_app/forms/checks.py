@@ -61,7 +61,10 @@ def check_forms(a: Any, L: Any, bcs: Sequence[Any]) -> Any:
     if np.issubdtype(PETSc.ScalarType, np.complexfloating):
         raise TypeError("contact needs real numbers: this PETSc is built for complex ones")
     if not isinstance(a, ufl.Form) or not isinstance(L, ufl.Form):
-        raise TypeError("a and L must be forms of ufl (not yet compiled by dolfinx.fem.form)")
+        raise TypeError(
+            f"a and L must be forms of ufl, not yet compiled by dolfinx.fem.form; they are "
+            f"{type(a).__name__} and {type(L).__name__}"
+        )
     rank = [len(form.arguments()) for form in (a, L)]
     if rank != [2, 1]:
         raise ValueError(

@@ -5,6 +5,7 @@ from __future__ import annotations
 import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -134,7 +135,8 @@ class ContactProblem:
         )
         if u is not None and getattr(u, "function_space", None) != self._space:
             raise ValueError("u must be a Function of the space of the forms")
-        self.u = fem.Function(self._space) if u is None else u
+        self.u = fem.Function(self._space, name="displacement") if u is None else u
+        self._functions: dict[str, Any] = {}
         self._answer: _Answer | None = None
         self._begin: NDArray[np.float64] | None = None
         self._pressed: NormalForces | None = None
@@ -145,6 +147,7 @@ class ContactProblem:
         """Solve and certify (collective), with the present coefficients and conditions.
 
         Matrices, factors and constraints that have not changed are reused from the last solve.
+        The Functions of displacement, pressure and other fields remain, with new values.
 
         Parameters
         ----------
@@ -284,25 +287,25 @@ class ContactProblem:
             none = np.zeros(owners.count)
             pressure = np.max([none, *(c.pressure for c in at_nodes)], axis=0)
             smoothed = np.max([none, *(c.smoothed for c in at_nodes)], axis=0)
+            scalars, of_space = self._scalars
             fields: dict[str, Any] = {}
-            scalars, of_space = self._space.sub(0).collapse()
-            nodes = np.asarray(of_space) // d
 
             def function(values: NDArray[np.float64], name: str) -> None:
-                fields[name] = fem.Function(scalars, name=name)
-                fields[name].x.array[:] = on_space.values(values)[nodes]
-
-            def vectors(values: NDArray[np.float64], name: str) -> None:
-                fields[name] = fem.Function(self._space, name=name)
-                fields[name].x.array[:] = on_space.values(values).ravel()
+                space, at_nodes = self._space, on_space.values(values)
+                if values.ndim == 1:
+                    space, at_nodes = scalars, at_nodes[of_space]
+                if name not in self._functions:
+                    self._functions[name] = fem.Function(space, name=name)
+                fields[name] = self._functions[name]
+                fields[name].x.array[:] = at_nodes.ravel()
 
             function(pressure, "contact_pressure")
             function(smoothed, "smoothed_contact_pressure")
             function(nearest_gap(at_nodes, owners.count), "gap")
             if any(contact.friction for contact in model.contacts):
                 traction, slip, status = friction_fields(at_nodes, owners.count, d)
-                vectors(traction, "friction_traction")
-                vectors(slip, "slip")
+                function(traction, "friction_traction")
+                function(slip, "slip")
                 function(status.astype(float), "contact_status")
             records = (
                 contact_records(model, owners, at_nodes),
@@ -310,6 +313,12 @@ class ContactProblem:
             )
         summary = summary_of(model, solution, displacement, records, timings, self._pressed)
         return _Answer(solution, fields, summary)
+
+    @cached_property
+    def _scalars(self) -> tuple[Any, NDArray[np.int64]]:
+        """The space of one component, and the node of the forms' space of each of its nodes."""
+        space, unknowns = self._space.sub(0).collapse()
+        return space, np.asarray(unknowns) // self._space.dofmap.index_map_bs
 
     @property
     def _solved(self) -> _Answer:

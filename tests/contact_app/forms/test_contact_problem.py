@@ -167,8 +167,12 @@ def test_a_problem_is_solved_again_for_new_loads() -> None:
     assert problem.solve() is u
     first, force = u.x.array.copy(), np.array(problem.summary["contacts"][0]["force"])
     assert force[1] > 0.0
+    pressure = problem.contact_pressure
+    lower = pressure.x.array.max()
     push.value *= 3.0
     problem.solve()
+    assert problem.contact_pressure is pressure  # a file or a form that has it is up to date
+    assert pressure.x.array.max() > 2.0 * lower
     gap = problem.gap.x.array
     assert np.nanmin(gap) > -1e-9
     assert u.x.array != pytest.approx(first, rel=1e-3)
