@@ -7,7 +7,7 @@ import re
 import numpy as np
 import pytest
 
-from contact_app.accuracy.contact_limits import expected_error
+from contact_app.accuracy.contact_limits import expected_error, pressed_facets
 from contact_app.run.solve import solve_scene
 from contact_app.studies.peak_draws import KINDS, draw, draws, half_scene, hertz_scene
 from tests import scenes
@@ -33,6 +33,25 @@ def test_three_to_six_facets_across_cause_a_warning_with_the_expected_error(cell
     assert "facets across" not in " ".join(
         solve_scene(scenes.build(made)).summary["certificate"]["warnings"]
     )
+
+
+@pytest.mark.parametrize(("facets", "across", "off"), [(1.5, 3.0, 0.705), (3.0, 3.54, 0.207)])
+def test_a_ball_above_the_middle_of_a_facet_is_off_by_less_than_the_expected_error(
+    facets: float, across: float, off: float
+) -> None:
+    """The worst place: four nodes about one facet count as three facets, and no number is told."""
+    kind = KINDS["hexahedron 1"]
+    made, right = hertz_scene(kind, facets, [1.0 / kind.cells] * 2)
+    found = solve_scene(scenes.build(made))
+    (pressed,) = pressed_facets(found.model, found.nodes)
+    assert pressed.across_narrow_side(found.model.comm, 3) == pytest.approx(across, abs=0.01)
+    told = " ".join(found.summary["certificate"]["warnings"])
+    error = 1.0 - found.summary["contacts"][0]["max_smoothed_pressure"] / right
+    assert error == pytest.approx(off, abs=0.01)
+    words = re.search(r"max_smoothed_pressure may be (?:(\d+) % off|wrong by half or more)", told)
+    assert words is not None
+    assert error < 0.01 * int(words[1] or 100)
+    assert (words[1] is None) == (off > 0.5)
 
 
 def test_a_fine_mesh_has_the_peak_of_hertz() -> None:
