@@ -53,6 +53,9 @@ GAINED = 0.5
 MOST = 4
 """Largest number of cases in a sum."""
 
+LONGEST = 2.0
+"""Change of loads over the last change up to which answers are extrapolated."""
+
 LARGEST = 3.0
 """Largest factor of a case in a sum of several."""
 
@@ -226,6 +229,22 @@ class CaseModels:
         vectors = effect - last, effect, last
         change, *squares = self._comm.allreduce(np.array([v @ v for v in vectors]))
         return bool(change <= FAR**2 * max(squares))
+
+    def change_of_loads(self, model: Model) -> float | None:
+        """Change of the loads since the last answer, over the change before (collective).
+
+        None if it is not along that change.
+        """
+        earlier = self._earlier[-2:]
+        if len(earlier) < 2 or any(e.B is not model.problem.B for e in earlier):
+            return None
+        before, change = earlier[1].effect - earlier[0].effect, model.problem.effect_of_loads
+        change = change - earlier[1].effect
+        vectors = np.array([before, change])
+        (old, inner), (_, new) = self._comm.allreduce(vectors @ vectors.T)
+        if not inner > 0.0 or inner**2 < (1.0 - NEAR) * old * new or inner > LONGEST * old:
+            return None
+        return float(inner / old)
 
     def on(self, model: Model) -> Guess | None:
         """Initial multipliers; None if no earlier case is near (collective)."""

@@ -58,6 +58,7 @@ class IncrementModels:
         self._pressed: NormalForces | None = None
         self._of_subdomains: list[NDArray[np.float64]] = []
         self._order: tuple[Decomposition, bool] | None = None
+        self._before: SameRows | None = None
 
     @property
     def displacements(self) -> Displacements | None:
@@ -170,7 +171,7 @@ class IncrementModels:
     def add(self, solved: SolvedScene) -> None:
         """Store an answer: the next increment begins with it."""
         self._last, self._displacements = solved.model.scene, solved.solution.displacements
-        self._rows = SameRows(solved.solution)
+        self._before, self._rows = self._rows, SameRows(solved.solution)
         self._pressed = NormalForces.of(solved.model.problem, solved.solution)
         self._store_order(solved.model, solved.solution.displacements)
         self._models.add(solved.model, solved.solution)
@@ -196,11 +197,31 @@ class IncrementModels:
         """Initial guess: a combination of earlier answers, or the last one (collective).
 
         With friction multigrid begins with the last answer unless its loads are far: an earlier one
-        to nearly equal loads, which came from the other side, slides the other way.
+        to nearly equal loads, which came from the other side, slides the other way. Where the loads
+        go on in the direction of the last increment, so does the answer.
         """
         follows = self._rough and not model.problem.factored and self._models.is_near_last(model)
-        near = None if follows else self._models.on(model)
+        near = self._extrapolated(model) if follows else self._models.on(model)
         return near if near is not None or self._rows is None else self._rows.on(model)
+
+    def _extrapolated(self, model: Model) -> Guess | None:
+        """The last answer and a share of its change, as of the change of the loads (collective).
+
+        None if the loads change otherwise than before.
+        """
+        share = self._models.change_of_loads(model)
+        if share is None or self._before is None or self._rows is None:
+            return None
+        last, before = self._rows.on(model), self._before.on(model)
+        if last is None or before is None:
+            return None
+        assert last.displacements is not None
+        assert before.displacements is not None
+        pairs = zip(last.displacements, before.displacements, strict=True)
+        return Guess(
+            last.multiplier + share * (last.multiplier - before.multiplier),
+            [u + share * (u - v) for u, v in pairs],
+        )
 
 
 def _order(decomposition: Decomposition, solver: SolverOptions) -> tuple[Decomposition, bool]:
