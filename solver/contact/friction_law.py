@@ -266,7 +266,8 @@ class Friction(Frictionless):
         if last is not None:
             oo, no, nn = self._products(last.residual, residual)
             aligned = no > max(self.options.aligned * (oo * nn) ** 0.5, self.options.remains * oo)
-            if len(history) > 1 and last.factor == 1.0 and (aligned or last.extrapolated):
+            falls = nn < oo and (aligned or last.extrapolated)
+            if len(history) > 1 and last.factor == 1.0 and falls:
                 best = np.maximum(combined(self.comm, history), 0.0)
                 relaxation = Relaxation(residual, 1.0, history, extrapolated=True)
                 return np.where(follows, best, limit), relaxation
