@@ -10,6 +10,7 @@ outside of the other body before the deformation count, and those that slide by 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import cache
 from itertools import combinations
 
 import numpy as np
@@ -55,6 +56,7 @@ def entered_without_contact(model: Model, solution: Solution, nodes: NodeFields)
     entries: list[BodyContact | Tie] = [*scene.pairs, *scene.ties]
     if not solution.converged:
         return []
+    surface_of = cache(lambda body: _whole_surface(model, body))  # for all pairs of a body
     for a, b in combinations(range(len(scene.bodies)), 2):
         bodies = scene.bodies[a], scene.bodies[b]
         reach = float(measures.displacements[a] + measures.displacements[b])
@@ -64,7 +66,7 @@ def entered_without_contact(model: Model, solution: Solution, nodes: NodeFields)
         if (lower.max(axis=0) > upper.min(axis=0) + reach).any():
             continue
         joined = [entry for entry in entries if {entry.body, entry.other} == {a, b}]
-        depth = _outside_of_contacts(model, nodes, (a, b), joined)
+        depth = _outside_of_contacts(model, nodes, (surface_of(a), surface_of(b)), joined)
         if depth > ENTERED * max(measures.deformations[a], measures.deformations[b]):
             where = "no entry of `contacts` joins them"
             if joined:
@@ -77,16 +79,23 @@ def entered_without_contact(model: Model, solution: Solution, nodes: NodeFields)
 
 
 def _outside_of_contacts(
-    model: Model, nodes: NodeFields, bodies: tuple[int, int], joined: Sequence[BodyContact | Tie]
+    model: Model,
+    nodes: NodeFields,
+    surfaces: tuple[Surface, Surface],
+    joined: Sequence[BodyContact | Tie],
 ) -> float:
     """Largest depth of a vertex of one body in the other one away from their contacts (collective).
 
     Facets with a node on a boundary of a contact do not count: there the contact decides.
+
+    Parameters
+    ----------
+    surfaces
+        The whole surfaces of the two bodies.
     """
     named = [side.nodes.ravel() for item in joined for side in sides_of(model.geometry, item)]
     in_contact = np.unique(np.concatenate([np.zeros(0, np.int64), *named]))
-    one, two = (_whole_surface(model, body) for body in bodies)
-    depth = 0.0
+    (one, two), depth = surfaces, 0.0
     for sides in ((_away_from(one, in_contact), two), (one, _away_from(two, in_contact))):
         if all(len(side.nodes) for side in sides):
             displaced = _displaced(model, nodes, sides[0]), _displaced(model, nodes, sides[1])

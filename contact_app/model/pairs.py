@@ -66,8 +66,9 @@ def doubled_pairs(geometry: Geometry) -> list[str]:
 
 def _have_common_facets(one: Surface, other: Surface) -> bool:
     """Whether two surfaces share a facet."""
-    facets = [set(map(tuple, np.sort(side.nodes, axis=1).tolist())) for side in (one, other)]
-    return not facets[0].isdisjoint(facets[1])
+    each = [np.unique(np.sort(side.nodes, axis=1), axis=0) for side in (one, other)]
+    both = np.concatenate(each)
+    return len(np.unique(both, axis=0)) < len(both)
 
 
 def of_what_is_solved(geometry: Geometry, means: MeanGaps) -> MeanGaps:
