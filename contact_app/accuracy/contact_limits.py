@@ -337,8 +337,11 @@ class PressedFacets:
         symmetry cuts has the moments of the whole (collective).
         """
         forces = self.areas * self.pressure.mean(axis=1)
-        planes = [plane for plane in self.planes if self._ends_at(comm, *plane)]
-        return _along_axes(comm, self.corners, forces, planes)
+        return _along_axes(comm, self.corners, forces, self.planes_at_end(comm))
+
+    def planes_at_end(self, comm: MPI.Intracomm) -> list[tuple[int, float]]:
+        """The planes of symmetry at which the contact ends (collective)."""
+        return [plane for plane in self.planes if self._ends_at(comm, *plane)]
 
     def _ends_at(self, comm: MPI.Intracomm, axis: int, place: float) -> bool:
         """Whether loaded facets lie on one side of a plane across an axis and reach it."""

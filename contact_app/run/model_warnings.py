@@ -32,6 +32,7 @@ from contact_app.accuracy.contact_limits import (
 )
 from contact_app.accuracy.entered_pairs import entered_pairs, entered_without_contact
 from contact_app.accuracy.faceted_curves import median_gaps, pair_distances, sagittas
+from contact_app.accuracy.hertz import hertz_peak
 from contact_app.accuracy.sharp_edges import sharp_peaks
 from contact_app.accuracy.solved_scene import SolvedScene
 from contact_app.accuracy.trust import few_cells
@@ -155,9 +156,12 @@ def _coarse_pressures(answer: SolvedScene) -> Iterator[str]:
     """Pressures that vary within single facets."""
     scene, comm = answer.model.scene, answer.model.comm
     every = pressed_facets(answer.model, answer.nodes)
-    for item, facets, pressed in zip(scene.touching, every, _pressed(answer), strict=True):
+    for i, (facets, pressed) in enumerate(zip(every, _pressed(answer), strict=True)):
         if pressed and (text := coarse_pressure(facets, comm, scene.dimension)):
-            yield f"{item.source}: {text}"
+            hertz = hertz_peak(answer.model, answer.nodes, facets, i)
+            if hertz is not None:
+                text += f"; for bodies large beside the contact Hertz's theory gives {hertz:.4g}"
+            yield f"{scene.touching[i].source}: {text}"
 
 
 def _pressed(answer: SolvedScene) -> list[bool]:
