@@ -77,10 +77,15 @@ def test_the_expected_size_is_that_of_the_file(part: str, tmp_path: Path) -> Non
 def test_a_full_disk_leaves_no_file_and_is_reported(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(disk, "free_bytes", lambda directory: 0)
-    file = VTUWriter(tmp_path / "solution.vtu", [("triangle", 1)], 3, {}, {})
-    with pytest.raises(CouldNotRunError, match=r"solution\.vtu needs"):
-        file.close()
+    def full(descriptor: int, size: int) -> None:
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(disk, "reserve", full)
+    with (
+        pytest.raises(CouldNotRunError, match=r"solution\.vtu needs"),
+        VTUWriter(tmp_path / "solution.vtu", [("triangle", 1)], 3, {}, {}),
+    ):
+        pass
     assert not list(tmp_path.iterdir())
 
 
