@@ -2,17 +2,10 @@
 
 All cases, and all increments of a history, have the meshes, the subdomains, the rows and the
 factors of one model. A node gets a contact row if any of the cases, or of the ends of steps, may
-need it. Later cases begin with the multipliers of the earlier case whose loads are nearest, scaled
-to theirs: with d = B K⁺ f - c, the gaps that the loads of a case open without forces of
-constraints, that is the case k and the factor a ≥ 0 of least ‖d - a d_k‖. If the loads are a
-combination of earlier ones, d is nearly the same combination of earlier d_k, and the multipliers
-begin with that combination.
-
-Search directions of earlier cases serve again where a direction is small and there is no friction.
-On a cube of 206,763 unknowns, where hundreds of rows open from case to case, they saved none of 146
-operator applications. Slip directions turn from one increment to the next: with the directions of
-all increments a pressed cube of 13,824 cells that is pushed in six took half as much processor time
-again, and a block that slides to and fro 2,052 applications instead of 208.
+need it. A later case begins with a combination of the multipliers of the two earlier cases whose
+loads are nearest. With d = B K⁺ f - c, the gaps that the loads of a case open without forces of
+constraints, it is the combination of least ‖d - Σ a_k d_k‖. While contact does not change, the
+multipliers depend linearly on d.
 """
 
 from __future__ import annotations
@@ -37,27 +30,20 @@ from contact_app.scene.scene import Scene
 from solver.contact.solution import Guess, Solution
 from solver.tfeti.constraints.matrix import ConstraintMatrix
 from solver.tfeti.decomposed import SharedPlace
-from solver.tfeti.directions import Directions
 
 Array = NDArray[np.float64]
 
 FAR = 0.7
-"""‖d - a d_k‖ over ‖d‖ above which an earlier case is not used as initial guess."""
-
-NEAR = 1e-6
-"""‖d - Σ a_k d_k‖ over ‖d‖ below which no further case joins."""
-
-GAINED = 0.5
-"""A further case joins where it brings the sum nearer by at least this factor."""
-
-MOST = 4
-"""Largest number of cases in a sum."""
+"""‖d - Σ a_k d_k‖ over ‖d‖ above which no earlier case is used as initial guess."""
 
 LONGEST = 2.0
 """Change of loads over the last change up to which answers are extrapolated."""
 
+PARALLEL = 1e-6
+"""Square of the sine of the angle between changes of loads that count as parallel."""
+
 LARGEST = 3.0
-"""Largest factor of a case in a sum of several."""
+"""Largest factor of a case in a combination: larger ones extrapolate too far."""
 
 
 def outlines_of_cases(
@@ -135,7 +121,6 @@ class CaseModels:
         self._model: Model | None = None
         self._patches: Patches | None = None
         self._earlier: list[_Earlier] = []
-        self._directions: Directions | None = None
         self._place = SharedPlace()
 
     def model(self, scene: Scene, timings: Timings, needed: Needed, report: Report | None) -> Model:
@@ -145,16 +130,9 @@ class CaseModels:
         placements differ), or if other rows are redundant.
         """
         model = self._model_of(scene, timings, needed, report)
-        problem = model.problem
-        if not problem.factored:
-            return replace(model, problem=problem.sharing(self._place))
-        if scene.has_friction or problem.coarse is None:
+        if model.problem.factored:
             return model
-        shared = problem.recycling(self._directions)
-        self._directions = shared.reused.directions
-        if self._directions is None or not self._directions.light:
-            return model
-        return replace(model, problem=shared)
+        return replace(model, problem=model.problem.sharing(self._place))
 
     def _model_of(
         self, scene: Scene, timings: Timings, needed: Needed, report: Report | None
@@ -217,8 +195,6 @@ class CaseModels:
     def add(self, model: Model, solution: Solution) -> None:
         """Store the answer of a case as initial guess for later ones."""
         problem = model.problem
-        if solution.method == "smalbe":  # from sets that did not settle
-            self._directions = None
         self._earlier.append(_Earlier(problem.B, problem.effect_of_loads, solution.multiplier))
 
     def is_near_last(self, model: Model) -> bool:
@@ -242,7 +218,7 @@ class CaseModels:
         change = change - earlier[1].effect
         vectors = np.array([before, change])
         (old, inner), (_, new) = self._comm.allreduce(vectors @ vectors.T)
-        if not inner > 0.0 or inner**2 < (1.0 - NEAR) * old * new or inner > LONGEST * old:
+        if not inner > 0.0 or inner**2 < (1.0 - PARALLEL) * old * new or inner > LONGEST * old:
             return None
         return float(inner / old)
 
@@ -259,11 +235,9 @@ class CaseModels:
 
 
 def nearest_combination(products: Array) -> Array | None:
-    """Factors a_k of earlier cases so that Σ a_k d_k is near the last vector d.
+    """Factors a_k of the two earlier cases nearest to the last vector d, of least ‖d - Σ a_k d_k‖.
 
-    The nearest earlier case comes first, with a factor a ≥ 0. Others join while each reduces the
-    distance. Of several cases with about the same reduction the one nearest to d joins, because the
-    answer depends linearly on the loads only as long as contact does not change.
+    The nearest case alone has a factor if one of the two would be too large.
 
     Parameters
     ----------
@@ -275,36 +249,13 @@ def nearest_combination(products: Array) -> Array | None:
     (cases,) or None where no earlier case is near.
     """
     inner, with_new, square = products[:-1, :-1], products[:-1, -1], products[-1, -1]
-    squares = np.diag(inner)
-    share = np.divide(with_new, squares, out=np.zeros(len(with_new)), where=squares > 0.0)
-    share = np.maximum(share, 0.0)
-    left = square - 2.0 * share * with_new + share**2 * squares
-    best = int(np.argmin(left))
-    if left[best] > FAR**2 * square or not share[best] > 0.0:
-        return None
-    chosen, factors, rest = [best], share[[best]], max(float(left[best]), 0.0)
-    distances = square - 2.0 * with_new + squares
-    while rest > NEAR**2 * square and len(chosen) < min(MOST, len(with_new)):
-        joined = [_joined(inner, with_new, square, [*chosen, k]) for k in range(len(with_new))]
-        after = np.array([one[1] for one in joined])
-        after[chosen] = np.inf
-        if after.min() > GAINED**2 * rest:
-            break
-        nearly_best = after <= max(2.0 * after.min(), NEAR**2 * square)
-        k = int(np.argmin(np.where(nearly_best, distances, np.inf)))
-        chosen, factors, rest = [*chosen, k], joined[k][0], float(after[k])
-    result = np.zeros(len(with_new))
-    result[chosen] = factors
-    return result
-
-
-def _joined(inner: Array, with_new: Array, square: float, some: list[int]) -> tuple[Array, float]:
-    """Minimise ‖d - Σ a_k d_k‖² over some cases: the factors and the minimum.
-
-    Factors above `LARGEST` extrapolate too far: the minimum counts as infinite.
-    """
-    factors = np.linalg.lstsq(inner[np.ix_(some, some)], with_new[some], rcond=1e-10)[0]
-    left = square - 2.0 * factors @ with_new[some] + factors @ inner[np.ix_(some, some)] @ factors
-    if np.abs(factors).max() > LARGEST:
-        return factors, np.inf
-    return factors, max(float(left), 0.0)
+    order = np.argsort(square - 2.0 * with_new + np.diag(inner), kind="stable")
+    for nearest in (order[:2], order[:1]):
+        of_nearest = inner[np.ix_(nearest, nearest)]
+        factors = np.linalg.lstsq(of_nearest, with_new[nearest], rcond=1e-10)[0]
+        near = square - factors @ with_new[nearest] <= FAR**2 * square
+        if near and factors.sum() > 0.0 and np.abs(factors).max() <= LARGEST:
+            result = np.zeros(len(with_new))
+            result[nearest] = factors
+            return result
+    return None

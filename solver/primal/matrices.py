@@ -71,7 +71,7 @@ class Matrices:
         """The matrices of an unfactored problem (collective)."""
         system = merge(problem)
         seconds = predicted_seconds(system)
-        held = problem.system.constraints.held_without_contact
+        held = problem.held_without_contact
         by_cycles = problem.dimension == 3 and (problem.friction.acts or not held)
         is_thin = thinness(system) >= factors.thin
         by_factors = is_thin and not by_cycles

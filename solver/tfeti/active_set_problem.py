@@ -123,7 +123,7 @@ class ActiveSetProblem:
         if recycled is not None and not recycled.empty:
             self.reduced = beginning_at(self.reduced, *recycled.best(self.reduced.rhs))
         assert self.reduced.coarse is not None
-        if not problem.system.constraints.held_without_contact:
+        if not problem.held_without_contact:
             self._check_coarse_problem()
         scaled, rhs = self._compliant_terms()
         operator = RecordedOperator(self.reduced, directions, scaled)

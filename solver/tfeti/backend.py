@@ -20,14 +20,12 @@ from solver.vectors import Array, Mask
 class TotalFeti:
     """Backend of one dual problem for one run of the active-set loop.
 
-    The search directions of earlier sets, and those of earlier problems that share them, are used
-    again on later sets.
+    The search directions of earlier sets are used again on later sets.
     """
 
     def __init__(self, problem: DualProblem, recycling: RecyclingOptions | None = None) -> None:
-        self.problem = problem
-        self._recycling = recycling
-        self._directions = problem.reused.directions or self._no_directions()
+        self.problem, self._recycling = problem, recycling
+        self.forget()
 
     @property
     def comm(self) -> MPI.Intracomm:
@@ -65,9 +63,7 @@ class TotalFeti:
 
     def hierarchy(self, coarsened: bool) -> ConstraintHierarchy:
         """The constraint hierarchy; several levels for thin bodies if wanted (collective)."""
-        return constraint_hierarchy(
-            self.problem, coarsened and self.problem.system.constraints.held_without_contact
-        )
+        return constraint_hierarchy(self.problem, coarsened and self.problem.held_without_contact)
 
     def release(self) -> None:
         """Free the matrices of the last set now: petsc4py would free them later."""
@@ -78,7 +74,5 @@ class TotalFeti:
 
         Directions of sets that hardly hold a body harm other sets.
         """
-        self._directions = self._no_directions()
-
-    def _no_directions(self) -> Directions:
-        return Directions(self.problem.B, self.problem.conditional, self._recycling)
+        problem = self.problem
+        self._directions = Directions(problem.B, problem.conditional, self._recycling)

@@ -46,7 +46,7 @@ def contact_law(problem: DualProblem) -> ContactLaw:
     shared_compliance = None
     if problem.comm.allreduce(len(points.shared)):
         shared_compliance = STICKING_COMPLIANCE / problem.row_stiffness(problem.tangential)
-    held = problem.system.constraints.held_without_contact
+    held = problem.held_without_contact
     front = SlipFront(points, problem.comm, held)
     gaps = np.zeros(problem.size)
     gaps[problem.inequality] = problem.contact.gaps

@@ -104,6 +104,11 @@ class DecomposedProblem:
         return self.system.constraints.coarse
 
     @property
+    def held_without_contact(self) -> bool:
+        """Whether every body is held with all contact rows open."""
+        return self.system.constraints.held_without_contact
+
+    @property
     def contact(self) -> ContactRows:
         """Geometry of the contact rows, in row order."""
         return self.shared.contact

@@ -17,7 +17,6 @@ from functools import cached_property
 import numpy as np
 
 from solver.tfeti.decomposed import DecomposedProblem, SharedPlace
-from solver.tfeti.directions import Directions
 from solver.tfeti.dual_operator import DualOperator, FreeSolution, solve_free
 from solver.tfeti.projected import ProjectedOperator
 from solver.vectors import Array, largest_magnitude
@@ -37,8 +36,6 @@ class Reused:
         B K⁺ f - c.
     offset, displacements : (dual,), (interface,)
         λ̃ if it is not the smallest one, and K⁺ (f - Bᵀ λ̃).
-    directions
-        Search directions that problems under other loads share; each solve adds to them.
     place
         For the matrices of backends without a dual operator.
     """
@@ -48,7 +45,6 @@ class Reused:
     d: Array | None = None
     offset: Array | None = None
     displacements: Array | None = None
-    directions: Directions | None = None
     place: SharedPlace | None = None
 
 
@@ -75,27 +71,13 @@ class DualProblem(DecomposedProblem):
 
         Parameters are those of `ContactSystem.with_loads`.
         """
-        reused = Reused(operator=self.F) if self.factored else Reused()
-        reused = replace(reused, directions=self.reused.directions, place=self.reused.place)
+        reused = Reused(operator=self.F if self.factored else None, place=self.reused.place)
         return DualProblem(self.system.with_loads(forces, lifting, c, thermal), reused)
 
     def without_factors(self) -> DualProblem:
         """The problem without factors, for the evaluation of its answer alone."""
         classes = tuple(replace(cls, inverse=None, block=None) for cls in self.classes)
         return DualProblem(replace(self.system, classes=classes))
-
-    def recycling(self, directions: Directions | None) -> DualProblem:
-        """The problem with search directions that solves under other loads share.
-
-        Parameters
-        ----------
-        directions
-            Initial directions, used if they belong to the same constraints; none if None.
-        """
-        if directions is None or directions.B is not self.B:
-            directions = Directions(self.B, self.conditional)
-        reused = replace(self.reused, operator=self.F, directions=directions)
-        return DualProblem(self.system, reused)
 
     def sharing(self, place: SharedPlace) -> DualProblem:
         """The problem that shares a backend's matrices with those at the same place."""

@@ -283,9 +283,7 @@ class _ActiveSetsBetween:
         self._residuals.append(state.residual_norm)
         sizes, outer = self._residuals, len(self._residuals)
         slow = outer % PATIENCE == 0 and sizes[-1] > 0.1 * sizes[-PATIENCE // 2]
-        return slow or (
-            outer == 1 and not self._task.problem.system.constraints.held_without_contact
-        )
+        return slow or (outer == 1 and not self._task.problem.held_without_contact)
 
     def solve_from(self, state: OuterState) -> tuple[Outcome[State], Solution | None]:
         """The outcome of the active sets, and the answer if they settle (collective)."""

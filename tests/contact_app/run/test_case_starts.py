@@ -54,6 +54,12 @@ def test_cases_that_do_not_differ_are_no_trouble() -> None:
     np.testing.assert_allclose(factors([0, 0, 0], [1, 0, 0], [2, 0, 0]), [0.0, 2.0])
 
 
+def test_nearly_parallel_cases_are_not_extrapolated_far() -> None:
+    """The factors of both would be -9 and 10."""
+    found = factors([1, 0, 0], [1, 0.1, 0], [1, 1, 0])
+    np.testing.assert_allclose(found, [0.0, 1.1 / 1.01])
+
+
 def test_loads_without_effect_take_no_case() -> None:
     assert factors([0, 0, 0], [0, 0, 0]) is None
     assert factors([0, 0, 0], [1, 0, 0]) is None

@@ -5,32 +5,16 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
-from mpi4py import MPI
 
-from contact_app.run.cases import solved_cases
 from contact_app.scene.build import build_scene
 from contact_app.scene.configuration import from_mapping
 from contact_app.studies.case_costs import SCENES, table, with_cases
-
-COMM = MPI.COMM_SELF
-
-
-def no_monitor(name: str) -> None:
-    """No monitor for any case."""
 
 
 @pytest.mark.parametrize("name", list(SCENES))
 def test_scenes_have_ten_different_cases(name: str) -> None:
     scene = build_scene(from_mapping(with_cases(SCENES[name], range(10))))
     assert len({case.factors for case in scene.cases}) == 10
-
-
-@pytest.mark.ratchet
-def test_later_cases_use_the_search_directions_of_earlier_ones() -> None:
-    """88 operator applications; 99 without."""
-    scene = build_scene(from_mapping(with_cases(SCENES["remote_load"], range(10))))
-    spent = sum(solved.solution.counts.hessian for solved in solved_cases(scene, COMM, no_monitor))
-    assert spent <= 94
 
 
 @pytest.mark.slow

@@ -41,7 +41,7 @@ def problem_of(case: str) -> DualProblem:
 def test_rigid_bodies_on_springs(case: str) -> None:
     problem = problem_of(case)
     assert problem.coarse is not None
-    assert not problem.system.constraints.held_without_contact
+    assert not problem.held_without_contact
     B = dense(problem)
     diagonal = np.concatenate(
         [np.tile(c.stiffness.diagonal()[c.interface], c.members) for c in problem.classes]

@@ -39,7 +39,7 @@ def by_smalbe(problem: DualProblem, active_sets: bool) -> Solution:
 
 def test_active_sets_after_an_outer_iteration_end_it_where_contact_alone_holds_a_body() -> None:
     problem = pressed_beam()
-    assert not problem.system.constraints.held_without_contact
+    assert not problem.held_without_contact
     expected = solve(problem, SolverOptions(tolerance=TOLERANCE))
     assert expected.method == "active-set"
     alone, both = (by_smalbe(problem, active_sets) for active_sets in (False, True))

@@ -147,7 +147,7 @@ def test_a_lattice_in_three_subdomains_has_the_answer_of_one(load: float) -> Non
     assert expected > 0.01 * load
     problem = beam(load)
     assert len(problem.classes) == 1
-    assert problem.system.constraints.held_without_contact
+    assert problem.held_without_contact
     assert floor_force(problem) == pytest.approx(expected, rel=1e-6)
 
 
