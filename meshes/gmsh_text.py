@@ -1,8 +1,8 @@
 """Mesh files of Gmsh's format 4.1 in text, read section by section.
 
-meshio reads numbers of a text one by one, which takes five times as long. So the sections that all
-such files have, of simplices, quadrilaterals and hexahedra, are read here, and meshio reads all other
-files, and those with errors, on which it reports.
+meshio reads the numbers of a text one by one, which takes five times as long. So the sections that
+all such files have, of simplices, quadrilaterals and hexahedra, are read here, and meshio reads all
+other files, and those with errors, on which it reports.
 
 Format: https://gmsh.info/doc/texinfo/gmsh.html#MSH-file-format.
 """

@@ -10,7 +10,6 @@ import pytest
 
 from meshes import gmsh_text
 from meshes.gmsh_text import read_msh
-from tests import meshfiles
 
 SAMPLES = Path(__file__).parents[2] / "meshes" / "samples"
 
