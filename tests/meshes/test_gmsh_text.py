@@ -93,9 +93,13 @@ $EndElements
 
 @pytest.mark.parametrize(
     ("old", "new"),
-    [("$EndNodes", "$EndNode"), ("$Elements\n", "$Elements\nx "), ("$MeshFormat\n4.1", "$MeshFormat\n4.0"),
-     ("$EndMeshFormat\n", "$EndMeshFormat\n$Comments\nnone\n$EndComments\n")],
-)  # fmt: skip
+    [
+        ("$EndNodes", "$EndNode"),
+        ("$Elements\n", "$Elements\nx "),
+        ("$MeshFormat\n4.1", "$MeshFormat\n4.0"),
+        ("$EndMeshFormat\n", "$EndMeshFormat\n$Comments\nnone\n$EndComments\n"),
+    ],
+)
 def test_meshio_reads_files_that_are_not_as_expected(
     old: str, new: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
