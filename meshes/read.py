@@ -1,4 +1,4 @@
-"""Reading of mesh files: cells of one type with named groups.
+"""Reading of mesh files by meshio: cells of one type with named groups.
 
 Names come from Gmsh's physical groups (formats 2.2 and 4.1), from the sets of other formats
 (Abaqus, MED, …), or, where groups have numbers only, the numbers as text. Groups of cells of
@@ -21,7 +21,6 @@ import meshio
 import numpy as np
 
 from meshes.arrays import Array, Ints
-from meshes.gmsh_text import physical_names, read_msh
 from meshes.unstructured import FACETS, MeshError
 from meshes.vtu_arrays import read_vtu
 
@@ -53,9 +52,6 @@ NUMBERED = ("gmsh:physical", "medit:ref", "cell_tags")
 
 LARGEST_COORDINATE = 1e50
 """Largest magnitude of a coordinate, as of numbers in a scene: products of lengths stay finite."""
-
-OWN = {".msh": read_msh, ".vtu": read_vtu}
-"""Readers of formats that meshio alone reads slowly or not with any Python, by ending."""
 
 NASTRAN = (".bdf", ".fem", ".nas")
 """Endings of Nastran's bulk data."""
@@ -140,7 +136,7 @@ def read_file(path: Path, dimension: int) -> FileContent:
     cell_groups: dict[str, list[Ints]] = {}
     facet_groups: dict[str, list[Ints]] = {}
     lower = set()
-    for name, block, rows in _groups(mesh, physical_names(path)):
+    for name, block, rows in _groups(mesh, _gmsh_names(path)):
         if block in starts:
             cell_groups.setdefault(name, []).append(starts[block] + rows)
         elif block in facets:
@@ -177,8 +173,8 @@ def _meshio(path: Path) -> Any:
     output = io.StringIO()
     try:
         with contextlib.redirect_stdout(output), contextlib.redirect_stderr(output):
-            if path.suffix in OWN:
-                return OWN[path.suffix](path)
+            if path.suffix == ".vtu":
+                return read_vtu(path)
             return meshio.read(*_as_meshio_reads(path))
     except SystemExit:
         reason = output.getvalue()
@@ -272,3 +268,26 @@ def _groups(mesh: Any, names: dict[tuple[int, int], str]) -> list[tuple[str, int
                 name = names.get((int(number), int(mesh.cells[i].dim)), str(number))
                 groups.append((name, i, np.flatnonzero(numbers == number)))
     return groups
+
+
+def _gmsh_names(path: Path) -> dict[tuple[int, int], str]:
+    """Names of Gmsh's physical groups by number and dimension.
+
+    meshio keeps one group for each name, but Gmsh allows a surface and a volume of one name.
+    """
+    names: dict[tuple[int, int], str] = {}
+    if path.suffix != ".msh":
+        return names
+    with path.open("rb") as file:
+        for line in file:
+            if line.strip() == b"$PhysicalNames":
+                break
+            if line.strip() in (b"$Nodes", b"$Entities"):
+                return names
+        for line in file:
+            match = re.match(r'\s*(\d+)\s+(\d+)\s+"(.*)"\s*$', line.decode(errors="replace"))
+            if match:
+                names[int(match[2]), int(match[1])] = match[3]
+            elif line.startswith(b"$"):
+                break
+    return names
