@@ -12,6 +12,7 @@ import ufl
 from mpi4py import MPI
 from petsc4py import PETSc
 from scipy import linalg, sparse
+from ufl.core.expr import Expr
 
 from contact_app.errors import ConfigurationError
 from contact_app.forms.contacts import Contact, SignedDistance, values_of
@@ -179,6 +180,20 @@ def check_lists(bcs: Any, contacts: Any) -> None:
             )  # fmt: skip
 
 
+def check_keywords(others: Mapping[str, Any]) -> None:
+    """Refuse arguments that `ContactProblem` has not, such as those of dolfinx's `LinearProblem`.
+
+    Raises
+    ------
+    TypeError
+    """
+    for name in others:
+        raise TypeError(
+            f"ContactProblem has no argument {name}; its solvers are its own and have method "
+            f"({', '.join(get_args(Method))}), tolerance and max_iterations"
+        )
+
+
 def check_options(method: Any, tolerance: Any, max_iterations: Any) -> None:
     """Check the options of the solver.
 
@@ -207,8 +222,7 @@ def check_weights(contacts: Sequence[Contact], degree: int | None) -> None:
         at = f"contacts[{number}].weight"
         if contact.weight is None:
             continue
-        if not callable(contact.weight):
-            raise TypeError(f"{at} must be a function of points, not {contact.weight!r:.60}")
+        _check_function(contact.weight, at)
         if degree != 1:
             raise ValueError(f"{at} is for spaces of degree 1, not {degree}")
         if contact.against is not None:
@@ -245,7 +259,7 @@ def check_contacts(contacts: Sequence[Contact], mesh: Any) -> None:
         _check_friction(contact.friction, f"{at}.friction")
         interference: Any = contact.interference
         if not isinstance(interference, Real) or not np.isfinite(float(interference)):
-            raise ValueError(f"{at}.interference must be a number")
+            raise ValueError(f"{at}.interference must be a number, not {interference!r:.60}")
         for name, kind in (("round", bool), ("name", str)):
             value = getattr(contact, name)
             if not isinstance(value, kind):
@@ -284,12 +298,18 @@ def _check_friction(law: Any, at: str) -> None:
 
 def _check_obstacle(obstacle: Any, at: str, d: int) -> None:
     """Numbers and dimensions of an obstacle."""
-    if isinstance(obstacle, SignedDistance) or callable(obstacle):
+    if isinstance(obstacle, SignedDistance):
+        _check_function(obstacle.distance, f"{at}.distance")
+        if obstacle.gradient is not None:
+            _check_function(obstacle.gradient, f"{at}.gradient")
+        return
+    if isinstance(obstacle, Expr) or (callable(obstacle) and not isinstance(obstacle, type)):
+        _check_function(obstacle, at)
         return
     if not isinstance(obstacle, Plane | Sphere | Cylinder):
         raise TypeError(
             f"{at} must be a Plane, Sphere, Cylinder, SignedDistance or a function of points, not "
-            f"{type(obstacle).__name__}"
+            f"{obstacle!r:.60}"
         )
     if d == 2 and obstacle.not_in_plane:
         raise ValueError(f"{at}: a {type(obstacle).__name__} {obstacle.not_in_plane}")
@@ -305,6 +325,15 @@ def _check_obstacle(obstacle: Any, at: str, d: int) -> None:
         raise ValueError(f"{at}.radius must be a positive number, not {radius!r}")
     if not isinstance(hollow, bool):
         raise TypeError(f"{at}.hollow must be True or False, not {hollow!r}")
+
+
+def _check_function(function: Any, at: str) -> None:
+    """Refuse what is no function of points; expressions of ufl can be called, but not with them."""
+    if not callable(function) or isinstance(function, Expr):
+        raise TypeError(
+            f"{at} must be a Python function of points x of shape (n, dimension), whose first "
+            f"coordinates are x[:, 0]; it is of type {type(function).__name__}"
+        )
 
 
 def check_facets(comm: MPI.Intracomm, counts: tuple[int, int], at: str, tag: int) -> None:

@@ -71,14 +71,14 @@ class SignedDistance:
         x = np.ascontiguousarray(points[:, :d])
         if len(x) == 0:
             return np.zeros(0), np.zeros((0, 3))
-        value = _called("distance of a SignedDistance", self.distance, x, (len(x),))
+        value = _called("signed distance of the obstacle", self.distance, x, (len(x),))
         if self.gradient is not None:
-            slope = _called("gradient of a SignedDistance", self.gradient, x, x.shape)
+            slope = _called("gradient of the obstacle", self.gradient, x, x.shape)
         else:
             slope = np.empty_like(x)
             for axis, e in enumerate(step * np.eye(d)):
-                high = _called("distance of a SignedDistance", self.distance, x + e, (len(x),))
-                low = _called("distance of a SignedDistance", self.distance, x - e, (len(x),))
+                high = _called("signed distance of the obstacle", self.distance, x + e, (len(x),))
+                low = _called("signed distance of the obstacle", self.distance, x - e, (len(x),))
                 slope[:, axis] = (high - low) / (2.0 * step)
         length = np.linalg.norm(slope, axis=1)
         flat = ~(length > FLAT)
@@ -102,7 +102,10 @@ def _called(name: str, function: Callable[[Array], Array], x: Array, shape: tupl
     try:
         values = np.asarray(function(x))
     except Exception as error:
-        raise ConfigurationError(f"the {name} raised {type(error).__name__}: {error}") from error
+        raise ConfigurationError(
+            f"the {name}, called with points of shape {x.shape}, raised {type(error).__name__}: "
+            f"{error}"
+        ) from error
     if not np.issubdtype(values.dtype, np.number) or np.iscomplexobj(values):
         kind = "nothing" if values.dtype == object else f"values of type {values.dtype}"
         raise ConfigurationError(f"the {name} returned {kind}; it must return real numbers")

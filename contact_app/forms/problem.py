@@ -16,6 +16,7 @@ from contact_app.errors import CouldNotRunError
 from contact_app.forms.checks import (
     check_contacts,
     check_forms,
+    check_keywords,
     check_lists,
     check_options,
     check_weights,
@@ -123,7 +124,9 @@ class ContactProblem:
         method: Method = "auto",
         max_iterations: int = 10_000,
         u: Any = None,
+        **others: Any,
     ) -> None:
+        check_keywords(others)
         check_lists(bcs, contacts)
         self.a, self.L, self.bcs, self.contacts = a, L, list(bcs), list(contacts)
         self._space = check_forms(a, L, self.bcs)

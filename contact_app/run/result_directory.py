@@ -23,6 +23,7 @@ RESULTS = (
     "envelope.xdmf",
     "envelope.h5",
     "envelope.vtu",
+    "envelope.png",
     "history.csv",
     "run.log",
     "bodies.png",

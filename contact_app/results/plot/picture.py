@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -46,7 +47,7 @@ def plot(
 
     With ``contact_status`` also the sticking and slipping parts (``contact_status.png``);
     for a load history, forces, probes and statuses over time (``history.png``). Of load cases each
-    one is drawn.
+    one is drawn, and the largest values over all of them (``envelope.png``).
 
     Parameters
     ----------
@@ -82,7 +83,8 @@ def plot(
         draw = partial(plot, fields=fields, exaggeration=exaggeration, camera=camera, time=time)
         drawn = [(case, *draw(directory / case, output=target / case)) for case in cases]
         pictures = [path for _, made, _ in drawn for path in made]
-        return pictures, [f"{case}: {remark}" for case, _, remarks in drawn for remark in remarks]
+        remarks = [f"{case}: {remark}" for case, _, remarks in drawn for remark in remarks]
+        return [*pictures, *_of_envelope(directory, target, summary, camera)], remarks
     stored = read(directory, time)
     names = {*stored.point_data, *stored.cell_data}
     unknown = [name for name in fields if name not in names]
@@ -100,14 +102,50 @@ def plot(
     title, bodies = str(summary.get("scene", {}).get("title", "")), target / "bodies.png"
     title += "" if time is None else f", time {time:g}"
     caption = f"{title}\ndisplacements × {factor:g}".strip()
-    with atomic(bodies) as part:
-        if stored.plane:
-            draw_plane(stored, shown, factor, part, caption)
-        else:
-            between = bool(summary.get("solution", {}).get("pair_forces"))
-            remarks += draw_space(stored, shown, factor, part, caption, camera, between)
+    remarks += _draw_bodies(stored, shown, factor, bodies, caption, camera, _has_pairs(summary))
     pictures = [bodies, *_of_contacts(stored, shown, target, title, remarks)]
     return [*pictures, *_of_history(directory, target, title)], remarks
+
+
+def _draw_bodies(
+    stored: Stored,
+    shown: tuple[str, ...],
+    factor: float,
+    target: Path,
+    caption: str,
+    camera: tuple[float, float, float] | None,
+    between: bool,
+) -> list[str]:
+    """Draw the bodies; return remarks."""
+    with atomic(target) as part:
+        if not stored.plane:
+            return draw_space(stored, shown, factor, part, caption, camera, between)
+        draw_plane(stored, shown, factor, part, caption)
+        return []
+
+
+def _has_pairs(summary: dict[str, Any]) -> bool:
+    return bool(summary.get("solution", {}).get("pair_forces"))
+
+
+def _of_envelope(
+    directory: Path,
+    target: Path,
+    summary: dict[str, Any],
+    camera: tuple[float, float, float] | None,
+) -> list[Path]:
+    """Draw the largest stress and pressure over all load cases, if they were written."""
+    if not (directory / "envelope.xdmf").is_file():
+        return []
+    stored = read(directory, name="envelope")
+    largest = {name: stored.field(f"largest_{name}") for name in ("von_mises", "contact_pressure")}
+    pressure = {"contact_pressure": largest["contact_pressure"]}
+    stored = replace(stored, point_data=pressure, cell_data={"von_mises": largest["von_mises"]})
+    shown = tuple(name for name in largest if acts(stored, name))
+    between = any(map(_has_pairs, summary["cases"].values()))
+    caption = f"{summary.get('scene', {}).get('title', '')}\nlargest values over all cases".strip()
+    _draw_bodies(stored, shown, 0.0, target / "envelope.png", caption, camera, between)
+    return [target / "envelope.png"]
 
 
 def _of_contacts(

@@ -130,20 +130,22 @@ class Stored:
             yield np.concatenate(parts), np.concatenate(rows[corners])
 
 
-def read(directory: Path | str, time: float | None = None) -> Stored:
+def read(directory: Path | str, time: float | None = None, name: str = "solution") -> Stored:
     """Read the result in a directory.
 
     Parameters
     ----------
     time
         Of an increment of a load history, in completed steps; the last one unless given.
+    name
+        Of the files, ``solution`` or ``envelope``.
 
     Raises
     ------
     StoredError
         There is no result, its files are incomplete, or it has no increment at the time.
     """
-    source = Path(directory) / "solution.xdmf"
+    source = Path(directory) / f"{name}.xdmf"
     if not source.is_file():
         cases = sorted(Path(directory).glob("*/solution.xdmf"))
         if cases:

@@ -102,6 +102,11 @@ def forms_over(space: Any) -> tuple:
     return other.a, other.L
 
 
+def test_arguments_of_other_solvers_are_refused(body: Square) -> None:
+    with pytest.raises(TypeError, match="no argument petsc_options; its solvers are its own"):
+        ContactProblem(body.a, body.L, petsc_options={"ksp_type": "cg"})
+
+
 @pytest.mark.parametrize("name", WRONG_FORMS)
 def test_forms_that_are_refused(name: str, body: Square) -> None:
     make, kind, text = WRONG_FORMS[name]
@@ -187,7 +192,22 @@ def contacts_of(tags: Any, mesh: Any) -> dict[str, tuple[Any, type, str]]:
         "word as gap": (Contact(tags, 1, FLOOR, interference="a"), ValueError, "interference"),
         "radius as text": (Contact(tags, 1, Sphere((0, 0), "1")), ValueError, "radius must be"),
         "hollow": (Contact(tags, 1, Sphere((0, 0), 1.0, hollow="no")), TypeError, "True or False"),
-        "weight": (Contact(tags, 1, FLOOR, weight=2.0), TypeError, "weight must be a function"),
+        "weight": (Contact(tags, 1, FLOOR, weight=2.0), TypeError, "weight must be a Python func"),
+        "expression": (
+            Contact(tags, 1, ufl.SpatialCoordinate(mesh)[1]),
+            TypeError,
+            "obstacle must be a Python",
+        ),
+        "constant": (
+            Contact(tags, 1, fem.Constant(mesh, 1.0)),
+            TypeError,
+            "obstacle must be a Python",
+        ),
+        "slope": (
+            Contact(tags, 1, SignedDistance(lambda x: x[:, 1], ufl.SpatialCoordinate(mesh))),
+            TypeError,
+            r"obstacle\.gradient must be a Python function",
+        ),
         "weighted pair": (
             Contact(tags, 1, against=2, weight=lambda x: x[:, 0]),
             ValueError,
@@ -373,5 +393,5 @@ def test_a_single_contact_or_condition_is_no_list(body: Square, tags: Any) -> No
 def test_the_message_of_a_function_names_its_contact(body: Square, tags: Any) -> None:
     contact = Contact(tags, 1, lambda x: x, name="foot")
     problem = ContactProblem(body.a, body.L, [problems.held(body.space, problems.left)], [contact])
-    with pytest.raises(ConfigurationError, match="contact of foot: the distance of a Signed"):
+    with pytest.raises(ConfigurationError, match="contact of foot: the signed distance of the"):
         problem.solve()

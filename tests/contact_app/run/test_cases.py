@@ -501,13 +501,14 @@ def test_names_without_cases_change_nothing() -> None:
     assert energies[0] == energies[1]
 
 
-def test_each_case_has_pictures(tmp_path: Path) -> None:
+def test_each_case_and_their_envelope_have_pictures(tmp_path: Path) -> None:
     from contact_app.results.plot.picture import plot
 
     assert run(scenes.build(slot(3)), tmp_path) == 0
     pictures, remarks = plot(tmp_path)
     made = ("bodies.png", "contact_pressure.png")
-    assert pictures == [tmp_path / case / name for case in slot(3)["cases"] for name in made]
+    of_cases = [tmp_path / case / name for case in slot(3)["cases"] for name in made]
+    assert pictures == [*of_cases, tmp_path / "envelope.png"]
     assert all(path.is_file() for path in pictures)
     assert not remarks
     pictures, _ = plot(tmp_path, output=tmp_path / "to")
