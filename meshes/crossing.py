@@ -12,15 +12,17 @@ into no plane, edge or node of a mesh that is aligned with the axes. Each side o
 projection, is decided by one determinant for all triangles that have the edge, so that a ray leaves
 no gap between two triangles (Haines, Point in polygon strategies, Graphics Gems IV, 1994).
 
-**Candidates** are pairs of bounding boxes that meet. Boxes are sorted by size in powers of two, and
-each size is searched with its own radius (a k-d tree, maximum norm), so that large and small facets
-of a graded mesh do not all meet one another.
+**Candidates** are pairs of bounding boxes that meet, or points in bounding boxes. Boxes are sorted
+by size in powers of two, and each size is searched with its own radius (a k-d tree, maximum norm)
+or in strips of its own width, so that large and small facets of a graded mesh do not all meet one
+another.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from itertools import product
 
 import numpy as np
 from mpi4py import MPI
@@ -45,9 +47,16 @@ TURN = {
 PAIRS = 2_000_000
 """Approximate number of pairs of boxes tested at once; limits the memory."""
 
+STRIPS = 4096
+"""Largest number of strips along an axis: places along all of them are exact enough."""
+
 SOME = 200
 """Number of boxes from which the number of pairs is estimated."""
 
+SIGN = 1e-9
+"""Height of a corner over the plane of another triangle, over the depth of a crossing, above which
+its sign is no round-off. The corners of a triangle that an edge pierces are above and below the
+plane of the edge's own triangle by the depth times its ratio to the length of the edge, or more."""
 
 EACH_OTHER = 200_000
 """Largest number of boxes whose pairs are found all at once; limits the memory."""
@@ -103,44 +112,83 @@ class Boxes:
         return cls(lower, upper)
 
 
-def _levels(*boxes: Boxes) -> list[NDArray[np.int32]]:
-    """Size of each box in powers of two."""
-    size = [(box.upper - box.lower).max(axis=1) for box in boxes]
-    unit = max(*(sizes.max(initial=0.0) for sizes in size), np.finfo(float).tiny)
-    return [np.frexp(np.maximum(sizes / unit, 2.0**-40))[1] for sizes in size]
+def points_in_boxes(x: Array, boxes: Boxes) -> Iterator[Pairs]:
+    """Iterate over the pairs (row of x, row of boxes) of a point (points, d) in a box, each once.
 
-
-def meeting(a: Boxes, b: Boxes) -> Iterator[Pairs]:
-    """Iterate over the pairs (rows of a, rows of b) of boxes that meet, each pair once."""
-    level = _levels(a, b)
-    for top in np.unique(np.concatenate(level)):
-        at = [np.flatnonzero(number == top) for number in level]
-        below = [np.flatnonzero(number <= top) for number in level]
-        yield from _near(a, b, at[0], below[1])
-        yield from _near(a, b, below[0][level[0][below[0]] < top], at[1])
-
-
-def meeting_each_other(boxes: Boxes, rows: Ints) -> Iterator[Pairs]:
-    """Iterate over the pairs of boxes that meet, each pair once.
-
-    Only pairs that belong to some rows; those of disjoint sets of rows are disjoint.
+    Points are sorted into strips along the first axis, as wide as the boxes of one size, and along
+    each strip. So the points near a box are a few ranges, which bisection finds.
     """
-    (level,) = _levels(boxes)
-    is_chosen = np.zeros(len(level), bool)
-    is_chosen[rows] = True
-    for top in np.unique(level):
-        at = np.flatnonzero(level == top)
-        yield from _near(boxes, boxes, at[is_chosen[at]], np.flatnonzero(level < top))
-        if is_chosen.all() and len(at) <= EACH_OTHER:  # in a third of the time
-            centres = 0.5 * (boxes.lower[at] + boxes.upper[at])
-            tree = cKDTree(centres, balanced_tree=False, compact_nodes=False)
-            reach = _reach((boxes, at, centres), (boxes, at, centres))
-            pairs = at[tree.query_pairs(reach, p=np.inf, output_type="ndarray")]
-            yield _met(boxes, boxes, pairs[:, 0], pairs[:, 1])
-            continue
-        for i, j in _near(boxes, boxes, at[is_chosen[at]], at):
-            ordered = i < j
-            yield i[ordered], j[ordered]
+    if len(x) == 0:
+        return
+    origin, extent = x.min(axis=0), np.ptp(x, axis=0) + np.finfo(float).tiny
+    meets = ((boxes.lower <= origin + extent) & (boxes.upper >= origin)).all(axis=1)
+    for rows in _of_one_size(boxes, np.flatnonzero(meets)):
+        lower, upper = boxes.lower[rows] - origin, boxes.upper[rows] - origin
+        side = np.maximum((upper - lower).max() * (1.0 + 1e-9), extent[1:] / STRIPS)
+        last = (extent[1:] / side).astype(np.int64)
+        strides = 2.0 * extent[0] * np.cumprod([1, *(last + 1)])[: len(last)]
+        strip = [np.clip((y[:, 1:] / side).astype(np.int64), 0, last)
+                 for y in (x - origin, lower, upper)]  # fmt: skip
+        place = strip[0] @ strides + (x[:, 0] - origin[0])
+        order = np.argsort(place)
+        place = place[order]
+        room = 1e-15 * place[-1]
+        ends = np.clip([lower[:, 0], upper[:, 0]], 0.0, extent[0]) + [[-room], [room]]
+        for step in product((0, 1), repeat=len(last)):
+            some = np.flatnonzero((strip[1] + np.array(step, int) <= strip[2]).all(axis=1))
+            along = (strip[1][some] + np.array(step, int)) @ strides + ends[:, some]
+            first = np.searchsorted(place, along[0])
+            count = np.searchsorted(place, along[1], side="right") - first
+            for part in np.array_split(np.arange(len(some)), int(count.sum()) // PAIRS + 1):
+                ahead = first[part] - np.cumsum(count[part]) + count[part]
+                at = np.repeat(ahead, count[part]) + np.arange(count[part].sum())
+                yield _met(Boxes(x, x), boxes, order[at], rows[np.repeat(some[part], count[part])])
+
+
+def _of_one_size(boxes: Boxes, rows: Ints) -> list[Ints]:
+    """Some rows of boxes, divided by size in powers of two, the smallest first."""
+    size = (boxes.upper[rows] - boxes.lower[rows]).max(axis=1)
+    unit = max(float(size.max(initial=0.0)), np.finfo(float).tiny)
+    level = np.frexp(np.maximum(size / unit, 2.0**-40))[1]
+    return [rows[level == k] for k in np.unique(level)]
+
+
+def meeting_each_other(boxes: Boxes, comm: MPI.Intracomm) -> Iterator[Pairs]:
+    """Iterate over the pairs of boxes that meet, each pair once on one of the ranks.
+
+    Ranks share the boxes along the widest axis. A rank has the pairs of its boxes with each other
+    and with those behind.
+    """
+    centres = 0.5 * (boxes.lower + boxes.upper)
+    axis = int(np.argmax(np.ptp(centres, axis=0))) if len(centres) else 0
+    order = np.argsort(centres[:, axis], kind="stable")
+    own = share(comm, len(order))
+    if len(own) == 0:
+        return
+    behind = order[own[-1] + 1 :]
+    reached = boxes.lower[behind, axis] <= boxes.upper[order[own], axis].max()
+    members, smaller = np.concatenate([order[own], behind[reached]]), np.zeros(0, np.int64)
+    is_own = np.zeros(len(order), bool)
+    is_own[order[own]] = True
+    for rows in _of_one_size(boxes, members):
+        for i, j in (*_near(boxes, rows, smaller), *_near_each_other(boxes, rows)):
+            chosen = is_own[i] | is_own[j]
+            yield i[chosen], j[chosen]
+        smaller = np.concatenate([smaller, rows])
+
+
+def _near_each_other(boxes: Boxes, rows: Ints) -> Iterator[Pairs]:
+    """Pairs among some boxes with centres nearer than the largest size, each pair once."""
+    if len(rows) <= EACH_OTHER:  # in a third of the time
+        centres = 0.5 * (boxes.lower[rows] + boxes.upper[rows])
+        tree = cKDTree(centres, balanced_tree=False, compact_nodes=False)
+        reach = _reach((boxes, rows, centres), (boxes, rows, centres))
+        pairs = rows[tree.query_pairs(reach, p=np.inf, output_type="ndarray")]
+        yield _met(boxes, boxes, pairs[:, 0], pairs[:, 1])
+        return
+    for i, j in _near(boxes, rows, rows):
+        ordered = i < j
+        yield i[ordered], j[ordered]
 
 
 def _reach(*some: tuple[Boxes, Ints, Array]) -> float:
@@ -159,19 +207,19 @@ def _met(a: Boxes, b: Boxes, i: Ints, j: Ints) -> Pairs:
     return i, j
 
 
-def _near(a: Boxes, b: Boxes, rows: Ints, others: Ints) -> Iterator[Pairs]:
-    """Pairs among some rows of a and b with centres nearer than half the sum of their sizes."""
+def _near(boxes: Boxes, rows: Ints, others: Ints) -> Iterator[Pairs]:
+    """Pairs of some boxes and some others with centres nearer than half the sum of their sizes."""
     if len(rows) == 0 or len(others) == 0:
         return
-    centres = [0.5 * (box.lower[k] + box.upper[k]) for box, k in ((a, rows), (b, others))]
-    reach = _reach((a, rows, centres[0]), (b, others, centres[1]))
+    centres = [0.5 * (boxes.lower[k] + boxes.upper[k]) for k in (rows, others)]
+    reach = _reach((boxes, rows, centres[0]), (boxes, others, centres[1]))
     tree = cKDTree(centres[1], balanced_tree=False, compact_nodes=False)
     some = centres[0][:: len(rows) // SOME + 1]
     mean = tree.query_ball_point(some, reach, p=np.inf, return_length=True).mean()
     for chosen in np.array_split(np.arange(len(rows)), int(mean * len(rows)) // PAIRS + 1):
         part = cKDTree(centres[0][chosen], balanced_tree=False, compact_nodes=False)
         table = part.sparse_distance_matrix(tree, reach, p=np.inf, output_type="ndarray")
-        yield _met(a, b, rows[chosen[table["i"]]], others[table["j"]])
+        yield _met(boxes, boxes, rows[chosen[table["i"]]], others[table["j"]])
 
 
 def segment_crossings(surface: ClosedSurface) -> Ints:
@@ -181,7 +229,7 @@ def segment_crossings(surface: ClosedSurface) -> Ints:
     """
     places, segments = surface.places, surface.simplices
     boxes, crossing_pairs = Boxes.of(places, segments), [np.zeros((0, 2), np.int64)]
-    for i, j in meeting_each_other(boxes, np.arange(len(segments))):
+    for i, j in meeting_each_other(boxes, MPI.COMM_SELF):
         new = (segments[i][:, :, None] != segments[j][:, None, :]).all(axis=(1, 2))
         i, j = i[new], j[new]
         p, q = (places[segments[i, k]] for k in range(2))
@@ -219,12 +267,20 @@ def triangle_crossings(surface: ClosedSurface, comm: MPI.Intracomm) -> Ints:
     normal = np.cross(b - a, c - a)
     normal /= np.maximum(np.linalg.norm(normal, axis=1), np.finfo(float).tiny)[:, None]
     through_planes = [np.zeros((0, 2), np.int64)]
-    for i, j in meeting_each_other(Boxes.of(places, triangles), share(comm, len(triangles))):
-        deep = 0.5 * surface.depth(i, j)
+
+    def reach(s: Ints, t: Ints, depth: Array) -> Mask:
+        """Mask (pairs,) of triangles s that have corners on both sides of the plane of t."""
+        origin, across = a[t], normal[t]
+        heights = [np.einsum("ni,ni->n", corner[s] - origin, across) for corner in (a, b, c)]
+        return (np.minimum.reduce(heights) < -depth) & (np.maximum.reduce(heights) > depth)
+
+    for i, j in meeting_each_other(Boxes.of(places, triangles), comm):
+        deep = surface.depth(i, j)
+        # also if an edge of j pierces i, i has corners on both sides of the plane of j
+        crossed = np.flatnonzero(reach(i, j, SIGN * deep))
+        i, j, deep = i[crossed], j[crossed], 0.5 * deep[crossed]
         for s, t in ((i, j), (j, i)):
-            origin, across = a[t], normal[t]
-            heights = [np.einsum("ni,ni->n", corner[s] - origin, across) for corner in (a, b, c)]
-            both = (np.minimum.reduce(heights) < -deep) & (np.maximum.reduce(heights) > deep)
+            both = reach(s, t, deep)
             through_planes.append(np.stack([s[both], t[both]], axis=1))
     s, t = np.concatenate(through_planes).T  # s reaches through the plane of t
     edge = np.repeat([(0, 1), (1, 2), (2, 0)], len(s), axis=0)
@@ -263,17 +319,24 @@ def _pierces(places: Array, edges: Ints, triangles: Ints, least: Array) -> Mask:
     return pierced
 
 
-def winding(x: Array, surface: ClosedSurface) -> Ints:
-    """Winding numbers of a surface about points x (points, d), (points,)."""
+def winding(x: Array, surface: ClosedSurface, comm: MPI.Intracomm = MPI.COMM_SELF) -> Ints:
+    """Winding numbers of a surface about points x (points, d), (points,).
+
+    Ranks that have the same points and surface share the points along an axis (collective).
+    """
     d, simplices = x.shape[1], surface.simplices
     centre = surface.places.mean(axis=0)
     x, places = (x - centre) @ TURN[d].T, (surface.places - centre) @ TURN[d].T
     shadows = Boxes.of(places[:, : d - 1], simplices)
+    order = np.argsort(x[:, 0])
+    x = x[order[share(comm, len(x))]]
     total = np.zeros(len(x), np.int64)
-    for i, s in meeting(Boxes(x[:, : d - 1], x[:, : d - 1]), shadows):
+    for i, s in points_in_boxes(x[:, : d - 1], shadows):
         hit = _above(x[i], places, simplices[s])
         total += np.bincount(i, hit, len(x)).astype(np.int64)
-    return total
+    around = np.empty(len(order), np.int64)
+    around[order] = joined(comm, total)
+    return around
 
 
 def _above(x: Array, places: Array, simplices: Ints) -> Array:

@@ -6,7 +6,7 @@ import numpy as np
 from mpi4py import MPI
 
 from meshes.arrays import Array, Mask
-from meshes.crossing import Boxes, meeting
+from meshes.crossing import Boxes, points_in_boxes
 from meshes.shares import joined, share
 from meshes.unstructured import MeshError, Topology
 
@@ -18,14 +18,15 @@ def refuse_hanging(points: Array, topology: Topology, comm: MPI.Intracomm) -> No
     """Refuse nodes that lie on a facet of the surface without being one of its corners."""
     facets = topology.facets
     surface = np.unique(facets)
-    surface = surface[share(comm, len(surface))]
+    axis = np.argmax(np.ptp(points[surface], axis=0))
+    surface = surface[np.argsort(points[surface, axis])[share(comm, len(surface))]]
     corners = points[facets]
     centre = corners.mean(axis=1)
     radius = np.linalg.norm(corners - centre[:, None], axis=2).max(axis=1)
     room = HANGING * radius[:, None]
     boxes = Boxes(corners.min(axis=1) - room, corners.max(axis=1) + room)
     near = [np.zeros((2, 0), np.int64)]
-    for node, row in meeting(Boxes(points[surface], points[surface]), boxes):
+    for node, row in points_in_boxes(points[surface], boxes):
         other = (facets[row] != surface[node, None]).all(axis=1)
         near.append(np.stack([row[other], surface[node[other]]]))
     row, node = np.concatenate(near, axis=1)

@@ -46,13 +46,12 @@ from meshes.chords import chords, local_facets, reference_vertices
 from meshes.crossing import (
     Boxes,
     ClosedSurface,
-    meeting,
+    points_in_boxes,
     segment_crossings,
     triangle_crossings,
     winding,
 )
 from meshes.quadratic import CENTRED, VERTICES
-from meshes.shares import joined, share
 from meshes.subdomains import vtk_places, vtk_shapes
 from meshes.unstructured import FACETS, MeshError, Topology, first_of
 
@@ -172,8 +171,7 @@ def _covered(body: CheckedBody, surface: ClosedSurface, comm: MPI.Intracomm) -> 
     One on the surface, and another that contains a point just inside the first.
     """
     x, body_of = _just_inside(body)
-    around = joined(comm, winding(x[share(comm, len(x))], surface))
-    rows = np.flatnonzero(around > 1)
+    rows = np.flatnonzero(winding(x, surface, comm) > 1)
     for start in range(0, len(rows), CELLS_AT_ONCE):
         part = rows[start : start + CELLS_AT_ONCE]
         point, other = containing(body, x[part])
@@ -214,7 +212,7 @@ def containing(body: CheckedBody, x: Array) -> tuple[Ints, Ints]:
         room = ROOM * (upper - lower).max(axis=1, keepdims=True)
         lower, upper = lower - room, upper + room
     points, cells = [np.zeros(0, np.int64)], [np.zeros(0, np.int64)]
-    for i, c in meeting(Boxes(x, x), Boxes(lower, upper)):
+    for i, c in points_in_boxes(x, Boxes(lower, upper)):
         within = _lies_in(body, nodes[c], x[i])
         points.append(i[within])
         cells.append(c[within])

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from pathlib import Path
 
 import meshio
@@ -13,7 +14,14 @@ from mpi4py import MPI
 
 from meshes import CellMesh, MeshError
 from meshes.cell_shape import folded_inside, warped
-from meshes.crossing import Boxes, ClosedSurface, meeting, triangle_crossings, winding
+from meshes.crossing import (
+    Boxes,
+    ClosedSurface,
+    meeting_each_other,
+    points_in_boxes,
+    triangle_crossings,
+    winding,
+)
 from meshes.quadratic import VERTICES
 from meshes.read import read_file
 from meshes.repair import REVERSED, load_mesh
@@ -412,17 +420,52 @@ def test_overlapping_meshes_are_refused(
 # --- the parts of the test ---------------------------------------------------------------------
 
 
-def test_boxes_of_all_sizes_meet_as_they_do_pair_by_pair() -> None:
-    random = np.random.default_rng(4)
-    boxes = []
-    for count in (300, 200):
-        lower = random.uniform(size=(count, 3))
-        boxes.append(Boxes(lower, lower + 10.0 ** random.uniform(-4.0, 0.0, (count, 3))))
-    a, b = boxes
-    found = [np.stack(pair, axis=1) for pair in meeting(a, b)]
-    pairs = np.concatenate(found)
-    touch = (a.lower[:, None] <= b.upper).all(axis=2) & (b.lower <= a.upper[:, None]).all(axis=2)
-    assert len(pairs) == len(np.unique(pairs, axis=0))
+def boxes_of_all_sizes(count: int, dimension: int) -> Boxes:
+    """Boxes whose sides have lengths over three powers of ten."""
+    random = np.random.default_rng(count)
+    lower = random.uniform(size=(count, dimension))
+    return Boxes(lower, lower + 10.0 ** random.uniform(-3.0, 0.0, lower.shape))
+
+
+@pytest.mark.parametrize("dimension", [1, 2, 3])
+def test_points_are_found_in_boxes_of_all_sizes(dimension: int) -> None:
+    boxes = boxes_of_all_sizes(200, dimension)
+    x = np.random.default_rng(5).uniform(-0.2, 1.2, (500, dimension))
+    x[:50] = boxes.lower[:50]
+    x[50:60] = x[60]
+    within = (x[:, None] >= boxes.lower).all(axis=2) & (x[:, None] <= boxes.upper).all(axis=2)
+    pairs = np.concatenate([np.stack(pair, axis=1) for pair in points_in_boxes(x, boxes)])
+    assert within.sum() > 50
+    np.testing.assert_array_equal(pairs[np.lexsort(pairs.T[::-1])], np.argwhere(within))
+
+
+@pytest.mark.parametrize("axis", [0, 1, 2])
+def test_points_in_a_plane_are_found_in_boxes(axis: int) -> None:
+    boxes = boxes_of_all_sizes(300, 3)
+    x = np.random.default_rng(5).uniform(size=(400, 3))
+    x[:, axis] = 0.7
+    within = (x[:, None] >= boxes.lower).all(axis=2) & (x[:, None] <= boxes.upper).all(axis=2)
+    pairs = np.concatenate([np.stack(pair, axis=1) for pair in points_in_boxes(x, boxes)])
+    assert within.sum() > 50
+    np.testing.assert_array_equal(pairs[np.lexsort(pairs.T[::-1])], np.argwhere(within))
+
+
+@dataclass(frozen=True)
+class Part:
+    """Stands for one of several ranks."""
+
+    rank: int
+    size: int
+
+
+@pytest.mark.parametrize("ranks", [1, 3, 400])
+def test_boxes_of_all_sizes_meet_as_they_do_pair_by_pair(ranks: int) -> None:
+    boxes = boxes_of_all_sizes(300, 3)
+    found = [np.stack(pair, axis=1) for rank in range(ranks)
+             for pair in meeting_each_other(boxes, Part(rank, ranks))]  # fmt: skip
+    pairs = np.sort(np.concatenate(found), axis=1)
+    touch = (boxes.lower[:, None] <= boxes.upper).all(axis=2)
+    touch = np.triu(touch & touch.T, 1)
     assert touch.sum() > 100
     np.testing.assert_array_equal(pairs[np.lexsort(pairs.T[::-1])], np.argwhere(touch))
 
