@@ -162,17 +162,17 @@ def meeting_each_other(boxes: Boxes, comm: MPI.Intracomm) -> Iterator[Pairs]:
     centres = 0.5 * (boxes.lower + boxes.upper)
     axis = int(np.argmax(np.ptp(centres, axis=0))) if len(centres) else 0
     order = np.argsort(centres[:, axis], kind="stable")
-    own = share(comm, len(order))
-    if len(own) == 0:
+    local = share(comm, len(order))
+    if len(local) == 0:
         return
-    behind = order[own[-1] + 1 :]
-    reached = boxes.lower[behind, axis] <= boxes.upper[order[own], axis].max()
-    members, smaller = np.concatenate([order[own], behind[reached]]), np.zeros(0, np.int64)
-    is_own = np.zeros(len(order), bool)
-    is_own[order[own]] = True
+    behind = order[local[-1] + 1 :]
+    reached = boxes.lower[behind, axis] <= boxes.upper[order[local], axis].max()
+    members, smaller = np.concatenate([order[local], behind[reached]]), np.zeros(0, np.int64)
+    is_local = np.zeros(len(order), bool)
+    is_local[order[local]] = True
     for rows in _of_one_size(boxes, members):
         for i, j in (*_near(boxes, rows, smaller), *_near_each_other(boxes, rows)):
-            chosen = is_own[i] | is_own[j]
+            chosen = is_local[i] | is_local[j]
             yield i[chosen], j[chosen]
         smaller = np.concatenate([smaller, rows])
 
