@@ -66,7 +66,8 @@ def entered_without_contact(model: Model, solution: Solution, nodes: NodeFields)
         if (lower.max(axis=0) > upper.min(axis=0) + reach).any():
             continue
         joined = [entry for entry in entries if {entry.body, entry.other} == {a, b}]
-        depth = _outside_of_contacts(model, nodes, (surface_of(a), surface_of(b)), joined)
+        surfaces = near_each_other(surface_of(a), surface_of(b), reach)
+        depth = _outside_of_contacts(model, nodes, surfaces, joined)
         if depth > ENTERED * max(measures.deformations[a], measures.deformations[b]):
             where = "no entry of `contacts` joins them"
             if joined:
@@ -91,7 +92,7 @@ def _outside_of_contacts(
     Parameters
     ----------
     surfaces
-        The whole surfaces of the two bodies.
+        The facets of the two bodies that may meet.
     """
     named = [side.nodes.ravel() for item in joined for side in sides_of(model.geometry, item)]
     in_contact = np.unique(np.concatenate([np.zeros(0, np.int64), *named]))
@@ -103,10 +104,33 @@ def _outside_of_contacts(
     return depth
 
 
+def near_each_other(one: Surface, two: Surface, reach: float) -> tuple[Surface, Surface]:
+    """The facets of two surfaces near the box about both.
+
+    Parameters
+    ----------
+    reach
+        Largest component of the displacements of both, added up. A vertex enters a facet along its
+        normal, from a distance of the root of three times that at most.
+    """
+    lower = np.max([side.points.min(axis=(0, 1)) for side in (one, two)], axis=0)
+    upper = np.min([side.points.max(axis=(0, 1)) for side in (one, two)], axis=0)
+
+    def near(side: Surface) -> Surface:
+        away = np.maximum(lower - side.points.max(axis=1), side.points.min(axis=1) - upper)
+        return _some(side, away.max(axis=1) <= np.sqrt(3.0) * reach + side.radii)
+
+    return near(one), near(two)
+
+
 def _away_from(surface: Surface, in_contact: NDArray[np.int64]) -> Surface:
     """The facets of a surface without any of the nodes in contact."""
-    away = ~np.isin(surface.nodes, in_contact).any(axis=1)
-    parts = (surface.nodes[away], surface.points[away], surface.normals[away])
+    return _some(surface, ~np.isin(surface.nodes, in_contact).any(axis=1))
+
+
+def _some(surface: Surface, facets: NDArray[np.bool_]) -> Surface:
+    """Some facets of a surface."""
+    parts = (surface.nodes[facets], surface.points[facets], surface.normals[facets])
     return Surface(surface.dimension, *parts)
 
 
