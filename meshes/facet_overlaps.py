@@ -277,8 +277,9 @@ def _polygons(flat: Array, other: Array, linear: bool, curved: bool) -> tuple[In
         parts.append(polygon[have][:, [0, k, k + 1]])
     pair, triangle = np.concatenate(pairs), np.concatenate(parts)
     edges = triangle[:, 1:] - triangle[:, :1]
-    area = 0.5 * np.abs(np.linalg.det(edges))
-    size = np.ptp(flat, axis=1).max(axis=1) ** 2
+    area = 0.5 * np.abs(edges[:, 0, 0] * edges[:, 1, 1] - edges[:, 0, 1] * edges[:, 1, 0])
+    lower, upper = _bounds(flat)
+    size = (upper - lower).max(axis=1) ** 2
     solid = area > SLIVER * size[pair]
     order = np.argsort(pair[solid], kind="stable")
     pair, triangle, area = pair[solid][order], triangle[solid][order], area[solid][order]
@@ -316,29 +317,30 @@ def clip(window: Array, subject: Array) -> tuple[Array, Ints]:
     Vertices (n, k, 2), of which the first `count` (n,) are valid. Rounding errors may repeat
     some, so that a polygon can have more than v + w.
     """
-    polygon, (n, v) = subject, window.shape[:2]
+    (n, v), polygon, chosen = window.shape[:2], subject, np.arange(len(window))
     count = np.full(n, subject.shape[1])
     for edge in range(v):
-        start, end = window[:, edge, None], window[:, (edge + 1) % v, None]
+        start, end = window[chosen, edge, None], window[chosen, (edge + 1) % v, None]
         along = end - start
         away = polygon - start
         side = along[..., 0] * away[..., 1] - along[..., 1] * away[..., 0]
-        place = np.arange(polygon.shape[1])
-        valid = place < count[:, None]
-        following = np.where(place + 1 < count[:, None], place + 1, 0)
-        next_side = np.take_along_axis(side, following, axis=1)
-        next_point = np.take_along_axis(polygon, following[..., None], axis=1)
+        place, line = np.arange(polygon.shape[1]), np.arange(len(chosen))[:, None]
+        valid = place < count[chosen, None]
+        following = np.where(place + 1 < count[chosen, None], place + 1, 0)
+        next_side, next_point = side[line, following], polygon[line, following]
         inside = side >= 0.0
         crossing = valid & (inside != (next_side >= 0.0))
         share = side / np.where(crossing, side - next_side, 1.0)
         cut = polygon + share[..., None] * (next_point - polygon)
-        most = 2 * polygon.shape[1]
-        made = np.stack([polygon, cut], axis=2).reshape(n, most, 2)
-        keep = np.stack([valid & inside, crossing], axis=2).reshape(n, most)
-        count = keep.sum(axis=1)
-        order = np.argsort(~keep, axis=1, kind="stable")[:, : max(count.max(initial=0), 3)]
-        polygon = np.take_along_axis(made, order[..., None], axis=1)
-    return polygon, count
+        keep = np.stack([valid & inside, crossing], axis=2)
+        count[chosen] = made = keep.sum(axis=(1, 2))
+        points = np.stack([polygon, cut], axis=2)[keep]
+        chosen, made = chosen[made > 0], made[made > 0]  # others have no part in common
+        polygon = np.zeros((len(chosen), max(made.max(initial=0), 3), 2))
+        polygon[np.arange(polygon.shape[1]) < made[:, None]] = points
+    result = np.zeros((n, *polygon.shape[1:]))
+    result[chosen] = polygon
+    return result, count
 
 
 def on_facets(nodes: Array, x: Array, curved: bool) -> tuple[Array, Array, Array]:

@@ -359,10 +359,15 @@ def jumps(
 def scattered(
     rows: Ints, columns: Ints, blocks: Array, shape: tuple[int, int]
 ) -> sparse.csr_matrix:
-    """Sum of blocks (n, v, w) at rows (n, v) and columns (n, w)."""
-    row = np.broadcast_to(rows[:, :, None], blocks.shape)
-    column = np.broadcast_to(columns[:, None, :], blocks.shape)
-    return sparse.csr_matrix((blocks.ravel(), (row.ravel(), column.ravel())), shape=shape)
+    """Sum of blocks (n, v, w) at rows (n, v) and columns (n, w).
+
+    A product of two matrices whose entries are in order takes a third of the time of their sort.
+    """
+    (n, v, w), lines = blocks.shape, np.arange(rows.size + 1)
+    entries = np.repeat(columns, v, axis=0).ravel()
+    every = sparse.csr_matrix((blocks.ravel(), entries, w * lines), shape=(n * v, shape[1]))
+    picks = sparse.csc_matrix((np.ones(n * v), rows.ravel(), lines), shape=(shape[0], n * v))
+    return sparse.csr_matrix(picks.tocsr() @ every)
 
 
 def _distributed(local: Ints, weight: Array, total: NDArray, weak: Mask) -> sparse.csr_matrix:
