@@ -7,6 +7,7 @@ coupled. In blocks a product Pᵀ A P does the same arithmetic with one index fo
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 
@@ -48,6 +49,28 @@ class BlockRows:
         size = matrix.getBlockSizes()
         local = local_rows(matrix).tobsr(size)
         return cls(matrix.comm.tompi4py(), local, matrix.getLocalSize()[1] // size[1])
+
+    @classmethod
+    def of_rows(cls, matrix: PETSc.Mat, block: int) -> BlockRows:
+        """A PETSc matrix in blocks of one row and some columns."""
+        local = local_rows(matrix).tobsr((1, block))
+        return cls(matrix.comm.tompi4py(), local, matrix.getLocalSize()[1] // block)
+
+    @classmethod
+    def stacked(cls, parts: Sequence[BlockRows]) -> BlockRows:
+        """This rank's rows of matrices of the same columns, one below the other."""
+        return cls(parts[0].comm, _stacked([part.local for part in parts]), parts[0].columns)
+
+    def some(self, rows: Ints) -> BlockRows:
+        """Some of this rank's rows of blocks."""
+        return BlockRows(self.comm, _some(self.local, rows), self.columns)
+
+    def scaled(self, factors: Array) -> BlockRows:
+        """The matrix with a factor for each row of blocks of this rank."""
+        local = self.local
+        data = local.data * np.repeat(factors, np.diff(local.indptr))[:, None, None]
+        scaled = _blocks(data, local.indices, local.indptr, local.shape, local.blocksize)
+        return BlockRows(self.comm, scaled, self.columns)
 
     @property
     def rows(self) -> int:
@@ -108,8 +131,8 @@ class BlockRows:
         if self.comm.size > 1:
             starts = self._starts(columns)
             parts = [_some(part, np.arange(*ends)) for ends in pairwise(starts)]
-            rows = parts[self.comm.rank]
-            part = sum(self.comm.alltoall(parts), start=_zeros(rows.shape, rows.blocksize))
+            first, *others = self.comm.alltoall(parts)
+            part = sum(others, start=first)
         return BlockRows(self.comm, part, columns)
 
     def _factors(self, right: BlockRows) -> tuple[sparse.bsr_matrix, sparse.bsr_matrix]:
@@ -190,7 +213,7 @@ def _some(matrix: sparse.bsr_matrix, rows: NDArray[np.integer]) -> sparse.bsr_ma
     return _blocks(matrix.data[at], matrix.indices[at], indptr, shape, matrix.blocksize)
 
 
-def _stacked(parts: list[sparse.bsr_matrix]) -> sparse.bsr_matrix:
+def _stacked(parts: Sequence[sparse.bsr_matrix]) -> sparse.bsr_matrix:
     """Matrices of the same columns, one below the other."""
     counts = np.concatenate([np.diff(part.indptr) for part in parts])
     indptr = np.concatenate([[0], np.cumsum(counts)]).astype(np.int64)

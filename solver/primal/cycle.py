@@ -35,7 +35,7 @@ from solver.primal.products import multiply, multiply_transposed
 from solver.primal.projector import Projector
 from solver.primal.smoother import Smoother
 from solver.tfeti.constraints.matrix import local_rows, petsc_rows
-from solver.vectors import Array, Mask, on_arrays
+from solver.vectors import Array, Ints, Mask, on_arrays
 
 CHANGED = 0.15
 """Changed springs, relative to the rows of the set, up to which a cycle keeps those it has.
@@ -110,11 +110,14 @@ class CycleWithSprings:
         Stiffness of its levels with springs.
     springs : (rows,)
         Stiffness of each spring; zero for open rows.
+    rows
+        C on each of its levels.
     """
 
     cycle: Cycle
     operators: Sequence[BlockRows]
     springs: Array
+    rows: Sequence[PETSc.Mat]
 
 
 class CycleOnSets:
@@ -135,7 +138,7 @@ class CycleOnSets:
         self._K = in_blocks(K)
         steps = hierarchy.options.smoothing
         self._smoother = Smoother(self._K, system.flexibility, hierarchy.largest, steps)
-        self._prolongations = hierarchy.prolongations[1:]
+        self._prolongations = hierarchy.prolongations
         self._options = hierarchy.options
         self._unturned = self._system = system
         self._stiffness = row_stiffness(system)
@@ -143,13 +146,19 @@ class CycleOnSets:
         if made is None:
             self._operators = [rows_in_blocks(operator) for operator in hierarchy.operators[1:]]
             self._springs = np.zeros(len(self._stiffness))
+            self._rows = self._in_blocks(rows_on_levels(system.C, self._prolongations))
         else:
             self._coarse, self._operators = made.cycle, list(made.operators)
-            self._springs = made.springs
+            self._springs, self._rows = made.springs, self._in_blocks(made.rows)
 
     def _cycle(self) -> Cycle:
         operators = [petsc_blocks(rows) for rows in self._operators]
-        return Cycle(operators, self._prolongations, self._options)
+        return Cycle(operators, self._prolongations[1:], self._options)
+
+    def _in_blocks(self, rows: Sequence[PETSc.Mat]) -> list[BlockRows]:
+        """Rows on each coarse level, in the blocks of its unknowns."""
+        sizes = [operator.local.blocksize[0] for operator in self._operators]
+        return [BlockRows.of_rows(Q, size) for Q, size in zip(rows, sizes, strict=True)]
 
     def adapt_to(self, projector: Projector) -> None:
         """Adapt to another active set, the frames and compliances of its rows (collective)."""
@@ -161,11 +170,8 @@ class CycleOnSets:
         changed, rows = comm.allreduce(np.array(counts))
         if self._coarse is not None and changed <= CHANGED * rows:
             return
-        change = self._change(system, springs, differs)
-        for k, operator in enumerate(self._operators):
-            if k:
-                change = change.galerkin(BlockRows.of(self._prolongations[k - 1]))
-            self._operators[k] = operator.plus(change)
+        changes = self._changes(system, springs, differs)
+        self._operators = [A.plus(new) for A, new in zip(self._operators, changes, strict=True)]
         self._system, self._springs = system, springs
         if self._coarse is not None:
             self._coarse.destroy()
@@ -191,24 +197,29 @@ class CycleOnSets:
         turned = np.abs(np.sin(system.angles - self._system.angles)) > NOTICED
         return (np.abs(springs - before) > NOTICED * most) | (turned & (most > 0.0))
 
-    def _change(self, system: MergedSystem, springs: Array, differs: Mask) -> BlockRows:
-        """The change of the springs on the first coarse level (collective)."""
-        rows, signs = [], []
-        for one, stiff, sign in ((system, springs, 1.0), (self._system, self._springs, -1.0)):
-            some = np.flatnonzero(differs & (stiff > 0.0))
-            rows.append(sparse.diags(np.sqrt(stiff[some])) @ local_rows(one.C)[some])
-            signs.append(np.full(len(some), sign))
-        chosen = petsc_rows(system.comm, sparse.csr_matrix(sparse.vstack(rows)), system.size)
-        on_level = chosen.matMult(self._P)
-        chosen.destroy()
-        block = self._operators[0].local.blocksize[0]
-        local, columns = local_rows(on_level), on_level.getLocalSize()[1] // block
-        on_level.destroy()
-        left, right = (
-            BlockRows(system.comm, sparse.csr_matrix(part).tobsr((1, block)), columns)
-            for part in (local, sparse.diags(np.concatenate(signs)) @ local)
-        )
-        return left.transposed_times(right)
+    def _changes(self, system: MergedSystem, springs: Array, differs: Mask) -> list[BlockRows]:
+        """The change of the springs on each coarse level (collective)."""
+        parts = [(system, springs), (self._system, -self._springs)]
+        if system is self._system:
+            parts = [(system, springs - self._springs)]
+        groups, weights = [], []
+        for one, stiff in parts:
+            some = np.flatnonzero(differs & (stiff != 0.0))
+            groups.append(self._on_levels(one, some))
+            weights.append(stiff[some])
+        weight = np.concatenate(weights)
+        changes = []
+        for group in zip(*groups, strict=True):
+            rows = BlockRows.stacked(group).scaled(np.sqrt(np.abs(weight)))
+            changes.append(rows.transposed_times(rows.scaled(np.sign(weight))))
+        return changes
+
+    def _on_levels(self, system: MergedSystem, some: Ints) -> list[BlockRows]:
+        """Some rows of this rank on each coarse level (collective)."""
+        if system is self._unturned:
+            return [rows.some(some) for rows in self._rows]
+        chosen = petsc_rows(system.comm, local_rows(system.C)[some], system.size)
+        return self._in_blocks(rows_on_levels(chosen, self._prolongations))
 
     def apply(self, residual: Array, out: Array) -> None:
         """Put the correction of a residual Πᵀ r into out."""
@@ -221,6 +232,14 @@ class CycleOnSets:
         self._coarse.apply(coarse, correction)
         out += projector.apply(multiply(self._P, correction))
         self._smoother.apply(residual, out, projector)
+
+
+def rows_on_levels(C: PETSc.Mat, prolongations: Sequence[PETSc.Mat]) -> list[PETSc.Mat]:
+    """C P₁, C P₁ P₂, …: rows on each coarse level (collective)."""
+    result = [C]
+    for P in prolongations:
+        result.append(result[-1].matMult(P))
+    return result[1:]
 
 
 def _smoothing(options: MultigridOptions) -> dict[str, object]:

@@ -216,7 +216,4 @@ def with_springs(A: PETSc.Mat, Q: PETSc.Mat, weights: Array, near: Array) -> PET
 def spring_matrix(Q: PETSc.Mat, weights: Array, block: int) -> BlockRows:
     """Qᵀ diag(weights) Q in square blocks (collective)."""
     some = np.flatnonzero(weights > 0.0)
-    local = local_rows(Q)[some]
-    local.data *= np.repeat(np.sqrt(weights[some]), np.diff(local.indptr))  # zeros keep their place
-    columns = Q.getLocalSize()[1] // block
-    return BlockRows(Q.comm.tompi4py(), local.tobsr((1, block)), columns).gram()
+    return BlockRows.of_rows(Q, block).some(some).scaled(np.sqrt(weights[some])).gram()

@@ -19,7 +19,7 @@ import numpy as np
 from petsc4py import PETSc
 
 from solver.primal.blocks import petsc_blocks, rows_in_blocks
-from solver.primal.cycle import CycleWithSprings
+from solver.primal.cycle import CycleWithSprings, rows_on_levels
 from solver.primal.factor import diagonal_below, row_stiffness, spread_means, squared_rows
 from solver.primal.friction_springs import FrictionSprings
 from solver.primal.hierarchy import Hierarchy
@@ -73,14 +73,13 @@ def find_first_set(
         x = only_level.minimise(np.zeros(system.size), options.exact_steps)
         active = only_level.pressed(x) | system.equality
         return FirstSet(active, x, None, only_level.tensions(x))
-    Q, loads = [system.C], [system.load - multiply(system.K, start)]
+    Q, loads = rows_on_levels(system.C, P), [system.load - multiply(system.K, start)]
     for prolongation in P:
-        Q.append(Q[-1].matMult(prolongation))
         loads.append(multiply_transposed(prolongation, loads[-1]))
     x, pressed, cycle, tensions = np.zeros(len(loads[-1])), system.equality, None, None
     for k in range(len(P), 0, -1):
         below = replace(hierarchy, prolongations=P[k:], operators=tuple(A[k:]))
-        level = CycleLevel(rows, below, Q[k], loads[k], options)
+        level = CycleLevel(rows, below, Q[k - 1 :], loads[k], options)
         if A[k].getSize()[0] <= options.largest:
             x = _on_every_rank(level, x, k == len(P))
         elif k == len(P):  # bodies may have no place yet

@@ -14,6 +14,7 @@ every rank, or by a few conjugate gradients with a V-cycle.
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -312,7 +313,7 @@ class CycleLevel(SharedLevel):
     hierarchy
         This level and those below.
     Q
-        C on this level.
+        C on each of these.
 
     Attributes
     ----------
@@ -321,11 +322,11 @@ class CycleLevel(SharedLevel):
     """
 
     def __init__(
-        self, rows: Rows, hierarchy: Hierarchy, Q: PETSc.Mat, load: Array,
+        self, rows: Rows, hierarchy: Hierarchy, Q: Sequence[PETSc.Mat], load: Array,
         options: FirstSetOptions,
     ) -> None:  # fmt: skip
-        super().__init__(rows, hierarchy.operators[0], Q, load, options)
-        self._hierarchy = hierarchy
+        super().__init__(rows, hierarchy.operators[0], Q[0], load, options)
+        self._hierarchy, self._below = hierarchy, Q
         self.cycle: CycleWithSprings | None = None
 
     def newton_step(self, weights: Array, residual: Array) -> Array:
@@ -370,7 +371,7 @@ class CycleLevel(SharedLevel):
                 shift = self._addition(A.getDiagonal().getArray())
                 operators.append(rows_in_blocks(A).plus(springs.plus_diagonal(shift + faint)))
             cycle = Cycle([*map(petsc_blocks, operators)], levels.prolongations, levels.options)
-            self.cycle = CycleWithSprings(cycle, operators, stiff)
+            self.cycle = CycleWithSprings(cycle, operators, stiff, self._below)
         return self.cycle.cycle
 
 

@@ -9,10 +9,11 @@ import numpy as np
 import pytest
 
 from contact_app.accuracy.contact_limits import entered_between
-from contact_app.accuracy.entered_pairs import entered
+from contact_app.accuracy.entered_pairs import entered, near_each_other
 from contact_app.run.solve import solve_scene
 from contact_app.scene.build import build_scene
 from contact_app.scene.configuration import load
+from meshes.contact_surface import Surface
 from tests import meshfiles, scenes
 from tests.comparison import solve
 
@@ -141,3 +142,17 @@ def test_face_on_another_body_causes_none(tmp_path: Path) -> None:
     }
     warnings = solve(made).solution.certificate.warnings
     assert not any("enter each other" in w for w in warnings)
+
+
+def test_facets_that_a_vertex_reaches_stay() -> None:
+    """Facets within the displacements of the other surface stay, and facets far from it do not."""
+    normal = np.array([1.0, 1.0, 1.0]) / np.sqrt(3.0)
+    slope = 3.0 * np.eye(3)
+    tip = slope.mean(axis=0) + 9.0 * normal + np.array([[0, 0, 0], [2, 0, 0], [0, 2, 0]])
+    box, tool = (
+        Surface(3, first + np.arange(6).reshape(2, 3), np.stack(facets), np.tile(out, (2, 1)))
+        for first, facets, out in ((0, (slope, slope - 30), normal), (6, (tip, tip + 30), -normal))
+    )
+    assert [len(side.nodes) for side in near_each_other(box, tool, 0.0)] == [0, 0]
+    kept = near_each_other(box, tool, 5.2)  # components of displacements of 9 along the normal
+    assert [side.nodes.tolist() for side in kept] == [[[0, 1, 2]], [[6, 7, 8]]]
