@@ -123,7 +123,6 @@ def _solved(task: Task, method: Method, start: Guess | None) -> Solution:
 
         restart = checkpoint.load(problem.size, problem.description) if checkpoint else None
         return solve_by_multigrid(task, start, restart)
-    multiplier = None if start is None else start.multiplier
     if method == "smalbe":
         if problem.coarse is not None and problem.friction.acts:
             restart = checkpoint.load(problem.size, problem.description) if checkpoint else None
@@ -132,11 +131,11 @@ def _solved(task: Task, method: Method, start: Guess | None) -> Solution:
             return solve_as_in_the_paper(task)
         return replace(solve_by_mprgp(task, None, accelerated=False), method=method)
     if problem.coarse is None or not problem.one_sided:
-        return solve_by_mprgp(task, multiplier)
+        return solve_by_mprgp(task, None if start is None else start.multiplier)
     restart = checkpoint.load(problem.size, problem.description) if checkpoint else None
     if restart is not None and restart.rho:
         return solve_by_smalbe(task, None, restart)
-    outcome, answer = solve_from_first_set(task, restart, Saver(checkpoint), multiplier)
+    outcome, answer = solve_from_first_set(task, restart, Saver(checkpoint), start)
     if answer is not None:
         return answer
     if method == "auto":

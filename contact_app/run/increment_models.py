@@ -59,6 +59,7 @@ class IncrementModels:
         self._of_subdomains: list[NDArray[np.float64]] = []
         self._order: tuple[Decomposition, bool] | None = None
         self._before: SameRows | None = None
+        self._jumps = np.zeros(0)
 
     @property
     def displacements(self) -> Displacements | None:
@@ -172,7 +173,9 @@ class IncrementModels:
         """Store an answer: the next increment begins with it."""
         self._last, self._displacements = solved.model.scene, solved.solution.displacements
         self._before, self._rows = self._rows, SameRows(solved.solution)
-        self._pressed = NormalForces.of(solved.model.problem, solved.solution)
+        problem, displacements = solved.model.problem, solved.solution.displacements
+        self._pressed = NormalForces.of(problem, solved.solution)
+        self._jumps = problem.residual(problem.on_interface(displacements))
         self._store_order(solved.model, solved.solution.displacements)
         self._models.add(solved.model, solved.solution)
 
@@ -198,11 +201,16 @@ class IncrementModels:
 
         With friction multigrid begins with the last answer unless its loads are far: an earlier one
         to nearly equal loads, which came from the other side, slides the other way. Where the loads
-        go on in the direction of the last increment, so does the answer.
+        go on in the direction of the last increment, so does the answer. Slips are taken to be as
+        long as in the last increment.
         """
         follows = self._rough and not model.problem.factored and self._models.is_near_last(model)
         near = self._extrapolated(model) if follows else self._models.on(model)
-        return near if near is not None or self._rows is None else self._rows.on(model)
+        if near is None and self._rows is not None:
+            near = self._rows.on(model)
+        if near is None or len(self._jumps) != len(near.multiplier):
+            return near
+        return replace(near, jumps=self._jumps)
 
     def _extrapolated(self, model: Model) -> Guess | None:
         """The last answer and a share of its change, as of the change of the loads (collective).

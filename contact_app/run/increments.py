@@ -6,7 +6,8 @@ and where it slides the friction force is at its limit along w. All increments s
 (`run.increment_models`).
 
 An increment without a certified answer is halved, and its halves again, up to `HALVINGS` times. If
-multigrid does not certify the smallest part, either, Total FETI goes on with the history.
+multigrid does not certify the first half or the smallest part, either, Total FETI solves it and
+goes on with the history.
 """
 
 from __future__ import annotations
@@ -141,6 +142,10 @@ def solved_increments(
             place = Place(step, part[1], number + 1)
             solved = _solved(scene, comm, place, monitor_of, report, models)
             halved = _halvings(part, step_of_scene.increments)
+            if not _is_final(solved) and halved in (1, HALVINGS):
+                other = models.by_total_feti()
+                if other is not None:
+                    solved = _solved(other, comm, place, monitor_of, report, models)
             if not _is_final(solved) and halved < HALVINGS:
                 middle = (part[0] + part[1]) / 2
                 ahead += [(middle, part[1]), (part[0], middle)]
@@ -150,9 +155,6 @@ def solved_increments(
                         step, float(part[1]), _work_in_words(solved),
                     )  # fmt: skip
                 continue
-            other = None if _is_final(solved) else models.by_total_feti()
-            if other is not None:
-                solved = _solved(other, comm, place, monitor_of, report, models)
             if isinstance(solved, NoWayLeftError):
                 raise solved
             following = models.following(scene, solved.model.scene)

@@ -16,7 +16,7 @@ from contact_app.run.increment_models import IncrementModels
 from contact_app.run.progress import together
 from contact_app.scene.scene import Scene
 from solver.contact.options import SolverOptions
-from solver.contact.solution import Solution
+from solver.contact.solution import Guess, Solution
 from solver.driver import solve
 from solver.qp.result import Monitor, Step
 from solver.tfeti.dual import DualProblem
@@ -88,7 +88,7 @@ def in_twice_the_length(
     if problem is None:
         return None
     options = loosely(now.model.scene.solver, now.solution, monitor)
-    answer = solve(problem, *options, start=now.solution.guess)
+    answer = solve(problem, *options, start=_guess(problem, now.solution))
     return answer if answer.converged else None
 
 
@@ -118,7 +118,7 @@ def halved(
     problem = _problem_from(models, halfway, first.displacements, now)
     if problem is None:
         return None
-    second = solve(problem, options, limited, start=now.solution.guess)
+    second = solve(problem, options, limited, start=_guess(problem, now.solution))
     if not second.converged:
         return None
     change = change_to(model_now.problem, now.solution, second.multiplier, second.displacements)
@@ -153,6 +153,12 @@ def _problem_from(
         problem = model.problem.with_slip_from(begin)
     same = model.comm.allreduce(int(problem.size == model.problem.size), op=MPI.MIN)
     return problem if same else None
+
+
+def _guess(problem: DualProblem, near: Solution) -> Guess:
+    """A near answer as initial guess, with its slips from the begin of an increment."""
+    jumps = problem.residual(problem.on_interface(near.displacements))
+    return replace(near.guess, jumps=jumps)
 
 
 def loosely(

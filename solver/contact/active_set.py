@@ -56,12 +56,15 @@ class Start:
         remove row after row.
     statuses
         Statuses of the first set; those that the law takes from `active` if None.
+    jumps : (rows,)
+        B u - c near that of the first set; None if unknown.
     """
 
     active: Mask
     multiplier: Array | None = None
     is_flat: bool = False
     statuses: Statuses | None = None
+    jumps: Array | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -139,7 +142,9 @@ def _initial_active_set(method: ActiveSetMethod[S], start: Start) -> LoopState[S
     levels = backend.hierarchy(coarsened=False)
     update = ActiveSetUpdate(backend, levels, law, options, options.looks_ahead)
     coarsened = start.multiplier is not None or not law.settles
-    statuses = start.statuses or law.initial(start.active, start.multiplier, options.looks_ahead)
+    statuses = start.statuses or law.initial(
+        start.active, start.multiplier, options.looks_ahead, start.jumps
+    )
     return LoopState(
         SetRules(update, options.first_reduction, coarsened),
         statuses,

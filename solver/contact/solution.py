@@ -85,10 +85,14 @@ class Guess:
         λ.
     displacements : one (n, members) array for each class
         None if they are unknown; methods for multipliers do not need them.
+    jumps : (dual,)
+        B u - c near that of the answer, from which points with friction know how far they slide;
+        None if unknown.
     """
 
     multiplier: Array
     displacements: list[Array] | None = None
+    jumps: Array | None = None
 
 
 @dataclass(frozen=True, eq=False)

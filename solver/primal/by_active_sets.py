@@ -180,7 +180,8 @@ def _solve(
         active = backend.closed_in(first)
         statuses = _statuses_of(backend, method.law, first, active)
     near = restart.x if restart is not None else guess.multiplier if guess is not None else None
-    start = Start(active, None if frictionless else near, statuses=statuses)
+    jumps = None if guess is None else guess.jumps
+    start = Start(active, None if frictionless else near, statuses=statuses, jumps=jumps)
     outcome = solve_with_retries(method, start)
     if outcome.reason is None and peeling is not None:
         place.content = peeling  # also for other loads

@@ -10,7 +10,7 @@ import numpy as np
 from solver.contact.active_set import Start
 from solver.contact.checkpoint import Saver
 from solver.contact.retries import solve_with_retries
-from solver.contact.solution import Solution
+from solver.contact.solution import Guess, Solution
 from solver.contact.solve_on_set import Outcome, SaveState
 from solver.contact.stopping import CertificateTest, StoppingRule
 from solver.qp.outer_state import Restart
@@ -25,7 +25,6 @@ from solver.tfeti.friction_share import may_hold
 from solver.tfeti.methods.answers import answer_of_state
 from solver.tfeti.methods.task import Task, saved_by
 from solver.tfeti.winkler import gaps_are_zero, winkler_contact
-from solver.vectors import Array
 
 METHOD = "active-set"
 
@@ -38,7 +37,7 @@ LOOSE = 1e-2
 
 
 def solve_from_first_set(
-    task: Task, restart: Restart | None, saver: Saver, guess: Array | None
+    task: Task, restart: Restart | None, saver: Saver, guess: Guess | None
 ) -> tuple[Outcome[State], Solution | None]:
     """Solve by active sets, from an initial set or the state of an interrupted solve (collective).
 
@@ -70,16 +69,17 @@ def solve_from_first_set(
     return outcome, answer
 
 
-def initial_active_set(problem: DualProblem, guess: Array | None) -> Start:
+def initial_active_set(problem: DualProblem, guess: Guess | None) -> Start:
     """The initial data of the loop (collective).
 
     Parameters
     ----------
-    guess : (dual,)
-        Multipliers of a nearly equal problem; None if there is none.
+    guess
+        The answer to a nearly equal problem; None if there is none.
     """
     if guess is not None:
-        return Start(problem.inequality & (guess > 0.0), guess)
+        active = problem.inequality & (guess.multiplier > 0.0)
+        return Start(active, guess.multiplier, jumps=guess.jumps)
     if gaps_are_zero(problem):
         return Start(problem.inequality, is_flat=True)
     return Start(winkler_contact(problem))

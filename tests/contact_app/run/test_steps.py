@@ -240,8 +240,12 @@ def test_multigrid_begins_an_increment_with_the_last_displacements() -> None:
 
 
 @pytest.mark.ratchet
-def test_multigrid_extrapolates_the_answers_of_a_step() -> None:
-    """From the last answer alone it takes 144 operator applications."""
+@pytest.mark.parametrize(("method", "most"), [("primal", 90), ("active-set", 110)])
+def test_increments_begin_with_the_answers_and_slips_of_a_step(method: str, most: int) -> None:
+    """From the last answer alone multigrid takes 144 operator applications.
+
+    Active sets take 134 where they do not know how far points slid in the last increment.
+    """
     box = {"lower": [0.0] * 3, "upper": [1.0] * 3, "cells": [8, 8, 8], "cell": "hexahedron"}
     wall = {"plane": {"point": [1, 0, 0], "normal": [-1, 0, 0]}}
     made = {
@@ -256,12 +260,12 @@ def test_multigrid_extrapolates_the_answers_of_a_step() -> None:
         ],
         "contacts": [{"on": "cube.x+", "obstacle": wall, "friction": {"coulomb": 0.3}}],
         "steps": [{"press": 1, "push": 1, "increments": 10}],
-        "solver": {"method": "primal", "tolerance": 1e-8},
+        "solver": {"method": method, "tolerance": 1e-8},
     }
     found = solved(made)
     assert found.converged
     counts = [r["solver"]["hessian_multiplications"] for r in found.summary["steps"]]
-    assert sum(counts) <= 90, counts
+    assert sum(counts) <= most, counts
 
 
 @pytest.mark.ratchet
@@ -394,8 +398,8 @@ def test_total_feti_follows_where_multigrid_fails_in_a_later_increment(
     monkeypatch.setattr(solve, "solve", fails_when_pushed_farther)
     records = solved(made).summary["steps"]
     methods = [record["solver"]["method"] for record in records]
-    assert methods == ["primal"] * 3 + ["active-set"] * 6
-    assert [record["halved"] for record in records] == [0, 0, 0, 4, 4, 3, 2, 1, 0]
+    assert methods == ["primal"] * 3 + ["active-set"] * 3
+    assert [record["halved"] for record in records] == [0, 0, 0, 1, 1, 0]
     ends = [r["solution"] for r in records if r["factor"] == 1]
     for key in ("energy", "dissipated_work", "max_displacement"):
         values = [r["solution"][key] for r in known.summary["steps"] if r["factor"] == 1]
