@@ -40,7 +40,8 @@ SLENDER, ROUND = 0.03, 1e-6
 difference from one up to which it is taken for that of a ball."""
 
 LARGER = 1.5
-"""Length of the contact, less a facet, over Hertz's from which on it is no contact of his kind."""
+"""Half length of the contact, less a facet, over Hertz's, or the other way round, from which on it
+is no contact of his kind: an edge or a flat face has no curvature, and his would be larger."""
 
 MISFIT = 0.02
 """Largest root of the mean squared misfit over the range of the gaps. Flat facets of round surfaces
@@ -75,7 +76,7 @@ def hertz_peak(model: Model, nodes: NodeFields, facets: PressedFacets, number: i
     if bends is None or bends[-1] <= 0.0:
         return None
     lengths = np.sqrt(np.maximum(np.linalg.eigvalsh(along @ moment[:d, :d] @ along.T), 0.0))
-    return _peak(force, modulus, bends / (REACH * size) ** 2, lengths, size)
+    return peak_of(force, modulus, bends / (REACH * size) ** 2, lengths, size)
 
 
 def _mirror(axis: int) -> Array:
@@ -128,7 +129,9 @@ def _curvatures(points: Array, gaps: Array) -> Array | None:
     return np.asarray(np.linalg.eigvalsh([[aa, ab / 2.0], [ab / 2.0, bb]]))
 
 
-def _peak(force: float, modulus: float, bends: Array, lengths: Array, size: float) -> float | None:
+def peak_of(
+    force: float, modulus: float, bends: Array, lengths: Array, size: float
+) -> float | None:
     """Hertz's pressure by coefficients of the gap, (d - 1,); None for a contact of other size.
 
     Parameters
@@ -152,7 +155,10 @@ def _peak(force: float, modulus: float, bends: Array, lengths: Array, size: floa
             return None
         peak = np.sqrt(2.0 * force / length * modulus * high / np.pi)
         half, factor = np.array([peak / (modulus * high), np.inf][: len(bends)]), 2.0
-    return float(peak) if (factor * lengths < LARGER * half + size).all() else None
+    observed, finite = factor * lengths, np.isfinite(half)
+    close = observed < LARGER * half + size
+    close[finite] &= half[finite] < LARGER * observed[finite] + size
+    return float(peak) if close.all() else None
 
 
 def _quotient(k: float) -> float:
