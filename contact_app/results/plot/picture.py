@@ -102,7 +102,7 @@ def plot(
     title, bodies = str(summary.get("scene", {}).get("title", "")), target / "bodies.png"
     title += "" if time is None else f", time {time:g}"
     caption = f"{title}\ndisplacements × {factor:g}".strip()
-    remarks += _draw_bodies(stored, shown, factor, bodies, caption, camera, _has_pairs(summary))
+    _draw_bodies(stored, shown, factor, bodies, caption, camera, _has_pairs(summary))
     pictures = [bodies, *_of_contacts(stored, shown, target, title, remarks)]
     return [*pictures, *_of_history(directory, target, title)], remarks
 
@@ -115,13 +115,13 @@ def _draw_bodies(
     caption: str,
     camera: tuple[float, float, float] | None,
     between: bool,
-) -> list[str]:
-    """Draw the bodies; return remarks."""
+) -> None:
+    """Draw the bodies in the plane or in space."""
     with atomic(target) as part:
-        if not stored.plane:
-            return draw_space(stored, shown, factor, part, caption, camera, between)
-        draw_plane(stored, shown, factor, part, caption)
-        return []
+        if stored.plane:
+            draw_plane(stored, shown, factor, part, caption)
+        else:
+            draw_space(stored, shown, factor, part, caption, camera, between)
 
 
 def _has_pairs(summary: dict[str, Any]) -> bool:

@@ -44,8 +44,8 @@ class Triangles:
         Pixels to the right, pixels downwards, and depth towards the eye in pixels.
     values : (n, 3)
         At the corners; NaN where the body is bare.
-    bright : (n,)
-        Brightness.
+    bright : (n, 3)
+        Brightness at the corners.
     wired : (n, 3)
         0 where the edge opposite each corner is not drawn, else the number of parts in which the
         edges of the face are cut.
@@ -161,18 +161,15 @@ def _shares(x: Array, y: Array, at_x: Array, at_y: Array) -> Array:
 
 
 def wires(triangles: Triangles, triangle: Integers, shares: Array) -> Array:
-    """How much of a drawn edge pixels in triangles show, with their shares (n, 3), from 0 to 1."""
-    near = shares * _heights(triangles.corners)[triangle] < WIDE
-    return np.asarray((near * drawn_edges(triangles)[triangle]).max(axis=1))
-
-
-def drawn_edges(triangles: Triangles) -> Array:
-    """Strength (n, 3) of the edges opposite to corners, from 0, not drawn, to 1.
+    """How much of a drawn edge pixels in triangles show, with their shares (n, 3), from 0 to 1.
 
     Edges of low triangles are faint, so that a fine mesh does not blacken its surface.
     """
-    high = _heights(triangles.corners).min(axis=1, keepdims=True) / (10.0 * WIDE)
-    return np.asarray(np.clip(2.0 * high * triangles.wired - 1.0, 0.0, 1.0))
+    heights = _heights(triangles.corners)
+    low = heights.min(axis=1, keepdims=True) / (10.0 * WIDE)
+    strength = np.clip(2.0 * low * triangles.wired - 1.0, 0.0, 1.0)
+    near = shares * heights[triangle] < WIDE
+    return np.asarray((near * strength[triangle]).max(axis=1))
 
 
 def _heights(corners: Array) -> Array:

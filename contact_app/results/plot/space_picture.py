@@ -1,20 +1,18 @@
 """Deformed bodies in space coloured by fields, one panel per field, with undeformed edges.
 
 The picture shows the skin of the cells, seen along one direction without perspective
-(`contact_app.results.plot.raster`, or VTK where it is installed). Titles and scales are
-matplotlib's.
+(`contact_app.results.plot.raster`). Surfaces are shaded smoothly but for sharp edges. Titles and
+scales are matplotlib's.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from contact_app.results.plot import vtk_images
 from contact_app.results.plot.arrangement import of_bodies
 from contact_app.results.plot.contact_picture import touchable
 from contact_app.results.plot.curved import finer
@@ -29,7 +27,6 @@ from contact_app.results.plot.raster import (
     WIRE,
     DepthBuffer,
     Triangles,
-    drawn_edges,
     visible_share,
     wires,
 )
@@ -147,19 +144,14 @@ def draw_space(
     caption: str,
     camera: tuple[float, float, float] | None = None,
     between: bool = False,
-) -> list[str]:
-    """Write a picture with a panel for each field; by VTK if Python has it and it draws.
+) -> None:
+    """Write a picture with a panel for each field.
 
     Parameters
     ----------
     between
         Whether bodies touch each other: then they are translucent in pictures of pressure. They are
         also translucent if most of the contact surface is hidden.
-
-    Returns
-    -------
-    remarks
-        Why VTK did not draw, if it is installed.
     """
     from matplotlib.cm import ScalarMappable
     from matplotlib.colors import Normalize
@@ -178,14 +170,10 @@ def draw_space(
     ratio = float(np.clip(view.half[1] / view.half[0], 0.1, 1.6))
     figure, places, wide = of_bodies(len(panels), ratio)
     frame = Frame.of(view, (wide, wide * ratio), SHARPNESS)
-    skins = [skin_triangles(moved, faces, panel, frame, levels) for panel in panels]
-    lines, nodes = frame.places(outline), triangle_nodes(faces) % len(stored.points)
-    drawn, lack = vtk_images.images(
-        [drawing_of(*skin, nodes, lines, frame) for skin in zip(skins, panels, strict=True)]
-    )
-    images = drawn or [image_of(*skin, lines, frame) for skin in zip(skins, panels, strict=True)]
-    for image, axes, panel in zip(images, places, panels, strict=True):
-        axes.imshow(image, interpolation="antialiased")
+    lines = frame.places(outline)
+    for axes, panel in zip(places, panels, strict=True):
+        triangles = skin_triangles(moved, faces, panel, frame, levels)
+        axes.imshow(image_of(triangles, panel, lines, frame), interpolation="antialiased")
         shades = ScalarMappable(Normalize(*panel.limits), panel.colours)
         bar = figure.colorbar(
             shades, ax=axes, location="bottom", label=panel.label, shrink=0.75, aspect=30,
@@ -194,7 +182,6 @@ def draw_space(
         bar.formatter.set_powerlimits((-3, 4))
     figure.suptitle(caption, fontsize=12)
     figure.savefig(target, dpi=150, format="png")
-    return [f"bodies are drawn without VTK, which does not draw here: {lack}"] if lack else []
 
 
 def panel_of(
@@ -303,41 +290,33 @@ def _normals(points: NDArray[np.float64], sides: NDArray[np.int64]) -> NDArray[n
     return normals / np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-300)
 
 
-def triangle_nodes(faces: list[NDArray[np.int64]]) -> NDArray[np.int64]:
-    """Nodes (n, 3) of the triangles of faces, in the order of `skin_triangles`."""
-    return np.concatenate(
-        [sides[:, pick] for sides in faces for pick, _ in _HALVES[sides.shape[1]]]
+def corner_normals(
+    points: NDArray[np.float64], faces: list[NDArray[np.int64]]
+) -> list[NDArray[np.float64]]:
+    """Unit normals (n, corners, 3) at the corners of faces.
+
+    They are means over the faces at the node without a sharp edge to the face, so that curved
+    surfaces look smooth.
+    """
+    normals = [_normals(points, sides) for sides in faces]
+    of_face = np.concatenate(
+        [np.repeat(n, f.shape[1], axis=0) for n, f in zip(normals, faces, strict=True)]
     )
-
-
-def drawing_of(
-    triangles: Triangles,
-    panel: Panel,
-    nodes: NDArray[np.int64],
-    outline: NDArray[np.float64],
-    frame: Frame,
-) -> dict[str, Any]:
-    """Arrays for VTK of what `image_of` draws, by the names of `vtk_images.images`."""
-    from matplotlib import colormaps
-
-    ends = triangles.corners[:, [[1, 2], [2, 0], [0, 1]]]  # of the edges opposite to the corners
-    seen = (drawn_edges(triangles) > 0.5) & ~(triangles.bare & panel.through)[:, None]
-    return {
-        "corners": triangles.corners,
-        "nodes": nodes,
-        "values": triangles.values,
-        "edges": ends[seen],
-        "outline": outline,
-        "colours": colormaps[panel.colours](np.linspace(0.0, 1.0, 256))[:, :3],
-        "limits": panel.limits,
-        "light": LIGHT,
-        "bright": (AMBIENT, DIFFUSE),
-        "size": frame.size,
-        "bare": BARE,
-        "grey": GREY,
-        "crease": SHARP,
-        "veil": VEIL if panel.through else 1.0,
-    }
+    node = np.concatenate([sides.ravel() for sides in faces])
+    order = np.argsort(node, kind="stable")
+    _, first, count = np.unique(node[order], return_index=True, return_counts=True)
+    first, count = np.repeat(first, count), np.repeat(count, count)
+    place, sums = np.arange(len(node)) - first, np.zeros_like(of_face)
+    for shift in range(count.max(initial=0)):
+        other = of_face[order[first + (place + shift) % count]]
+        smooth = np.einsum("ni,ni->n", of_face[order], other) >= np.cos(np.radians(SHARP))
+        sums[order] += other * (smooth & (shift < count))[:, None]
+    sums /= np.maximum(np.linalg.norm(sums, axis=1, keepdims=True), 1e-300)
+    ends = np.cumsum([sides.size for sides in faces])[:-1]
+    return [
+        part.reshape(*sides.shape, 3)
+        for part, sides in zip(np.split(sums, ends), faces, strict=True)
+    ]
 
 
 def image_of(
@@ -357,13 +336,14 @@ def image_of(
     low, high = panel.limits
     colours = colormaps[panel.colours](np.clip((values - low) / (high - low), 0.0, 1.0))[:, :3]
     colours[np.isnan(values)] = BARE
-    bright = opaque.bright[triangle] * (1.0 - (1.0 - WIRE) * wires(opaque, triangle, shares))
+    bright = np.einsum("ni,ni->n", shares, opaque.bright[triangle])
+    bright *= 1.0 - (1.0 - WIRE) * wires(opaque, triangle, shares)
     image = np.ones((frame.size[0] * frame.size[1], 3))
     image[pixel] = np.minimum(colours * bright[:, None], 1.0)
     image[_line_pixels(outline, buffer)] = GREY
     if veiled.any():
         veil = triangles.some(veiled)
-        count, bright = buffer.in_front(veil.corners, veil.bright)
+        count, bright = buffer.in_front(veil.corners, veil.bright.mean(axis=1))
         left = ((1.0 - VEIL) ** count)[:, None]
         image = left * image + (1.0 - left) * np.minimum(np.outer(bright, BARE), 1.0)
     return image.reshape(frame.size[1], frame.size[0], 3)
@@ -385,16 +365,15 @@ def skin_triangles(
     few = sum(map(len, faces)) <= EDGES_UP_TO * parts**2
     corners, values, bright, wired = [], [], [], []
     start = 0
-    for sides in faces:
-        normals = _normals(points, sides)
+    for sides, normals in zip(faces, corner_normals(points, faces), strict=True):
         light = AMBIENT + DIFFUSE * np.maximum(normals @ view.light, 0.0)
         at_corners = _at_corners(panel, points, sides, start)
         if panel.through:  # visible from both sides, with the colours of the scale
-            light = np.where(np.isfinite(at_corners).all(axis=1), 1.0, light)
+            light[np.isfinite(at_corners).all(axis=1)] = 1.0
         for pick, edges in _HALVES[sides.shape[1]]:
             corners.append(places[sides[:, pick]])
             values.append(at_corners[:, pick])
-            bright.append(light)
+            bright.append(light[:, pick])
             ends = levels[sides[:, pick]]
             wired.append(edges & (np.roll(ends, 1, axis=1) + np.roll(ends, -1, axis=1) <= 1))
         start += len(sides)

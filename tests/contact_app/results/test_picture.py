@@ -113,6 +113,19 @@ def test_the_outline_of_a_block_is_its_edges(tmp_path: Path) -> None:
     assert lengths.sum() == pytest.approx(4 * (2 + 1 + 1))
 
 
+def test_shading_is_smooth_around_a_hole_and_sharp_at_its_rim() -> None:
+    """Twelve facets of a tube of radius 1, and the triangles of its lid."""
+    angles = np.radians(30.0) * np.arange(12)
+    ring = np.stack([np.cos(angles), np.sin(angles), 0.0 * angles], axis=1)
+    points = np.concatenate([ring, ring + [0.0, 0.0, 1.0], [[0.0, 0.0, 1.0]]])
+    low, high = np.arange(12), np.roll(np.arange(12), -1)
+    tube = np.stack([low, high, high + 12, low + 12], axis=1)
+    lid = np.stack([low + 12, high + 12, np.full(12, 24)], axis=1)
+    on_tube, on_lid = space_picture.corner_normals(points, [tube, lid])
+    np.testing.assert_allclose(on_tube, (points * [1.0, 1.0, 0.0])[tube], atol=1e-12)
+    np.testing.assert_allclose(on_lid, np.broadcast_to([0.0, 0.0, 1.0], on_lid.shape), atol=1e-12)
+
+
 @pytest.mark.parametrize("direction", [[1.2, -1.0, 0.6], [0.0, 0.0, -1.0], [-3.0, 0.1, 0.0]])
 def test_a_view_shows_all_points(direction: list[float]) -> None:
     points = np.random.default_rng(3).normal(size=(50, 3))

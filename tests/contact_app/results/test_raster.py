@@ -79,7 +79,7 @@ def test_hidden_surfaces(depth: float, share: float) -> None:
 
 def test_edges_of_faces_are_drawn_and_not_their_diagonals() -> None:
     wired = np.array([[True, False, True], [True, True, False]])
-    made = Triangles(square(np.zeros(4)), np.zeros((2, 3)), np.ones(2), wired)
+    made = Triangles(square(np.zeros(4)), np.zeros((2, 3)), np.ones((2, 3)), wired)
     buffer = DepthBuffer(SIZE, SIZE)
     buffer.add(made.corners)
     pixel, triangle, shares = buffer.seen()
@@ -95,7 +95,7 @@ def test_edges_of_faces_are_drawn_and_not_their_diagonals() -> None:
 @pytest.mark.parametrize(("height", "strength"), [(3.0, 0.0), (6.0, 0.5), (9.0, 1.0)])
 def test_edges_of_low_faces_are_faint(height: float, strength: float) -> None:
     low = np.array([[[0.0, 0.0, 0.0], [50.0, height, 0.0], [50.0, 0.0, 0.0]]])
-    made = Triangles(low, np.zeros((1, 3)), np.ones(1), np.array([[True, False, False]]))
+    made = Triangles(low, np.zeros((1, 3)), np.ones((1, 3)), np.array([[True, False, False]]))
     shares = np.array([[0.0, 0.5, 0.5], [0.8, 0.1, 0.1]])
     inside = wires(made, np.zeros(2, int), shares)
     assert inside[0] == pytest.approx(strength, abs=0.02)
@@ -105,7 +105,7 @@ def test_edges_of_low_faces_are_faint(height: float, strength: float) -> None:
 def test_faces_that_look_away_are_known() -> None:
     front = square(np.zeros(4))
     made = Triangles(
-        np.concatenate([front, front[:, ::-1]]), np.zeros((4, 3)), np.ones(4),
+        np.concatenate([front, front[:, ::-1]]), np.zeros((4, 3)), np.ones((4, 3)),
         np.zeros((4, 3), bool),
     )  # fmt: skip
     assert made.towards.tolist() == [True, True, False, False]
