@@ -33,7 +33,7 @@ STUDIES = "contact_app.studies"
 MOST_ENTRIES = 12
 """Entries at the top of `contact_app`."""
 
-LONGEST, MOST_PARAMETERS = 80, 7
+LONGEST, MOST_PARAMETERS = 80, 6
 """Lines and parameters of a function."""
 
 LONG: dict[str, str] = {}
@@ -96,13 +96,34 @@ TAKE_THE_SCENE = 74
 """Functions above the scene that take all of it; others take the bodies, contacts or loads that
 they need. A function that needs less lowers the number."""
 
-MANY = {
-    "solver.qp.reference:mprgp": "the symbols of the book, one by one",
-    "solver.qp.reference:expand": "the symbols of the book, one by one",
-    "contact_app.forms.problem:ContactProblem.__init__": "the arguments of its users",
-    "contact_app.studies.commands:bench_parts": "the options of a command",
-    "contact_app.studies.commands:chart": "the options of a command",
-}
+MANY = dict.fromkeys(("solver.qp.reference:mprgp", "solver.qp.reference:expand"), "the book's")
+MANY |= dict.fromkeys(
+    (
+        "contact_app.forms.problem:ContactProblem.__init__", "solver.driver:solve",
+        "solver.qp.smalbe:SMALBE.begin", "solver.qp.smalbe:SMALBE.solve",
+        "contact_app.run.solve:solve_scene",
+    ),
+    "optional arguments of an interface, of which callers give a few by name",
+)  # fmt: skip
+MANY |= dict.fromkeys(
+    (
+        "contact_app.studies.commands:bench_parts", "contact_app.studies.commands:chart",
+        "contact_app.studies.chart:chart", "contact_app.studies.chart:solve_point",
+        "contact_app.studies.runs:run_one", "contact_app.studies.svm_training:train",
+        "meshes.repair:load_mesh", "contact_app.results.plot.space_picture:draw_space",
+        "contact_app.results.plot.picture:_draw_bodies",
+    ),
+    "the options of a command or of a scene",
+)  # fmt: skip
+MANY |= dict.fromkeys(
+    (
+        "solver.tfeti.constraints.rows:_Part.of", "meshes.box:split_regularly",
+        "meshes.overlap:refuse_overlaps", "contact_app.forms.model:build_model",
+        "contact_app.forms.model:_subdomain", "contact_app.results.output:write_grid",
+        "contact_app.studies.undecomposed:_contact_rows",
+    ),
+    "seven, which share no record yet",
+)  # fmt: skip
 """Functions with more parameters, with the reason."""
 
 

@@ -3,7 +3,7 @@
 Peak memory of a run, fitted to the resident size of runs of the cube with 10³ to 120³ hexahedra,
 decomposed and as one subdomain, to within a factor of two:
 
-    0.2 GB + 0.15 kB · unknowns + 0.9 kB · rows of B + factors,
+    0.2 GB + 0.15 kB · unknowns + 0.9 kB · rows of B + factors.
 
 A sparse Cholesky factor of n unknowns, with temporary memory, takes 270 bytes · n^(4/3) in space
 and 60 bytes · n log₂ n in the plane, plus 0.35 MB for its class. Congruent subdomains share one

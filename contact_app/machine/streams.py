@@ -5,8 +5,8 @@ with one that cannot encode what is written. None of these must lose a solved sc
 
 - A closed descriptor 0, 1 or 2 is put on the null device. Otherwise the next file to be opened
   would get its number, and libraries that print to it would write into a file of results.
-- Output to a pipe without a reader is dropped, and so is output that standard error cannot take. -
-A character that is missing in the encoding is replaced by a similar one: × by x, … by three dots.
+- Output to a pipe without a reader is dropped, and so is output that standard error cannot take.
+- A character that is missing in the encoding is replaced by a similar one: × by x, … by three dots.
 """
 
 from __future__ import annotations

@@ -9,10 +9,10 @@ the slip limits (`python -m tests.stability.increments`). So in either case the 
 with one in other increments:
 
 * A step of one increment is solved once more in two halves, which costs about as much as itself.
-* A step of several increments is solved beside its increments in half as many, each twice as long,
-  from the first of them on in which either is seen. A coarse increment begins with the multipliers
-  of the answer. Since the error is of first order in the size of increments, halving them changes
-  the end of the step by about half as much as doubling them did.
+* A step of several increments is solved a second time in half as many, each twice as long, from the
+  first increment on that shows either sign. A coarse increment begins with the multipliers of the
+  answer. Since the error is of first order in the size of increments, halving them changes the end
+  of the step by about half as much as doubling them did.
 
 A warning follows if halving changes, or would change, the answer.
 """

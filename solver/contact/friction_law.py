@@ -239,7 +239,7 @@ class Friction(Frictionless):
         if relaxation is None:
             return limit
         reached = points.sizes(self._prescribed(before)) + relaxation.factor * relaxation.residual
-        return np.where(relaxation.residual != 0.0, np.maximum(reached, 0.0), limit)
+        return np.where(relaxation.residual != 0.0, np.maximum(reached, points.limits), limit)
 
     def _slips_back(
         self, state: SetState, error: StateError, direction: Array, has_force: Mask
@@ -268,7 +268,7 @@ class Friction(Frictionless):
             aligned = no > max(self.options.aligned * (oo * nn) ** 0.5, self.options.remains * oo)
             falls = nn < oo and (aligned or last.extrapolated)
             if len(history) > 1 and last.factor == 1.0 and falls:
-                best = np.maximum(combined(self.comm, history), 0.0)
+                best = np.maximum(combined(self.comm, history), self.points.limits)
                 relaxation = Relaxation(residual, 1.0, history, extrapolated=True)
                 return np.where(follows, best, limit), relaxation
             turns = no < -self.options.turns_about * oo

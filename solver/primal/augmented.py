@@ -18,8 +18,8 @@ as stiff as K is against each row, beside the contact forces λ of the last iter
 3. If the set stays the same, it is tried with equality. If its answer needs no other set, it is the
    solution. Otherwise, and where the gradient of L is small beside that at the first step with
    these forces, λ becomes the force of the springs, which is the method of multipliers: it
-   converges for every convex problem (R. T. Rockafellar, 1976). The set itself need not settle: of
-   an unloaded roller that lies loosely between its races other rows press in each step.
+   converges for every convex problem (R. T. Rockafellar, 1976). The set itself need not settle: if
+   an unloaded roller lies loosely between its races, other rows press in each step.
 
 Friction has springs that yield at the slip limit (`solver.primal.augmented_rows`). The limits of
 Coulomb's law change with λ, and with the forces of a set that holds with equality.
@@ -314,12 +314,16 @@ class AugmentedLagrangian:
         image = multiply(self.system.C, state.u) - self.system.c - now.jumps
         rates = self.rows.W * image
         faint = self._faint * float(np.where(self.rows.firm(p), 0.0, rates) @ image)
-        along = -float(step @ now.left), float(step @ (now.left - self.backend.left())) + faint
-        slope, curvature = comm.allreduce(np.array(along))
+        slope = -float(step @ now.left)
+        curvature = float(step @ (now.left - self.backend.left())) + faint
         friction = self.rows.along(p, rates)
-        return minimum_along(
-            comm, slope, curvature, p[normal], rates[normal], image[normal], friction
-        )
+
+        def rest(t: float) -> tuple[float, float]:
+            """Slope and curvature without the springs of contact."""
+            more, bend = friction(t)
+            return slope + curvature * t + more, curvature + bend
+
+        return minimum_along(comm, rest, p[normal], rates[normal], image[normal])
 
     def _moved(self, now: _Iterate, state: PrimalState, length: float) -> _Iterate:
         """The iterate after a share of a step, from which the next set begins (collective)."""

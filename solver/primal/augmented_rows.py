@@ -71,9 +71,9 @@ class OneSidedRows:
         """Forces and stiffness (rows,) at p, in the frames of the turn (collective)."""
         return self.forces(p), np.where(self.firm(p), self.W, 0.0), None
 
-    def along(self, p: Array, rate: Array) -> Callable[[float], tuple[float, float]] | None:
+    def along(self, p: Array, rate: Array) -> Callable[[float], tuple[float, float]]:
         """Slope and curvature of the energy of friction at p + t rate, by t (local parts)."""
-        return None
+        return lambda t: (0.0, 0.0)
 
     def begin(self, forces: Array) -> None:
         """Take the first law from forces (rows,) (collective)."""

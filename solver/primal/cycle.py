@@ -4,16 +4,16 @@ A coarse correction that moves an active row is undone by the projector Π, and 
 it corrected beside the contact. So the prolongation to the finest level is Π P instead of P
 (C. Gräser, R. Kornhuber, *Multigrid methods for obstacle problems*, J. Comput. Math. 27, 2009).
 Π is applied, and Π P is never made; smoothing steps are projected, too (`solver.primal.smoother`).
-Its Galerkin operator Pᵀ Πᵀ K Π P is Pᵀ K P and the energy that
-it costs to keep the active rows where the coarse displacement moves them. A spring on each active
-row, as stiff as K is against this row alone, costs nearly the same:
+The Galerkin operator Pᵀ Πᵀ K Π P of Π P is the sum of Pᵀ K P and of the energy that it takes to
+move the active rows back to where they were before the coarse displacement. A spring on each active
+row, as stiff as K is against this row alone, takes nearly the same energy:
 
     A₁ = Pᵀ K P + Qᵀ diag(s) Q,  Q = C_A P,
 
 and coarser levels are Galerkin's. From one set to the next the springs of few rows change, so that
-a cycle follows the active set at little cost. For rows with a
-compliance C (`solver.primal.springs`) Π has S + C in place of S, and the spring is that of K and C
-in series, 1 / (1/s + C).
+a cycle follows the active set at little cost. For rows with a compliance C
+(`solver.primal.springs`) Π has S + C in place of S, and the spring is that of K and C in series,
+1 / (1/s + C).
 """
 
 from __future__ import annotations

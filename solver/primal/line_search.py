@@ -18,27 +18,23 @@ LONGEST = 1e6
 
 def minimum_along(
     comm: MPI.Intracomm,
-    slope: float,
-    curvature: float,
+    rest: Callable[[float], tuple[float, float]],
     force: Array,
     rate: Array,
     image: Array,
-    more: Callable[[float], tuple[float, float]] | None = None,
 ) -> float:
-    """The length t of least energy: the root of slope + curvature t + Σ q max(0, s + t r).
+    """The length t of least energy: the root of rest'(t) + Σ q max(0, s + t r) (collective).
 
-    The function is piecewise linear and does not fall. Newton's method from t = 1 finds the root
-    once it comes to the right piece; bisection leads there (collective).
+    The slope does not fall. Newton's method from t = 1 finds the root once it comes to the right
+    piece; bisection leads there.
 
     Parameters
     ----------
-    slope, curvature
-        Of the part without springs, along the line.
+    rest
+        Slope and curvature at t of the energy without springs, which is convex; this rank's share.
     force, rate, image : (springs,)
         s, the force of each spring at t = 0, negative where it is open; its rate r; and q, its
         elongation for t = 1.
-    more
-        Slope and curvature of another convex part of the energy by t, this rank's share.
     """
 
     def derivatives(t: float) -> tuple[float, float]:
@@ -46,8 +42,8 @@ def minimum_along(
         push = force + t * rate
         pressing = push > 0.0
         sums = np.array([image @ np.where(pressing, push, 0.0), (image * rate) @ pressing])
-        sums = comm.allreduce(sums if more is None else sums + more(t))
-        return slope + curvature * t + float(sums[0]), curvature + float(sums[1])
+        slope, curvature = comm.allreduce(sums + rest(t))
+        return float(slope), float(curvature)
 
     small = ACCURATE * abs(derivatives(0.0)[0])
     low, high, t = 0.0, np.inf, 1.0

@@ -264,10 +264,15 @@ class Level(ABC):
         pulling = ~self.rows.normal | self.rows.equality
         always = np.where(pulling, weights, faint * self.rows.stiffness)  # press and pull
         springs = np.array([(always * image) @ jump, (always * image) @ image])
-        slope, curvature = (float(v) for v in self.comm.allreduce(np.array(along) + springs))
+        slope, curvature = np.array(along) + springs
         normal = self.rows.normal
-        more, q = (1.0 - faint) * self.rows.stiffness[normal], image[normal]
-        return minimum_along(self.comm, slope, curvature, more * jump[normal], more * q, q)
+        push, q = (1.0 - faint) * self.rows.stiffness[normal], image[normal]
+
+        def rest(t: float) -> tuple[float, float]:
+            """Slope and curvature without the springs of contact."""
+            return slope + curvature * t, curvature
+
+        return minimum_along(self.comm, rest, push * jump[normal], push * q, q)
 
 
 class SharedLevel(Level):

@@ -11,8 +11,10 @@ from solver.contact.friction_law import Friction
 from solver.contact.law import ContactLaw, Frictionless
 from solver.contact.slip_front import SlipFront
 from solver.tfeti.dual import DualProblem
-from solver.tfeti.winkler import FLAT
 from solver.vectors import largest_magnitude
+
+FLAT = 1e-12
+"""Gaps, over the largest coordinate, that count as zero."""
 
 PATIENCE = 12
 """Number of sets with friction after which sets are solved more accurately: six took 5 % more

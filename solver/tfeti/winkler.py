@@ -25,10 +25,7 @@ import numpy as np
 from mpi4py import MPI
 
 from solver.tfeti.dual import DualProblem
-from solver.vectors import Array, Mask, largest_magnitude
-
-FLAT = 1e-12
-"""Gaps, over the largest coordinate, that count as zero."""
+from solver.vectors import Array, Mask
 
 
 @dataclass(frozen=True)
@@ -55,15 +52,6 @@ class WinklerOptions:
     balanced: float = 1e-2
     faint: float = 1e-3
     shortest: float = 1e-4
-
-
-def gaps_are_zero(problem: DualProblem) -> bool:
-    """Whether all gaps are zero before any load and no two rows overlap (collective)."""
-    comm, points = problem.comm, problem.contact.points
-    size = largest_magnitude(comm, points)
-    has_gap = np.abs(problem.contact.gaps) > FLAT * size
-    overlaps = problem.overlap[problem.inequality] > 1.0 + FLAT
-    return not comm.allreduce(int((has_gap | overlaps).sum()))
 
 
 def contact_stiffness(problem: DualProblem) -> tuple[Array, float]:

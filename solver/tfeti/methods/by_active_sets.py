@@ -18,19 +18,22 @@ from solver.qp.result import Counts, Reason
 from solver.tfeti.active_set_problem import State
 from solver.tfeti.backend import TotalFeti
 from solver.tfeti.certify import friction_residual
-from solver.tfeti.contact_law import SURE
+from solver.tfeti.contact_law import FLAT, SURE
 from solver.tfeti.dual import DualProblem
 from solver.tfeti.duality_gap import duality_gap
 from solver.tfeti.friction_share import may_hold
 from solver.tfeti.methods.answers import answer_of_state
 from solver.tfeti.methods.task import Task, saved_by
-from solver.tfeti.winkler import gaps_are_zero, winkler_contact
+from solver.tfeti.winkler import winkler_contact
+from solver.vectors import largest_magnitude
 
 METHOD = "active-set"
 
 ENDS = (Reason.ACCEPTED, Reason.STOPPED, Reason.MAX_ITERATIONS, Reason.SLIDES)
-"""Reasons for which active sets end a solve; after other reasons SMALBE-M may go on, and where sets
-without a sticking point follow each other, but friction at their contact forces holds the loads."""
+"""Reasons for which active sets end a solve; after other reasons SMALBE-M may go on.
+
+It also goes on after `SLIDES` if friction at the contact forces of the answer holds the loads.
+"""
 
 LOOSE = 1e-2
 """Share of an iterate's jumps that may remain in û where the duality gap is only an estimate."""
@@ -83,6 +86,15 @@ def initial_active_set(problem: DualProblem, guess: Guess | None) -> Start:
     if gaps_are_zero(problem):
         return Start(problem.inequality, is_flat=True)
     return Start(winkler_contact(problem))
+
+
+def gaps_are_zero(problem: DualProblem) -> bool:
+    """Whether all gaps are zero before any load and no two rows overlap (collective)."""
+    comm, points = problem.comm, problem.contact.points
+    size = largest_magnitude(comm, points)
+    has_gap = np.abs(problem.contact.gaps) > FLAT * size
+    overlaps = problem.overlap[problem.inequality] > 1.0 + FLAT
+    return not comm.allreduce(int((has_gap | overlaps).sum()))
 
 
 def solve_from(

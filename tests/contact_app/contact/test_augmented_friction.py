@@ -228,12 +228,12 @@ def test_line_search_finds_the_least_energy(yielding: bool, seed: int) -> None:
         springs = float(pressed**2 @ (0.5 / stiffness)) + yielding * float(slips.sum())
         return slope * t + 0.5 * curvature * t**2 + springs
 
-    def more(t: float) -> tuple[float, float]:
+    def rest(t: float) -> tuple[float, float]:
         p = start + t * rate
-        inside = np.abs(p) <= limit
-        return float(rate @ np.clip(p, -limit, limit)), float(rate @ (rate * inside))
+        inside = yielding * (np.abs(p) <= limit)
+        pull = yielding * float(rate @ np.clip(p, -limit, limit))
+        return slope + curvature * t + pull, curvature + float(rate @ (rate * inside))
 
-    rows = force, stiffness * image, image
-    t = minimum_along(MPI.COMM_SELF, slope, curvature, *rows, more if yielding else None)
+    t = minimum_along(MPI.COMM_SELF, rest, force, stiffness * image, image)
     assert t > 0.0
     assert energy(t) <= min(energy((1.0 - 1e-4) * t), energy((1.0 + 1e-4) * t))
