@@ -192,7 +192,7 @@ def _nodes_of(
 
     Nodes of no cell have -1.
     """
-    used = np.unique(cells)
+    used = np.flatnonzero(np.bincount(cells.ravel()))  # sorting takes ten times as long
     idle = len(points) - len(used)
     if idle and not idle_is_usual:
         notes.append(f"{idle} nodes belong to no cell: dropped")
