@@ -261,14 +261,14 @@ def _groups(mesh: Any, names: dict[tuple[int, int], str]) -> list[tuple[str, int
     for name, value in (mesh.field_data or {}).items():
         if np.size(value) == 2:
             names.setdefault((int(value[0]), int(value[1])), str(name))
-    known = {(name, i): rows for name, i, rows in groups}  # meshio gives Gmsh's groups twice
+    from_sets = {(name, i): rows for name, i, rows in groups}  # meshio gives Gmsh's groups twice
     for key in NUMBERED:
         for i, tags in enumerate((mesh.cell_data or {}).get(key, [])):
             numbers = np.abs(np.asarray(tags).ravel())  # below zero: reversed orientation, in Gmsh
             for number in np.unique(numbers[numbers != 0]):
                 name = names.get((int(number), int(mesh.cells[i].dim)), str(number))
                 rows = np.flatnonzero(numbers == number)
-                if not np.array_equal(known.get((name, i), ()), rows):
+                if not np.array_equal(from_sets.get((name, i), ()), rows):
                     groups.append((name, i, rows))
     return groups
 
