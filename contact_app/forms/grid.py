@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 from contact_app.model.decomposition import choose_split
 from meshes import dolfinx_compat
 from meshes.box import BoxShape
+from meshes.connected import connected
 
 Array = NDArray[np.float64]
 
@@ -44,12 +45,15 @@ class Grid:
         Cells along each axis of each sub-box of all ranks.
     degree
         Of the space.
+    bodies : (sub-boxes,)
+        Body of each sub-box; the cells of one body are equal boxes.
     """
 
     of_cell: NDArray[np.int64]
     lattice: NDArray[np.int64]
     cells: NDArray[np.int64]
     degree: int
+    bodies: NDArray[np.int64]
 
     @property
     def count(self) -> int:
@@ -58,29 +62,64 @@ class Grid:
 
 
 def grid_of(space: Any) -> Grid | None:
-    """The cut of the mesh of a space; None if it is not a regular grid to be cut (collective)."""
-    mesh, d = space.mesh, space.mesh.topology.dim
-    kind = str(mesh.topology.cell_name())
-    if kind not in ("quadrilateral", "hexahedron"):
+    """The cut of the mesh of a space; None if it is not regular grids to be cut (collective).
+
+    On one rank the mesh may have several bodies, each a regular grid.
+    """
+    mesh = space.mesh
+    if str(mesh.topology.cell_name()) not in ("quadrilateral", "hexahedron"):
         return None
+    nodes = dolfinx_compat.dof_nodes(space)[: mesh.topology.index_map(mesh.topology.dim).size_local]
+    body = pieces(mesh) if mesh.comm.size == 1 else np.zeros(len(nodes), np.int64)
+    grids = []
+    for number in range(int(body.max(initial=0)) + 1):
+        grid = _of_body(space, nodes, body == number)
+        if grid is None:
+            return None
+        grids.append(grid)
+    if len(grids) == 1:
+        return grids[0] if grids[0].count >= ALIKE else None
+    of_cell, lattice = np.zeros(len(nodes), np.int64), np.zeros(len(grids[0].lattice), np.int64)
+    for number, grid in enumerate(grids):
+        on = np.unique(nodes[body == number])
+        lattice[on] = grid.lattice[on] + lattice.max() + 1
+        of_cell[body == number] = grid.of_cell + sum(g.count for g in grids[:number])
+    cells = np.concatenate([grid.cells for grid in grids])
+    bodies = np.repeat(np.arange(len(grids)), [grid.count for grid in grids])
+    separate = sum(len(np.unique(nodes[body == k])) for k in range(len(grids))) == len(lattice)
+    if len(cells) < ALIKE * len(grids) or not separate:
+        return None
+    return Grid(of_cell, lattice, cells, grids[0].degree, bodies)
+
+
+def _of_body(space: Any, every: NDArray, chosen: NDArray[np.bool_]) -> Grid | None:
+    """The cut of a body by its cells of this rank, with lattice numbers at its nodes (collective).
+
+    Parameters
+    ----------
+    every : (cells, nodes of a cell)
+    """
+    comm, d, nodes = space.mesh.comm, space.mesh.topology.dim, every[chosen]
     degree = dolfinx_compat.lagrange_degree(space) or 1
     points = space.tabulate_dof_coordinates()[:, :d]
-    nodes = dolfinx_compat.dof_nodes(space)[: mesh.topology.index_map(d).size_local]
-    lower, upper, counts = _extent(mesh.comm, points, nodes)
-    cells = mesh.topology.index_map(d).size_global
-    if counts.prod() != cells or space.dofmap.index_map.size_global != (degree * counts + 1).prod():
+    on = np.unique(nodes) if comm.size == 1 else np.arange(len(points))
+    lower, upper, counts = _extent(comm, points[on], points[nodes[:1]].reshape(-1, d))
+    cells, total = comm.allreduce(len(nodes)), space.dofmap.index_map.size_global
+    total = len(on) if comm.size == 1 else total
+    if counts.prod() != cells or total != (degree * counts + 1).prod():
         return None
     place = (points - lower) / (upper - lower) * (counts * degree)
     lattice = np.rint(place).astype(np.int64)
-    regular = np.abs(place - lattice).max(initial=0.0) <= degree * EQUAL
+    regular = np.abs(place - lattice)[on].max(initial=0.0) <= degree * EQUAL
     regular = regular and bool((np.ptp(lattice[nodes], axis=1) == degree).all())
-    if not mesh.comm.allreduce(regular, op=MPI.LAND):
+    if not comm.allreduce(regular, op=MPI.LAND):
         return None
+    kind = str(space.mesh.topology.cell_name())
     box = BoxShape(tuple(lower), tuple(upper), tuple(map(int, counts)), kind, degree)
     split = choose_split(box)
     if np.prod(split) > 1:
-        split = choose_split(box, mesh.comm.size)
-    if len(split) != d or np.prod(split) < ALIKE:
+        split = choose_split(box, comm.size)
+    if len(split) != d:
         return None
     first = lattice[nodes].min(axis=1) // degree
     sub_box, sides = np.zeros(len(nodes), np.int64), []
@@ -90,17 +129,30 @@ def grid_of(space: Any) -> Grid | None:
         sides.append(np.diff(ends))
     strides = np.cumprod([1, *(degree * counts[:-1] + 1)])
     along = np.stack(np.meshgrid(*sides, indexing="ij"), axis=-1).reshape(-1, d)
-    return Grid(sub_box, lattice @ strides, along, degree)
+    return Grid(sub_box, lattice @ strides, along, degree, np.zeros(len(along), np.int64))
 
 
-def _extent(comm: MPI.Intracomm, points: Array, nodes: NDArray) -> tuple[Array, Array, NDArray]:
-    """Corners (d,) of the box about a mesh, and cells along its axes (d,) (collective).
+def _extent(comm: MPI.Intracomm, points: Array, first: Array) -> tuple[Array, Array, NDArray]:
+    """Corners (d,) of the box about points, and cells along its axes (d,) (collective).
 
-    Cells are counted by the first cell of a rank; zero where that is flat along an axis.
+    Cells are counted by the nodes of a rank's first cell; zero where that is flat along an axis.
     """
     lower = np.min(comm.allgather(points.min(axis=0, initial=np.inf)), axis=0)
     upper = np.max(comm.allgather(points.max(axis=0, initial=-np.inf)), axis=0)
-    cell = np.ptp(points[nodes[0]], axis=0) if len(nodes) else np.zeros(points.shape[1])
+    cell = np.ptp(first, axis=0) if len(first) else np.zeros(points.shape[1])
     spacing = np.max(comm.allgather(cell), axis=0)
     counts = np.rint(np.divide(upper - lower, spacing, where=spacing > 0.0, out=0.0 * spacing))
     return lower, upper, counts.astype(np.int64)
+
+
+def pieces(mesh: Any) -> NDArray[np.int64]:
+    """Number of the facet-connected piece of each cell that this rank owns."""
+    d = mesh.topology.dim
+    mesh.topology.create_connectivity(d, d - 1)
+    owned = mesh.topology.index_map(d).size_local
+    facets, offsets = dolfinx_compat.adjacency(mesh.topology.connectivity(d, d - 1))
+    facets = facets[: offsets[owned]]
+    cells = np.repeat(np.arange(owned), np.diff(offsets[: owned + 1]))
+    count = owned + int(facets.max(initial=-1)) + 1
+    label = connected((cells, owned + facets), count)[:owned]
+    return np.unique(label, return_inverse=True)[1].reshape(-1).astype(np.int64)

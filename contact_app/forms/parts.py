@@ -20,9 +20,8 @@ from mpi4py import MPI
 from numpy.typing import NDArray
 from scipy import sparse
 
-from contact_app.forms.grid import Grid
+from contact_app.forms.grid import Grid, pieces
 from meshes import dolfinx_compat
-from meshes.connected import connected
 
 
 @dataclass(frozen=True, eq=False)
@@ -165,16 +164,3 @@ def parts_of(space: Any, grid: Grid | None = None) -> Parts:
         space, torn, of_cell, cells[:owned].astype(np.int64), starts, blocks, numbers,
         space.tabulate_dof_coordinates()[blocks],
     )  # fmt: skip
-
-
-def pieces(mesh: Any) -> NDArray[np.int64]:
-    """Number of the facet-connected piece of each cell that this rank owns."""
-    d = mesh.topology.dim
-    mesh.topology.create_connectivity(d, d - 1)
-    owned = mesh.topology.index_map(d).size_local
-    facets, offsets = dolfinx_compat.adjacency(mesh.topology.connectivity(d, d - 1))
-    facets = facets[: offsets[owned]]
-    cells = np.repeat(np.arange(owned), np.diff(offsets[: owned + 1]))
-    count = owned + int(facets.max(initial=-1)) + 1
-    label = connected((cells, owned + facets), count)[:owned]
-    return np.unique(label, return_inverse=True)[1].reshape(-1).astype(np.int64)

@@ -93,7 +93,8 @@ class ContactProblem:
         The solve ends when penetration, equilibrium, complementarity and duality gap are below
         it, relative to displacement, load and energy.
     method
-        ``auto``: Total FETI with congruent sub-boxes where the mesh is a regular grid; else active
+        ``auto``: Total FETI with congruent sub-boxes where the mesh is a regular grid, or on one
+        rank several separate ones; else active
         sets on the undecomposed bodies with multigrid, and Total FETI with one subdomain a rank
         where that ends without a certificate. Or an algorithm by name, as `solver.method` of a
         scene: ``primal``, ``active-set``, ``smalbe``; if it ends without a certificate, Total FETI

@@ -86,10 +86,13 @@ class Subdomains:
         same, others = split_form(form, self.parts.space.mesh)
         if same.empty():
             return self._integrated(form)
-        of_cell = cell_stiffness(self.parts, self.grid, same)
-        sides = [tuple(map(int, self.grid.cells[box])) for box in self.boxes]
-        made = {cells: box_stiffness(of_cell, cells, self.grid.degree) for cells in set(sides)}
-        result = [made[cells] for cells in sides]
+        grid = self.grid
+        of_body = [
+            cell_stiffness(self.parts, grid, same, body) for body in range(grid.bodies.max() + 1)
+        ]
+        kinds = [(int(grid.bodies[box]), *map(int, grid.cells[box])) for box in self.boxes]
+        made = {kind: box_stiffness(of_body[kind[0]], kind[1:], grid.degree) for kind in set(kinds)}
+        result = [made[kind] for kind in kinds]
         if not others.empty():
             result = list(map(added, result, self._integrated(others)))
         return result

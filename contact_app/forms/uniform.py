@@ -69,19 +69,20 @@ def _has_plain_argument(expression: Any) -> bool:
     return any(_has_plain_argument(part) for part in expression.ufl_operands)
 
 
-def cell_stiffness(parts: Parts, grid: Grid, form: Any) -> Array:
-    """K_e of one cell, (n, n), with nodes in the order of the lattice (collective).
+def cell_stiffness(parts: Parts, grid: Grid, form: Any, body: int) -> Array:
+    """K_e of one cell of a body, (n, n), with nodes in the order of the lattice (collective).
 
     It is the same on all ranks to the last bit.
     """
     space, mesh, comm = parts.space, parts.space.mesh, parts.comm
     nodes = dolfinx_compat.dof_nodes(space)
-    some = min(len(parts.of_cell), 1)
-    order = np.argsort(np.argsort(grid.lattice[nodes[:some]], axis=1), axis=1)
-    # all cells have the nodes of the first, over which alone the form is integrated
+    cell = np.flatnonzero(grid.bodies[grid.of_cell] == body)[:1].astype(np.int32)
+    some = len(cell) > 0
+    order = np.argsort(np.argsort(grid.lattice[nodes[cell]], axis=1), axis=1)
+    # all cells have the nodes of this one, over which alone the form is integrated
     blocks = np.broadcast_to(order[0] if some else np.zeros(nodes.shape[1], int), nodes.shape)
     torn = dolfinx_compat.torn_space(space, blocks, nodes.shape[1])
-    tags = dolfinx_compat.meshtags(mesh, mesh.topology.dim, np.arange(some, dtype=np.int32), 1)
+    tags = dolfinx_compat.meshtags(mesh, mesh.topology.dim, cell, 1)
     first = ufl.Form(
         [integral.reconstruct(subdomain_id=1, subdomain_data=tags) for integral in form.integrals()]
     )

@@ -243,7 +243,8 @@ def test_a_coarse_ball_gives_the_warnings_of_a_scene(cell: str) -> None:
             "sphere": {"center": [1.5, 1.0, 5.5], "radius": 4.0}}}],
     })  # fmt: skip
     found = of_contacts(problem.certificate.warnings)
-    assert found == of_contacts(scene.certificate.warnings)
+    of_scene = of_contacts(scene.certificate.warnings)  # of whose bodies the moduli are known
+    assert found == [text.partition("; for bodies large")[0] for text in of_scene]
     assert any("outside top penetrate the obstacle" in text for text in found)
     assert any("the pressure varies within single facets" in text for text in found)
 

@@ -60,7 +60,11 @@ def test_smoothed_pressures_at_planes_are_those_of_a_scene(cell: str) -> None:
     for key in ("max_pressure", "max_smoothed_pressure"):
         assert one[key] == pytest.approx(other[key], rel=1e-6), key
     mine, theirs = (
-        [w for w in s["certificate"]["warnings"] if "facets" in w]
+        [
+            w.partition("; for bodies large")[0]  # its pressure needs the moduli of a scene
+            for w in s["certificate"]["warnings"]
+            if "facets" in w
+        ]
         for s in (problem.summary, scene.summary)
     )
     assert mine == theirs

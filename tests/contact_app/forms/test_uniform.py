@@ -11,10 +11,12 @@ import ufl
 from dolfinx import fem
 from mpi4py import MPI
 
+from contact_app import Contact, ContactProblem
 from contact_app.forms.grid import grid_of
 from contact_app.forms.parts import parts_of
 from contact_app.forms.subdomains import Subdomains, subdomains_of
 from contact_app.forms.uniform import split_form
+from meshes import dolfinx_compat
 from tests import form_problems as problems
 
 
@@ -61,6 +63,58 @@ def test_it_is_that_of_an_integration_over_all_cells(
     sides = len(np.unique(own.grid.cells, axis=0)) if own.grid is not None else 0
     # of the sub-boxes only those that no spring is at share the matrix of their size
     assert distinct >= own.count // 2 if springs else distinct == sides
+
+
+def two_boxes(upper: tuple[float, float], gap: float = 0.01) -> Any:
+    """Two rectangles with cells of other sizes above each other; they share nodes without a gap."""
+    boxes = [
+        problems.box("quadrilateral", cells, size, MPI.COMM_SELF)
+        for cells, size in (((60, 40), (1.0, 1.0)), ((45, 30), upper))
+    ]
+    shift = (np.zeros(2), np.array([1.0 if gap == 0.0 else 0.1, 1.0 + gap]))
+    places = [b.geometry.x[:, :2] + s for b, s in zip(boxes, shift, strict=True)]
+    cells = [dolfinx_compat.cell_nodes(boxes[0]), dolfinx_compat.cell_nodes(boxes[1])]
+    points, place = np.unique(np.round(np.concatenate(places), 12), axis=0, return_inverse=True)
+    joined = place.reshape(-1)[np.concatenate([cells[0], cells[1] + len(places[0])])]
+    return dolfinx_compat.create_mesh(joined.astype(np.int64), points, "quadrilateral")
+
+
+@pytest.mark.parametrize("degree", [1, 2])
+def test_two_bodies_are_cut_into_sub_boxes_of_their_own_cells(degree: int) -> None:
+    mesh = two_boxes((0.7, 0.5))
+    space = problems.vector_space(mesh, degree)
+    grid = grid_of(space)
+    assert grid is not None
+    assert len(np.unique(grid.bodies)) == 2
+    own, a = subdomains_of(parts_of(space, grid), grid), energy(space, steel, ufl.dx)
+    made, integrated = own.stiffness(a), own.parts.stiffness(a)
+    for one, other in zip(made, integrated, strict=True):
+        assert abs(one - other).max() <= 1e-9 * abs(other).max()  # of rounded points
+    tags = problems.facet_tags(mesh, {
+        1: lambda x: np.isclose(x[1], 1.01), 2: lambda x: np.isclose(x[1], 1.0),
+        3: lambda x: np.isclose(x[1], 1.51),
+    })  # fmt: skip
+    v = ufl.TestFunction(space)
+    ds = ufl.Measure("ds", domain=mesh, subdomain_data=tags)
+    L = ufl.inner(fem.Constant(mesh, np.array((0.3, -2.0))), v) * ds(3)
+    feet = [
+        problems.held(space, lambda x: np.isclose(x[1], 0.0)),
+        problems.held(space, lambda x: np.isclose(x[1], 1.51), 0),
+    ]
+    energies, methods = [], []
+    for method in ("auto", "primal"):
+        problem = ContactProblem(a, L, feet, [Contact(tags, 1, against=2)], 1e-8, method)
+        problem.solve()
+        assert problem.certificate.passed
+        energies.append(problem.summary["solution"]["energy"])
+        methods.append(problem.summary["solver"]["method"])
+    assert methods == ["active-set", "primal"]
+    assert energies[0] == pytest.approx(energies[1], rel=1e-7)
+
+
+def test_bodies_that_share_nodes_are_no_grids() -> None:
+    """The corner of one is that of the other."""
+    assert grid_of(problems.vector_space(two_boxes((0.7, 0.5), 0.0), 1)) is None
 
 
 def test_integrals_that_vary_are_left_to_an_integration_over_all_cells() -> None:
