@@ -29,6 +29,7 @@ from solver import Counts, Reason
 from tests import scenes
 from tests.comparison import solve
 from tests.stability.feature_scenes import feature_scene
+from tests.stability.friction_scenes import friction_scene
 
 CONFIGS = Path(__file__).parents[3] / "configs"
 
@@ -255,10 +256,21 @@ def test_friction_that_converges_slowly_is_left_to_multigrid() -> None:
     made["contacts"][0]["friction"] = {"tresca": 3.0}
     assert methods(scenes.build(made)) == ["active-set", "primal", "auto", None]
     assert methods(scenes.build(made), keeps_subdomains=True) == ["auto", None]
-    assert methods(scenes.build(made, 2)) == ["auto", None, "primal"]
+    assert methods(scenes.build(made, 2)) == ["active-set", "primal", "auto", None]
     assert list(ways_to(scenes.build(made)))[0].patience == LIMITS.patience_with_friction
     made["solver"]["method"] = "primal"
     assert methods(scenes.build(made, 2)) == ["primal", "auto", None]
+
+
+@pytest.mark.ratchet
+def test_friction_that_stalls_in_named_subdomains_is_left_to_multigrid() -> None:
+    """A block between three rough planes, whose nodes rest in several of them."""
+    made, subdomains = friction_scene(424014)
+    assert subdomains == 2
+    summary = solve_scene(scenes.build(made, subdomains)).summary
+    assert summary["certificate"]["passed"]
+    assert summary["solver"]["method"] == "primal"
+    assert summary["solver"]["hessian_multiplications"] <= 600
 
 
 def test_several_bodies_from_mesh_files_with_friction_are_solved_by_multigrid() -> None:
