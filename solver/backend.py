@@ -67,12 +67,15 @@ class Relaxation:
         Prescribed limits and residuals (points,) of the last states whose points all slid.
     extrapolated
         Whether the limits are a combination of these.
+    spring
+        Share of the friction forces that is a spring along the slip.
     """
 
     residual: Array
     factor: float
     history: tuple[tuple[Array, Array], ...] = ()
     extrapolated: bool = False
+    spring: float = 0.0
 
 
 @dataclass(frozen=True, eq=False)
