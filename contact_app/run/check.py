@@ -12,7 +12,7 @@ from rich.console import Console
 from contact_app.model.method import with_chosen_method
 from contact_app.model.outline import Outline, outline_of_scene
 from contact_app.run.case_models import outlines_of_cases
-from contact_app.run.cost import cost_lines
+from contact_app.run.cost import cost_lines, estimate
 from contact_app.run.model_report import loads_on_bodies, modelled_lines
 from contact_app.scene.scene import Scene
 
@@ -61,4 +61,6 @@ def report(scene: Scene, comm: MPI.Intracomm = MPI.COMM_WORLD) -> None:
 
 def describe(scene: Scene, outline: Outline) -> list[str]:
     """Lines of the report (collective)."""
-    return [*modelled_lines(scene, outline), "", *cost_lines(scene, outline)]
+    cost = estimate(outline, scene.decomposition, scene.solver.tolerance)
+    part = "increment" if scene.steps else "case" if scene.cases else ""
+    return [*modelled_lines(scene, outline), "", *cost_lines(cost, part)]

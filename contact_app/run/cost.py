@@ -20,7 +20,7 @@ from contact_app.machine.memory import available_bytes, needed_bytes
 from contact_app.model.decomposition import APPLICATIONS_GLUED, APPLICATIONS_WHOLE
 from contact_app.model.outline import Outline
 from contact_app.scene.bodies import Body
-from contact_app.scene.scene import Decomposition, Scene
+from contact_app.scene.scene import Decomposition
 from meshes import Subdomain
 from solver.tfeti.subdomain.costs import Group, run_seconds
 
@@ -77,12 +77,15 @@ def _applications(bodies: Sequence[Body], tolerance: float | Literal["auto"], gl
     return float(applications * math.sqrt(slenderness) * digits**0.6)
 
 
-def cost_lines(scene: Scene, outline: Outline) -> list[str]:
-    """Lines on memory and time of a run, and on the checks done (collective)."""
-    cost = estimate(outline, scene.decomposition, scene.solver.tolerance)
-    each = "for the first case and less for each later one, " if scene.cases else ""
-    if scene.steps:
-        each = "for the first increment and less for each later one, "
+def cost_lines(cost: Cost, part: str = "") -> list[str]:
+    """Lines on memory and time of a run, and on the checks done.
+
+    Parameters
+    ----------
+    part
+        Case or increment, of which the cost is that of the first; empty for the whole run.
+    """
+    each = f"for the first {part} and less for each later one, " if part else ""
     lines = [
         f"memory: about {cost.memory / 1e9:.2g} GB of {available_bytes() / 1e9:.3g} GB available",
         f"time: about {_duration(cost.seconds)} {each}on one process of two cores, within a factor "
