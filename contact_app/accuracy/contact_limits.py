@@ -26,8 +26,10 @@ from contact_app.model.facets import moments, shapes_on_lattice
 from contact_app.model.model import Model
 from contact_app.results.fields import NodeFields
 from contact_app.results.percent import percent
+from contact_app.results.rigid import placements_of
 from contact_app.results.smoothed_pressure import symmetry_planes
 from contact_app.scene.conditions import Contact
+from contact_app.scene.rigid import Placement
 from meshes.quadratic import FACETS
 from solver.contact.solution import Solution
 
@@ -93,29 +95,50 @@ LIMITS = ContactLimits()
 SMOOTHED_TOO = "and max_smoothed_pressure may be wrong by half or more, too"
 
 
-def entered_beside(model: Model, solution: Solution, number: int) -> tuple[int, float]:
-    """Number of surface nodes next to a contact's boundary that enter its obstacle; their depth.
+def entered_beside(model: Model, solution: Solution, number: int, other: int) -> tuple[int, float]:
+    """Number of surface nodes of a body that enter the obstacle of a contact, and their depth.
 
-    They were outside before; nodes that subdomains share are counted once for each. A plane on a
-    boundary that an expression picks ends with it: a punch (collective).
+    They were outside before, where the scene draws a rigid body, and enter it where the answer has
+    it. Nodes that subdomains share are counted once for each. A plane on a boundary that an
+    expression picks ends with it: a punch (collective).
+
+    Parameters
+    ----------
+    other
+        The body; nodes of its boundaries that the contact, or other contacts and ties with the same
+        rigid body, name do not count.
     """
     scene, comm, d = model.scene, model.comm, model.scene.dimension
-    contact = scene.contacts[number]
-    body, count, depth = scene.bodies[contact.body], 0, 0.0
-    if contact.boundary in body.boundaries and contact.obstacle.curvature_radius is None:
+    contact, body, count, depth = scene.contacts[number], scene.bodies[other], 0, 0.0
+    is_flat = contact.obstacle.curvature_radius is None
+    if is_flat and contact.boundary in scene.bodies[contact.body].boundaries:
         return count, depth
-    least = LIMITS.entered * solution.measures.deformations[contact.body]
+    drawn, now, named = contact, contact, [contact]
+    if contact.rigid is not None:
+        every = (*scene.contacts, *scene.rigid_ties)
+        named = [item for item in every if item.rigid == contact.rigid]
+        as_drawn = [Placement()] * len(scene.rigid.bodies)
+        drawn, now = (
+            scene.placed(places).contacts[number]
+            for places in (as_drawn, placements_of(model, solution))
+        )
+    moved = solution.measures.deformations[[contact.body, other]].max()
+    size = float(np.subtract(body.mesh.upper, body.mesh.lower).max())
+    least = max(LIMITS.entered * moved, LIMITS.flat * size)
     for s, (cls, column) in zip(model.partition.subdomains, model.place, strict=True):
-        if s.body != contact.body:
+        if s.body != other:
             continue
         mask = np.zeros(len(s.nodes), bool)
         mask[s.reference.facets[surface_facets(s, body)]] = True
-        mask[boundary_nodes(s, body, contact.boundary)] = False
+        for item in named:
+            if item.body == other:
+                mask[boundary_nodes(s, body, item.boundary)] = False
         outside = np.flatnonzero(mask)
         if not len(outside):
             continue
         u = solution.displacements[cls][:, column].reshape(-1, d)[outside]
-        entered = entered_points(s.points()[outside], u, contact.gap_and_normal, least)
+        gaps = drawn.gap_and_normal, now.gap_and_normal
+        entered = entered_points(s.points()[outside], u, gaps, least)
         count, depth = count + entered[0], max(depth, entered[1])
     return int(comm.allreduce(count)), float(comm.allreduce(depth, op=MPI.MAX))
 
@@ -123,7 +146,7 @@ def entered_beside(model: Model, solution: Solution, number: int) -> tuple[int, 
 def entered_points(
     points: NDArray[np.float64],
     moved: NDArray[np.float64],
-    gap_and_normal: GapAndNormal,
+    gaps_and_normals: tuple[GapAndNormal, GapAndNormal],
     least: float,
 ) -> tuple[int, float]:
     """Number of points that enter an obstacle by some depth at least, and the largest depth.
@@ -132,13 +155,15 @@ def entered_points(
     ----------
     points, moved : (n, 3), (n, d)
         Places, where they are outside, and displacements.
+    gaps_and_normals
+        Of the obstacle as it was before, and as it is now.
     """
     try:
-        gap, normal = gap_and_normal(points)
+        (before, _), (gap, normal) = (of(points) for of in gaps_and_normals)
     except ConfigurationError:  # a node in the middle of a round obstacle has no normal
         return 0, 0.0
     entered = -(gap + np.einsum("ij,ij->i", normal[:, : moved.shape[1]], moved))
-    entered = entered[(gap >= 0.0) & (entered > least)]
+    entered = entered[(before >= 0.0) & (entered > least)]
     return len(entered), float(entered.max(initial=0.0))
 
 

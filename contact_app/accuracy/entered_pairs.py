@@ -17,6 +17,7 @@ import numpy as np
 from mpi4py import MPI
 from numpy.typing import NDArray
 
+from contact_app.accuracy.contact_limits import entered_beside
 from contact_app.model.boundaries import surface_facets
 from contact_app.model.model import Model
 from contact_app.model.pairs import sides_of
@@ -32,6 +33,8 @@ from solver.contact.solution import Solution
 
 ENTERED = 0.2
 """Depth over the largest displacement from which on a warning says that a vertex enters."""
+
+NOT_JOINED = "no entry of `contacts` joins them"
 
 OUTSIDE = 1e-6
 """Depth of a vertex, over the radius of a facet, up to which it counts as outside."""
@@ -69,14 +72,35 @@ def entered_without_contact(model: Model, solution: Solution, nodes: NodeFields)
         surfaces = near_each_other(surface_of(a), surface_of(b), reach)
         depth = _outside_of_contacts(model, nodes, surfaces, joined)
         if depth > ENTERED * max(measures.deformations[a], measures.deformations[b]):
-            where = "no entry of `contacts` joins them"
-            if joined:
-                where = "the boundaries of their contacts end; name larger boundaries"
-            sentences.append(
-                f"{bodies[0].name} and {bodies[1].name} enter each other by up to {depth:.2g}: "
-                f"bodies pass through each other where {where}"
-            )
+            where = "the boundaries of their contacts end; name larger boundaries"
+            names = f"{bodies[0].name} and {bodies[1].name}"
+            sentences.append(_passing_through(names, depth, where if joined else NOT_JOINED))
     return sentences
+
+
+def entered_by_rigid_bodies(model: Model, solution: Solution) -> list[str]:
+    """Sentences on rigid bodies that enter bodies which no contact joins to them (collective)."""
+    scene, sentences = model.scene, dict[tuple[int, int], str]()
+    known = {(item.rigid, item.body) for item in (*scene.contacts, *scene.rigid_ties)}
+    if not solution.converged:
+        return []
+    for i, contact in enumerate(scene.contacts):
+        for body in range(len(scene.bodies)) if contact.rigid is not None else ():
+            pair = contact.rigid, body
+            if pair in known or pair in sentences:
+                continue
+            if depth := entered_beside(model, solution, i, body)[1]:
+                names = f"{scene.rigid.bodies[pair[0]].name} and {scene.bodies[body].name}"
+                sentences[pair] = _passing_through(names, depth, NOT_JOINED)
+    return list(sentences.values())
+
+
+def _passing_through(names: str, depth: float, where: str) -> str:
+    """Two bodies that enter each other away from their contacts."""
+    return (
+        f"{names} enter each other by up to {depth:.2g}: bodies pass through each other where "
+        f"{where}"
+    )
 
 
 def _outside_of_contacts(

@@ -288,9 +288,8 @@ def _entering(
     free[outside.copies] = True
     on = answer.owners.copies(answer.owners.on(tagged.copies, len(u)).astype(float)) > 0.0
     beside = np.flatnonzero(free & of_bodies & ~on)
-    entered, deep = entered_points(
-        parts.points[beside], u[beside], gap_and_normal, LIMITS.entered * moved
-    )
+    gaps, least = (gap_and_normal, gap_and_normal), LIMITS.entered * moved
+    entered, deep = entered_points(parts.points[beside], u[beside], gaps, least)
     count, deep = parts.comm.allreduce(entered), largest_magnitude(parts.comm, np.array([deep]))
     yield texts.beside_boundary(name, contact.on, count, deep)
 

@@ -30,7 +30,11 @@ from contact_app.accuracy.contact_limits import (
     pressed_facets,
     slipped_through,
 )
-from contact_app.accuracy.entered_pairs import entered_pairs, entered_without_contact
+from contact_app.accuracy.entered_pairs import (
+    entered_by_rigid_bodies,
+    entered_pairs,
+    entered_without_contact,
+)
 from contact_app.accuracy.faceted_curves import median_gaps, pair_distances, sagittas
 from contact_app.accuracy.hertz import hertz_peak
 from contact_app.accuracy.sharp_edges import sharp_peaks
@@ -138,7 +142,7 @@ def _beside_obstacles(answer: SolvedScene) -> Iterator[str]:
             sliding = largest_sliding(*_moved(answer), solution, i)
             if text := texts.curving_away(sliding, radius, moved[contact.body]):
                 yield f"{contact.source}: {text}"
-        entered, depth = entered_beside(model, solution, i)
+        entered, depth = entered_beside(model, solution, i, contact.body)
         name = scene.bodies[contact.body].name
         if text := texts.beside_boundary(name, contact.boundary, entered, depth):
             yield f"{contact.source}: {text}"
@@ -447,6 +451,7 @@ CHECKS: tuple[Callable[[SolvedScene], Iterable[str]], ...] = (
     lambda answer: slipped_through(answer.model, answer.solution),
     lambda answer: entered_pairs(answer.model, answer.solution, answer.nodes),
     lambda answer: entered_without_contact(answer.model, answer.solution, answer.nodes),
+    lambda answer: entered_by_rigid_bodies(answer.model, answer.solution),
     _coarse_pressures,
     lambda answer: sharp_peaks(answer.model, answer.nodes, _pressed(answer)),
     _sliding_bodies,

@@ -150,6 +150,32 @@ def test_a_rigid_body_that_no_contact_names() -> None:
     assert sentence not in warnings_of(made)
 
 
+@pytest.mark.parametrize(("cell", "force"), [("quadrilateral", 0), ("tetrahedron", -50)])
+def test_a_rigid_body_that_enters_where_no_contact_is(cell: str, force: float) -> None:
+    """A plate on the higher one of two blocks, and a ball on a block; moved or pressed down."""
+    made = scenes.wall(cell, 3)
+    low = scenes.block(cell, 3, "low", (2, 0, 0), (3, 1, 0.999))
+    plate = {"name": "plate", "rigid": scenes.plane(cell, (0.5, 0.5, 1), (0, 0, -1))}
+    up, turns = scenes.up(cell), [0, 0, 0] if cell == "tetrahedron" else 0
+    made["bodies"] += [low, plate]
+    held = {"in": "plate", "displacement": scenes.vector(cell, 0, 0, -0.05), "rotation": turns}
+    made["conditions"] += [scenes.clamp(cell, f"low.{scenes.down(cell)}"), held]
+    if force:
+        held["displacement"][-1] = None
+        made["conditions"].append({"in": "plate", "total_force": scenes.vector(cell, 0, 0, force)})
+    joined = [{"on": f"{name}.{up}", "against": "plate"} for name in ("block", "low")]
+    for contacts, reported in ((joined[:1], True), (joined, False)):
+        made["contacts"] = contacts
+        assert ("plate and low enter each other by up to" in warnings_of(made)) == reported
+    if force:
+        return
+    plate["rigid"] = scenes.ball(cell, (0.5, 0.5, 2), 1)
+    held["displacement"][-1] = -0.3
+    for on, reported in (("x+", True), (up, False)):
+        made["contacts"][0]["on"] = f"block.{on}"
+        assert ("nodes of block outside x+ penetrate" in warnings_of(made)) == reported
+
+
 def test_a_named_condition_that_no_step_and_no_case_has() -> None:
     made = scenes.wall("quadrilateral", 3)
     for condition, name in zip(made["conditions"], ("foot", "push"), strict=False):
