@@ -28,7 +28,7 @@ from contact_app.results.fields import NodeFields
 from contact_app.results.percent import percent
 from contact_app.results.rigid import placements_of
 from contact_app.results.smoothed_pressure import symmetry_planes
-from contact_app.scene.conditions import Contact
+from contact_app.scene.conditions import Contact, RigidTie
 from contact_app.scene.rigid import Placement
 from meshes.quadratic import FACETS
 from solver.contact.solution import Solution
@@ -113,10 +113,11 @@ def entered_beside(model: Model, solution: Solution, number: int, other: int) ->
     is_flat = contact.obstacle.curvature_radius is None
     if is_flat and contact.boundary in scene.bodies[contact.body].boundaries:
         return count, depth
-    drawn, now, named = contact, contact, [contact]
+    drawn, now = contact, contact
+    named: list[Contact | RigidTie] = [contact]
     if contact.rigid is not None:
-        every = (*scene.contacts, *scene.rigid_ties)
-        named = [item for item in every if item.rigid == contact.rigid]
+        named += [item for item in scene.contacts if item.rigid == contact.rigid]
+        named += [tie for tie in scene.rigid_ties if tie.rigid == contact.rigid]
         as_drawn = [Placement()] * len(scene.rigid.bodies)
         drawn, now = (
             scene.placed(places).contacts[number]

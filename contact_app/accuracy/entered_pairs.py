@@ -81,17 +81,16 @@ def entered_without_contact(model: Model, solution: Solution, nodes: NodeFields)
 def entered_by_rigid_bodies(model: Model, solution: Solution) -> list[str]:
     """Sentences on rigid bodies that enter bodies which no contact joins to them (collective)."""
     scene, sentences = model.scene, dict[tuple[int, int], str]()
-    known = {(item.rigid, item.body) for item in (*scene.contacts, *scene.rigid_ties)}
-    if not solution.converged:
-        return []
-    for i, contact in enumerate(scene.contacts):
-        for body in range(len(scene.bodies)) if contact.rigid is not None else ():
-            pair = contact.rigid, body
-            if pair in known or pair in sentences:
+    joined = {(item.rigid, item.body) for item in scene.contacts}
+    joined |= {(tie.rigid, tie.body) for tie in scene.rigid_ties}
+    for i, contact in enumerate(scene.contacts if solution.converged else ()):
+        for body in range(len(scene.bodies)):
+            rigid = contact.rigid
+            if rigid is None or (rigid, body) in joined or (rigid, body) in sentences:
                 continue
             if depth := entered_beside(model, solution, i, body)[1]:
-                names = f"{scene.rigid.bodies[pair[0]].name} and {scene.bodies[body].name}"
-                sentences[pair] = _passing_through(names, depth, NOT_JOINED)
+                names = f"{scene.rigid.bodies[rigid].name} and {scene.bodies[body].name}"
+                sentences[rigid, body] = _passing_through(names, depth, NOT_JOINED)
     return list(sentences.values())
 
 

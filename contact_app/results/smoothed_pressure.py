@@ -81,6 +81,9 @@ CURVATURE = 1e-3
 """Added to the mean squares of the quadratic terms, which are some 0.03 with many nodes about: few
 nodes determine a linear function rather than a quadratic one."""
 
+NOUGHT = 1e-60
+"""Square of a pressure, over that of the largest, below which it counts as zero."""
+
 THIN = 0.05
 """Variance of the places of nodes in a direction, over the largest, below which the direction leads
 out of the surface. One-sided neighbourhoods, at the ends, have a quarter of the variance of others.
@@ -288,17 +291,20 @@ def _at_nodes(
 def _smoothed(points: Array, radii: Array, areas: Array, p: Array) -> Array:
     """Roots of the quadratics that fit squared pressures p (n,); 0 beyond the contact."""
     near = _Neighbours.of(points, radii, areas)
+    scale = np.ldexp(1.0, np.frexp(p.max(initial=0.0))[1])  # fourth powers of tiny ones are zero
+    p = p / scale
     closed = near.of_weights(near.weight * (p[near.column] > 0.0))
     share = np.clip((BEYOND - np.linalg.norm(closed.middle, axis=1)) / (BEYOND - AMID), 0.0, 1.0)
     share = np.where(p > 0.0, 1.0, np.where(closed.total > 0.0, share, 0.0))
     near = near.of_weights(near.weight * share[near.column])
     square = p[near.column] ** 2
     size = square + 2.0 * near.means(square)[near.row]
-    weight = near.weight / np.where(size > 0.0, size, 1.0) ** 2
+    weight = near.weight / np.where(size > NOUGHT, size, 1.0) ** 2
     squares = near.of_weights(weight).fit(p**2)
     root = np.where(share > 0.0, np.sqrt(np.maximum(squares, 0.0)), 0.0)
     mean, right = (near.means(v[near.column]) for v in (root, p))
-    return np.asarray(root * np.divide(right, mean, out=np.zeros(len(p)), where=mean > 0.0))
+    smooth = root * np.divide(right, mean, out=np.zeros(len(p)), where=mean > 0.0)
+    return np.asarray(smooth * scale)
 
 
 @dataclass(frozen=True, eq=False)

@@ -91,6 +91,17 @@ def test_alternating_pressures_are_averaged(share: float) -> None:
     np.testing.assert_allclose(inside, 1.0, atol=0.35 * share)
 
 
+@pytest.mark.parametrize("size", [2.0**-700, 2.0**-530, 2.0**300])
+def test_pressures_of_all_sizes_are_smoothed_alike(size: float) -> None:
+    """Those of bodies without a load are rounding errors of gaps, as small as 1e-160."""
+    side, shares = line(np.linspace(0.0, 1.0, 21))
+    pressure = np.random.default_rng(2).uniform(0.5, 1.5, 21)
+    pressure[8:14] *= 1e-90
+    expected = smoothed(side, pressure, shares)
+    assert np.isfinite(expected).all() and expected.max() > 0.5
+    np.testing.assert_array_equal(smoothed(side, size * pressure, shares), size * expected)
+
+
 def test_a_singular_edge_stays_away_from_other_nodes() -> None:
     """A flat punch's pressure is right to 10 %; without the second weights it is off by 14 %."""
     side, shares = line(np.linspace(-1.0, 1.0, 17))
