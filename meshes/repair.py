@@ -14,7 +14,7 @@ body overlaps itself elsewhere.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Iterable
+from collections.abc import Callable, Collection, Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -48,6 +48,9 @@ SAME_PLACE = 1e-9
 
 CLOSED_SEAM = "merged where the mesh is connected without them"
 """Part of the note on merged nodes that join parts which other cells connect."""
+
+JOINED_GROUPS = "have no common node in the file"
+"""Part of the note on merged nodes that join groups of cells."""
 
 SAME_PLACE_EDGE = 1e-3
 """Distance over the shortest edge below which two nodes are merged, so that no cell collapses."""
@@ -154,7 +157,8 @@ def load_mesh(
     middles = _middles(content, points, degree, notes)
     number = np.unique(row, return_index=True)[1][chosen]  # number of each cell in the file, from 0
     idle_is_usual = bool(groups) or content.second_order
-    points, rename = _nodes_of(points, cells, cell, notes, idle_is_usual)
+    given = {} if groups else {name: np.isin(chosen, rows) for name, rows in members.items()}
+    points, rename = _nodes_of(points, cells, cell, notes, idle_is_usual, given)
     cells, rows, doubled = _distinct(rename[cells])
     number = number[np.unique(rows, return_index=True)[1]]
     doubled += 0 if content.cell_groups else len(content.cells) - len(distinct)
@@ -186,11 +190,21 @@ def load_mesh(
 
 
 def _nodes_of(
-    points: Array, cells: Ints, cell: str, notes: list[str], idle_is_usual: bool
+    points: Array,
+    cells: Ints,
+    cell: str,
+    notes: list[str],
+    idle_is_usual: bool,
+    groups: Mapping[str, Mask],
 ) -> tuple[Array, Ints]:
     """The points of the nodes of cells, merged at one place, and the number of each given node.
 
     Nodes of no cell have -1.
+
+    Parameters
+    ----------
+    groups
+        Masks of the cells of each group; none if the scene chose groups.
     """
     used = np.flatnonzero(np.bincount(cells.ravel()))  # sorting takes ten times as long
     idle = len(points) - len(used)
@@ -199,25 +213,30 @@ def _nodes_of(
     same, merged = _same_place(points[used], cells, used, cell)
     if merged:
         notes.append(f"{merged} nodes lie where another one does: merged")
-        notes += _closed_seams(points, cells, used, same)
+        ends = [np.repeat(cells[:, 0], cells.shape[1]), cells.ravel()]
+        piece = connected(ends, len(points))
+        notes += _closed_seams(points, piece, used, same)
+        of_groups = {name: np.unique(piece[cells[mask, 0]]) for name, mask in groups.items()}
+        notes += _joined_groups(piece[used], same, of_groups)
     rename = np.full(len(points), -1, np.int64)
     rename[used] = same
     return points[used][np.unique(same, return_index=True)[1]], rename
 
 
-def _closed_seams(points: Array, cells: Ints, used: Ints, same: Ints) -> list[str]:
+def _closed_seams(points: Array, piece: Ints, used: Ints, same: Ints) -> list[str]:
     """A note on merged nodes between which the cells are connected without them.
 
     They close the seam of a ring, or a crack, which the file has with nodes on both of its sides.
 
     Parameters
     ----------
+    piece : (nodes,)
+        Number of the piece that the cells connect, of each node.
     same : (used,)
         Number of each used node after merging.
     """
-    piece = connected([np.repeat(cells[:, 0], cells.shape[1]), cells.ravel()], len(points))[used]
-    order = np.lexsort([piece, same])
-    again = (np.diff(same[order]) == 0) & (np.diff(piece[order]) == 0)
+    order = np.lexsort([piece[used], same])
+    again = (np.diff(same[order]) == 0) & (np.diff(piece[used][order]) == 0)
     if not again.any():
         return []
     place = ", ".join(f"{x:g}" for x in points[used[order[1:][again].min()]])
@@ -225,6 +244,31 @@ def _closed_seams(points: Array, cells: Ints, used: Ints, same: Ints) -> list[st
         f"{again.sum()} nodes were {CLOSED_SEAM}, the first at ({place}): this closes a seam, and "
         f"it closes a crack, too; the sides of a crack that may open have to lie more than "
         f"{SAME_PLACE:g} of the body's size apart in the file"
+    ]
+
+
+def _joined_groups(piece: Ints, same: Ints, of_groups: Mapping[str, Ints]) -> list[str]:
+    """A note on groups of cells that only merged nodes join, as parts of an assembly.
+
+    Merged nodes within a group, too, are those of a file that repeats nodes everywhere.
+
+    Parameters
+    ----------
+    piece, same : (used,)
+        Piece of each used node, and its number after merging.
+    of_groups
+        The pieces with cells of each group.
+    """
+    order = np.lexsort([piece, same])
+    merged = np.diff(same[order]) == 0
+    pairs = np.stack([piece[order[:-1]][merged], piece[order[1:]][merged]], axis=1)
+    within = np.array([np.isin(pairs, pieces) for pieces in of_groups.values()])  # group, pair, end
+    if not len(within) or within.all(axis=2).any() or not within.any(axis=0).all():
+        return []
+    first, second = (list(of_groups)[k] for k in sorted(within[:, 0].argmax(axis=0)))
+    return [
+        f"the groups {first} and {second} {JOINED_GROUPS}: merging its nodes at one place makes "
+        "them one body; parts that only touch are bodies of their own, by `group`"
     ]
 
 

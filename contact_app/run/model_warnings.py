@@ -58,7 +58,7 @@ from contact_app.run import warning_texts as texts
 from contact_app.scene.bodies import MOTION_NAMES
 from contact_app.scene.conditions import Pressure, Traction
 from meshes.quadratic import CORNERS_ONLY
-from meshes.repair import CLOSED_SEAM
+from meshes.repair import CLOSED_SEAM, JOINED_GROUPS
 from solver.contact.certificate import EQUILIBRIUM_FLOOR
 from solver.driver import reason_text
 from solver.qp.result import Reason
@@ -198,10 +198,12 @@ def _corners_only(answer: SolvedScene) -> Iterator[str]:
             yield f"{body.name}: {texts.corners_only()}"
 
 
-def _closed_seams(answer: SolvedScene) -> Iterator[str]:
-    """Seams or cracks of a mesh file that merging its nodes has closed."""
+def _merged_nodes(answer: SolvedScene) -> Iterator[str]:
+    """Seams, cracks and joints of parts in a mesh file that merging its nodes has closed."""
     for body in answer.model.scene.bodies:
-        yield from (f"{body.name}: {n}" for n in body.mesh.notes if CLOSED_SEAM in n)
+        for note in body.mesh.notes:
+            if CLOSED_SEAM in note or JOINED_GROUPS in note:
+                yield f"{body.name}: {note}"
 
 
 def _locking_in_volume(answer: SolvedScene) -> Iterator[str]:
@@ -457,7 +459,7 @@ CHECKS: tuple[Callable[[SolvedScene], Iterable[str]], ...] = (
     _sliding_bodies,
     lambda answer: tilted_pairs(answer.model, answer.solution),
     lambda answer: answer.model.scene.idle,
-    _corners_only, _closed_seams, _locking_in_volume, _locking_in_bending,
+    _corners_only, _merged_nodes, _locking_in_volume, _locking_in_bending,
     _moved_beyond_sizes, _moved_far, _coarse_meshes, _stresses_beside_expansion,
     _straddled_facets, _without_facets, _certificates,
     lambda answer: overcome_friction(

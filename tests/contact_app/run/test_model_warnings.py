@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
+import meshio
 import numpy as np
 import pytest
 
@@ -92,6 +93,30 @@ def test_a_crack_with_nodes_on_both_sides_that_is_merged(tmp_path: Path) -> None
         assert ("4 nodes were merged where the mesh is connected without them" in found) == reported
         energies.append(solved.summary["solution"]["energy"])
     assert energies[1] < 1.05 * energies[0] < 0.0
+
+
+@pytest.mark.parametrize("cell", ["quadrilateral", "tetrahedron"])
+def test_groups_of_a_mesh_file_that_merged_nodes_join(cell: str, tmp_path: Path) -> None:
+    """Two parts that were meshed alike, and a file in which each cell has nodes of its own."""
+    whole = meshfiles.block(cell, 4)
+    points, cells, numbers = whole.points, whole.cells[0].data, whole.cell_data["gmsh:physical"][0]
+    parts = cells + len(points) * (numbers == 2)[:, None]
+    own = np.arange(cells.size).reshape(cells.shape)
+    made = scenes.config(cell, [scenes.block(cell, 4)], [scenes.clamp(cell, "block.left")], [])
+    made["conditions"].append({"in": "block", "force": scenes.vector(cell, 1, 0, 0)})
+    made["bodies"][0]["boundaries"] = {"left": {"where": "x < 1e-9"}}
+    for at, of_cells, groups, reported in (
+        (points, cells, {}, False),
+        (np.vstack([points, points]), parts, {}, True),
+        (np.vstack([points, points]), parts, {"group": ["soft", "hard"]}, False),
+        (points[cells.ravel()], own, {}, False),
+    ):
+        whole.points, whole.cells = at, [meshio.CellBlock(whole.cells[0].type, of_cells)]
+        whole.cell_data = {"gmsh:physical": [numbers], "gmsh:geometrical": [numbers]}
+        file = {"file": str(meshfiles.write(whole, tmp_path / "a.msh"))}
+        made["bodies"][0]["mesh"] = file | groups
+        sentence = "the groups soft and hard have no common node in the file"
+        assert (sentence in warnings_of(made)) == reported
 
 
 @pytest.mark.parametrize(("lower", "upper"), [("quadrilateral", "triangle"), ("tetrahedron",) * 2])
