@@ -57,8 +57,8 @@ from contact_app.results.undetermined import Movable, play_warnings, undetermine
 from contact_app.run import warning_texts as texts
 from contact_app.scene.bodies import MOTION_NAMES
 from contact_app.scene.conditions import Pressure, Traction
+from meshes.merged_nodes import CLOSED_SEAM, JOINED_GROUPS
 from meshes.quadratic import CORNERS_ONLY
-from meshes.repair import CLOSED_SEAM, JOINED_GROUPS
 from solver.contact.certificate import EQUILIBRIUM_FLOOR
 from solver.driver import reason_text
 from solver.qp.result import Reason
