@@ -145,8 +145,8 @@ def load_mesh(
     middles = _middles(content, points, degree, notes)
     number = np.unique(row, return_index=True)[1][chosen]  # number of each cell in the file, from 0
     idle_is_usual = bool(groups) or content.second_order
-    given = {} if groups else {name: np.isin(chosen, rows) for name, rows in members.items()}
-    points, rename = nodes_of(points, cells, cell, notes, idle_is_usual, given)
+    masks = {} if groups else {name: np.isin(chosen, rows) for name, rows in members.items()}
+    points, rename = nodes_of(points, cells, cell, notes, idle_is_usual, masks)
     cells, rows, doubled = _distinct(rename[cells])
     number = number[np.unique(rows, return_index=True)[1]]
     doubled += 0 if content.cell_groups else len(content.cells) - len(distinct)

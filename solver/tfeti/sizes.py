@@ -305,9 +305,9 @@ def energy_scales(
     If only rounding errors of displacements or forces strain a group, a(u, u) is meaningless. If
     the forces on the group are still far above rounding errors (for example loads on a face that an
     obstacle holds), the reference is the energy that the loads would cause without constraints. If
-    no forces act but rounding errors of contact forces, the group moves rigidly and has no error:
-    the reference is zero. Otherwise the strains have no correct digits, and the certificate of the
-    group fails.
+    no forces act but rounding errors of contact forces, or loads on held unknowns alone, the group
+    moves rigidly and has no error: the reference is zero. Otherwise the strains have no correct
+    digits, and the certificate of the group fails.
 
     Parameters
     ----------
@@ -325,7 +325,8 @@ def energy_scales(
             bodies.sum_by_group(v)[groups]
             for v in (load, forces.loads, forces.contact, forces.rounded)
         )
-        acting = np.where(pressed > noise, loads + pressed, loads)
+        acting = np.where(free > 0.0, loads, 0.0)
+        acting = np.where(pressed > noise, acting + pressed, acting)
         strong = (loaded > FORCED * noise) & (free > 0.0)
         resting = np.where(strong, free, np.where(acting > 0.0, of_group, 0.0))
         of_group = np.where(unstrained, resting, of_group)

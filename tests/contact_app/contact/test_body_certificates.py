@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from contact_app.run.solve import solve_scene
 from solver.qp.result import Reason
 from solver.tfeti.certify import certify
 from tests import scenes
@@ -213,3 +214,21 @@ def test_nan_does_not_pass_the_certificate() -> None:
     assert certificate.required_reduction(1e-6) <= 1.0
     broken = type(certificate)(0.0, 0.0, 0.0, 0.0, math.nan, 0.0, passed=False)
     assert not broken.judged(1.0).passed
+
+
+@pytest.mark.parametrize("method", ["auto", "primal"])
+@pytest.mark.parametrize("cell", ["quadrilateral", "tetrahedron"])
+def test_a_body_that_moves_rigidly_with_a_load_on_its_held_face(cell: str, method: str) -> None:
+    """The support takes the load; without the load the answer is the same."""
+    made = scenes.wall(cell, 3)
+    up = f"block.{scenes.up(cell)}"
+    made["conditions"] = [{"on": up, "displacement": scenes.vector(cell, 0.01, 0.02, -0.1)}]
+    far = scenes.plane(cell, (0, 0, -5), (0, 0, 1))
+    made["contacts"] = [{"on": f"block.{scenes.down(cell)}", "obstacle": far}]
+    made["solver"]["method"] = method
+    for load in ({}, {"on": up, "traction": scenes.vector(cell, 1, 0, -10)}):
+        made["conditions"][1:] = [load] if load else []
+        solved = solve_scene(scenes.build(made, 1))
+        assert solved.solution.certificate.passed
+        reaction = solved.summary["reactions"][0]["force"]
+        assert reaction[0] == pytest.approx(-1.0 if load else 0.0, abs=1e-9)

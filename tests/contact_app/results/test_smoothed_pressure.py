@@ -93,7 +93,7 @@ def test_alternating_pressures_are_averaged(share: float) -> None:
 
 @pytest.mark.parametrize("size", [2.0**-700, 2.0**-530, 2.0**300])
 def test_pressures_of_all_sizes_are_smoothed_alike(size: float) -> None:
-    """Those of bodies without a load are rounding errors of gaps, as small as 1e-160."""
+    """Bodies without a load are pressed by rounding errors of gaps, as small as 1e-160."""
     side, shares = line(np.linspace(0.0, 1.0, 21))
     pressure = np.random.default_rng(2).uniform(0.5, 1.5, 21)
     pressure[8:14] *= 1e-90
