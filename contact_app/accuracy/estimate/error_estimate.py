@@ -42,6 +42,7 @@ from contact_app.accuracy.estimate.stress_recovery import (
 )
 from contact_app.accuracy.estimate.touching import touching_nodes
 from contact_app.model.model import Model
+from solver.contact.certificate import ROUNDED_LIMIT
 from solver.contact.solution import Accuracy, Solution
 from solver.tfeti.sizes import STRAINLESS
 
@@ -269,8 +270,11 @@ def accuracy_of(squares: Array, solution: Solution) -> Accuracy:
         for values in (*squares, measures.roundings, measures.scales + measures.pressed)
     )
     solver = measures.error_squares()
-    # strains that the solver's error exceeds have no digits, as rounding errors have none
-    total, strained = float(norm.sum()), norm > np.maximum(STRAINLESS * rounding, solver)
+    # strains that the solver's error exceeds have no digits, as rounding errors have none; a
+    # residual above ROUNDED_LIMIT is that of multigrid at a loose tolerance
+    residual = max(solution.certificate.equilibrium, ROUNDED_LIMIT)
+    rounded = STRAINLESS * (ROUNDED_LIMIT / residual) ** 2 * rounding
+    total, strained = float(norm.sum()), norm > np.maximum(rounded, solver)
     if (~strained & (reported > 0.0)).any():  # forces, but no strains to be relative to
         return Accuracy(np.nan, np.nan, np.nan, total, np.nan)
     if not strained.any():

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+import contact_app
 from contact_app.accuracy.refine.grading import evenness, graded
 from contact_app.accuracy.refine.levels import with_levels
 from contact_app.accuracy.refine.next_mesh import next_factor, refined
@@ -64,6 +65,16 @@ def test_auto_keeps_the_contract_of_a_tolerance() -> None:
     assert certificate["passed"]
     for name in ("max_penetration", "max_gluing_jump", "complementarity", "duality_gap"):
         assert certificate[name] <= tolerance
+
+
+def test_a_loose_answer_of_multigrid_has_an_estimate() -> None:
+    """The first answer on one quadrilateral of degree 2 leaves half a percent of the load."""
+    made = scenes.wall("quadrilateral", 1)
+    made["conditions"][1] = {"on": "block.y+", "pressure": 10.0}
+    made["solver"], made["accuracy"] = {"method": "primal"}, 0.2
+    accuracy = contact_app.solve(made).summary["accuracy"]
+    assert accuracy["met"]
+    assert accuracy["total"] < 0.2
 
 
 def test_auto_ends_where_the_mesh_is_exact() -> None:
