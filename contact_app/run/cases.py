@@ -210,7 +210,7 @@ def _solve_and_write(
             overview.add(solved, summary)
             if not solved.certified:
                 code = Exit.NOT_CERTIFIED
-            if solved.interrupted:
+            if run.interruption.requested_by_any(comm):
                 break
     if left:
         overview.leave_out(left)

@@ -201,6 +201,8 @@ def _solve_and_write(files: _Files, run: Attended, history: History) -> int:
         if not solved.certified:
             code = Exit.NOT_CERTIFIED
         over = replace(over, step=increment.place.step, share=increment.place.share)
+        if run.interruption.requested_by_any(comm):  # a solve of one step ends before it is asked
+            break
     if over.step == len(scene.steps) and over.share == 1:
         files.finish()
         return code

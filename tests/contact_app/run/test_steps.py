@@ -312,6 +312,21 @@ def interrupted(directory: Path, changes: Config | None = None) -> Config:
     return made
 
 
+def test_a_history_of_direct_solves_is_interrupted(tmp_path: Path) -> None:
+    """A solve without iterations does not ask whether to stop."""
+    made = scenes.wall("quadrilateral", 3)
+    del made["contacts"]
+    made["conditions"][1]["name"] = "press"
+    made["steps"] = [{"press": 1, "increments": 5}]
+    handler = Interrupts("step 1, factor 0.4:")
+    logging.getLogger("contact_app").addHandler(handler)
+    try:
+        assert run(scenes.build(made), tmp_path) == Exit.NOT_CERTIFIED
+    finally:
+        logging.getLogger("contact_app").removeHandler(handler)
+    assert len(json.loads((tmp_path / "summary.json").read_text())["steps"]) == 2
+
+
 def test_increments_without_an_answer_are_halved() -> None:
     made = block(PRESS_AND_PUSH, mu=0.4)
     made["solver"]["max_iterations"] = 8
