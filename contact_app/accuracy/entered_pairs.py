@@ -74,7 +74,7 @@ def entered_without_contact(model: Model, solution: Solution, nodes: NodeFields)
         if depth > ENTERED * max(measures.deformations[a], measures.deformations[b]):
             where = "the boundaries of their contacts end; name larger boundaries"
             names = f"{bodies[0].name} and {bodies[1].name}"
-            sentences.append(_passing_through(names, depth, where if joined else NOT_JOINED))
+            sentences.append(passing_through(names, depth, where if joined else NOT_JOINED))
     return sentences
 
 
@@ -90,11 +90,11 @@ def entered_by_rigid_bodies(model: Model, solution: Solution) -> list[str]:
                 continue
             if depth := entered_beside(model, solution, i, body)[1]:
                 names = f"{scene.rigid.bodies[rigid].name} and {scene.bodies[body].name}"
-                sentences[rigid, body] = _passing_through(names, depth, NOT_JOINED)
+                sentences[rigid, body] = passing_through(names, depth)
     return list(sentences.values())
 
 
-def _passing_through(names: str, depth: float, where: str) -> str:
+def passing_through(names: str, depth: float, where: str = NOT_JOINED) -> str:
     """Two bodies that enter each other away from their contacts."""
     return (
         f"{names} enter each other by up to {depth:.2g}: bodies pass through each other where "

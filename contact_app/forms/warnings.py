@@ -8,7 +8,8 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from functools import partial
+from functools import cache, partial
+from itertools import combinations
 
 import numpy as np
 from mpi4py import MPI
@@ -23,7 +24,13 @@ from contact_app.accuracy.contact_limits import (
     depth_between,
     entered_points,
 )
-from contact_app.accuracy.entered_pairs import depth_in_each_other, entering_each_other
+from contact_app.accuracy.entered_pairs import (
+    ENTERED,
+    depth_in_each_other,
+    entering_each_other,
+    near_each_other,
+    passing_through,
+)
 from contact_app.accuracy.faceted_curves import Distances, facets_match, largest_distances
 from contact_app.accuracy.sharp_edges import Skin, sharp_edge, sharp_peak, within
 from contact_app.forms.bodies import contact_motions
@@ -93,6 +100,7 @@ def form_warnings(answer: FormAnswer) -> list[str]:
     """Warnings for the certificate, one sentence each (collective)."""
     fit = affine_fit(answer.model.parts, answer.owners.copies(answer.displacement))
     warnings = [*_large_deformations(answer, fit[0]), *_of_bodies(answer), *_locking(answer, fit)]
+    warnings += _without_contact(answer)
     for number, contact in enumerate(answer.model.contacts):
         sentences = [*_of_contact(answer, number, contact)]
         if _presses(answer, number):
@@ -139,6 +147,33 @@ def _of_bodies(answer: FormAnswer) -> Iterator[str]:
     yield from play_warnings(undetermined_of(problem, solution, motions_of, movable), fixes)
     if solution.converged:
         yield from carried(problem, solution, motions_of, movable)
+
+
+def _without_contact(answer: FormAnswer) -> Iterator[str]:
+    """Bodies that enter each other and that no contact joins (collective)."""
+    model, measures = answer.model, answer.solution.measures
+    parts, bodies = model.parts, model.bodies
+    if not answer.solution.converged or bodies.count == 1:
+        return
+    outside = exterior_facets(parts)
+    body = answer.owners.copies(bodies.of_node.astype(float))[outside.copies[:, 0]]
+    surface_of = cache(lambda b: gathered_surface(parts, outside.chosen(body == b)))
+    joined = [
+        set[int]().union(*map(model.bodies_at, item.surfaces))
+        for contact, item in zip(model.contacts, model.sides, strict=True)
+        if contact.against is not None
+    ]
+    for a, b in combinations(range(bodies.count), 2):
+        reach = float(measures.displacements[[a, b]].sum())
+        apart = np.abs(bodies.centres[a] - bodies.centres[b]) - bodies.halves[a] - bodies.halves[b]
+        if any({a, b} <= both for both in joined) or apart.max() > reach:
+            continue
+        sides = near_each_other(surface_of(a), surface_of(b), reach)
+        if all(len(side.nodes) for side in sides):
+            displaced = _displaced(answer, sides[0]), _displaced(answer, sides[1])
+            depth = depth_in_each_other(parts.comm, sides, displaced, is_round=False)
+            if depth > ENTERED * measures.deformations[[a, b]].max():
+                yield passing_through(f"{bodies.name(a)} and {bodies.name(b)}", depth)
 
 
 def _locking(answer: FormAnswer, fit: Fit) -> Iterator[str]:
