@@ -165,8 +165,9 @@ def _without_contact(answer: FormAnswer) -> Iterator[str]:
     ]
     for a, b in combinations(range(bodies.count), 2):
         reach = float(measures.displacements[[a, b]].sum())
-        apart = np.abs(bodies.centres[a] - bodies.centres[b]) - bodies.halves[a] - bodies.halves[b]
-        if any({a, b} <= both for both in joined) or apart.max() > reach:
+        distance = np.abs(bodies.centres[a] - bodies.centres[b])
+        is_far = (distance > bodies.halves[a] + bodies.halves[b] + reach).any()
+        if is_far or any({a, b} <= both for both in joined):
             continue
         sides = near_each_other(surface_of(a), surface_of(b), reach)
         if all(len(side.nodes) for side in sides):

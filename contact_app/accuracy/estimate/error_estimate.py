@@ -271,10 +271,11 @@ def accuracy_of(squares: Array, solution: Solution) -> Accuracy:
     )
     solver = measures.error_squares()
     # strains that the solver's error exceeds have no digits, as rounding errors have none; a
-    # residual above ROUNDED_LIMIT is that of multigrid at a loose tolerance
-    residual = max(solution.certificate.equilibrium, ROUNDED_LIMIT)
-    rounded = STRAINLESS * (ROUNDED_LIMIT / residual) ** 2 * rounding
-    total, strained = float(norm.sum()), norm > np.maximum(rounded, solver)
+    # residual above those of rounding is that of multigrid at a loose tolerance
+    certificate = solution.certificate
+    limit = max(certificate.round_off, ROUNDED_LIMIT)
+    rounded = rounding * (limit / max(certificate.equilibrium, limit)) ** 2
+    total, strained = float(norm.sum()), norm > np.maximum(STRAINLESS * rounded, solver)
     if (~strained & (reported > 0.0)).any():  # forces, but no strains to be relative to
         return Accuracy(np.nan, np.nan, np.nan, total, np.nan)
     if not strained.any():

@@ -50,6 +50,25 @@ def test_a_corner_in_a_facet_of_another_body_causes_a_warning(order: tuple[int, 
     assert any(entered in text for text in problem.certificate.warnings)
 
 
+@pytest.mark.parametrize("cell", ["quadrilateral", "tetrahedron"])
+def test_bodies_that_enter_each_other_without_a_contact_cause_a_warning(cell: str) -> None:
+    """The upper block is pushed into the lower one, drawn from it, or stopped by a contact."""
+    forms = problems.two_blocks(cell, 1)
+    V, up = forms.space, forms.space.mesh.geometry.dim - 1
+    for moved, contacts, told in ((-0.05, [], True), (0.05, [], False), (-0.05, None, False)):
+        top = [
+            problems.held(V, lambda x: np.isclose(x[up], 2.0), i, moved * (i == up))
+            for i in range(up + 1)
+        ]
+        with_contacts = forms.contacts if contacts is None else contacts
+        problem = ContactProblem(forms.a, forms.L, [*forms.bcs, *top], with_contacts)
+        problem.solve()
+        assert problem.certificate.passed
+        found = [text for text in problem.certificate.warnings if "enter each other by" in text]
+        assert len(found) == told
+        assert all(text.endswith("no entry of `contacts` joins them") for text in found)
+
+
 def test_a_body_that_moves_farther_than_it_is_large_causes_a_warning() -> None:
     forms = problems.block("quadrilateral", 1)
     tags = problems.facet_tags(forms.space.mesh, {3: problems.bottom})
