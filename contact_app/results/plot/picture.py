@@ -102,7 +102,7 @@ def plot(
     title, bodies = str(summary.get("scene", {}).get("title", "")), target / "bodies.png"
     title += "" if time is None else f", time {time:g}"
     caption = f"{title}\ndisplacements × {factor:g}".strip()
-    _draw_bodies(stored, shown, factor, bodies, caption, camera, _has_pairs(summary))
+    remarks += _draw_bodies(stored, shown, factor, bodies, caption, camera, _has_pairs(summary))
     pictures = [bodies, *_of_contacts(stored, shown, target, title, remarks)]
     return [*pictures, *_of_history(directory, target, title)], remarks
 
@@ -115,13 +115,13 @@ def _draw_bodies(
     caption: str,
     camera: tuple[float, float, float] | None,
     between: bool,
-) -> None:
-    """Draw the bodies in the plane or in space."""
+) -> list[str]:
+    """Draw the bodies; return remarks."""
     with atomic(target) as part:
-        if stored.plane:
-            draw_plane(stored, shown, factor, part, caption)
-        else:
-            draw_space(stored, shown, factor, part, caption, camera, between)
+        if not stored.plane:
+            return draw_space(stored, shown, factor, part, caption, camera, between)
+        draw_plane(stored, shown, factor, part, caption)
+        return []
 
 
 def _has_pairs(summary: dict[str, Any]) -> bool:

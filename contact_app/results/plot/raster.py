@@ -161,15 +161,18 @@ def _shares(x: Array, y: Array, at_x: Array, at_y: Array) -> Array:
 
 
 def wires(triangles: Triangles, triangle: Integers, shares: Array) -> Array:
-    """How much of a drawn edge pixels in triangles show, with their shares (n, 3), from 0 to 1.
+    """How much of a drawn edge pixels in triangles show, with their shares (n, 3), from 0 to 1."""
+    near = shares * _heights(triangles.corners)[triangle] < WIDE
+    return np.asarray((near * drawn_edges(triangles)[triangle]).max(axis=1))
+
+
+def drawn_edges(triangles: Triangles) -> Array:
+    """Strength (n, 3) of the edges opposite to corners, from 0, not drawn, to 1.
 
     Edges of low triangles are faint, so that a fine mesh does not blacken its surface.
     """
-    heights = _heights(triangles.corners)
-    low = heights.min(axis=1, keepdims=True) / (10.0 * WIDE)
-    strength = np.clip(2.0 * low * triangles.wired - 1.0, 0.0, 1.0)
-    near = shares * heights[triangle] < WIDE
-    return np.asarray((near * strength[triangle]).max(axis=1))
+    low = _heights(triangles.corners).min(axis=1, keepdims=True) / (10.0 * WIDE)
+    return np.asarray(np.clip(2.0 * low * triangles.wired - 1.0, 0.0, 1.0))
 
 
 def _heights(corners: Array) -> Array:

@@ -1,18 +1,20 @@
 """Deformed bodies in space coloured by fields, one panel per field, with undeformed edges.
 
 The picture shows the skin of the cells, seen along one direction without perspective
-(`contact_app.results.plot.raster`). Surfaces are shaded smoothly but for sharp edges. Titles and
-scales are matplotlib's.
+(`contact_app.results.plot.raster`, or VTK where it is installed). Surfaces are shaded smoothly but
+for sharp edges. Titles and scales are matplotlib's.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from contact_app.results.plot import vtk_images
 from contact_app.results.plot.arrangement import of_bodies
 from contact_app.results.plot.contact_picture import touchable
 from contact_app.results.plot.curved import finer
@@ -27,6 +29,7 @@ from contact_app.results.plot.raster import (
     WIRE,
     DepthBuffer,
     Triangles,
+    drawn_edges,
     visible_share,
     wires,
 )
@@ -144,14 +147,19 @@ def draw_space(
     caption: str,
     camera: tuple[float, float, float] | None = None,
     between: bool = False,
-) -> None:
-    """Write a picture with a panel for each field.
+) -> list[str]:
+    """Write a picture with a panel for each field; by VTK if Python has it and it draws.
 
     Parameters
     ----------
     between
         Whether bodies touch each other: then they are translucent in pictures of pressure. They are
         also translucent if most of the contact surface is hidden.
+
+    Returns
+    -------
+    remarks
+        Why VTK did not draw, if it is installed.
     """
     from matplotlib.cm import ScalarMappable
     from matplotlib.colors import Normalize
@@ -170,10 +178,14 @@ def draw_space(
     ratio = float(np.clip(view.half[1] / view.half[0], 0.1, 1.6))
     figure, places, wide = of_bodies(len(panels), ratio)
     frame = Frame.of(view, (wide, wide * ratio), SHARPNESS)
-    lines = frame.places(outline)
-    for axes, panel in zip(places, panels, strict=True):
-        triangles = skin_triangles(moved, faces, panel, frame, levels)
-        axes.imshow(image_of(triangles, panel, lines, frame), interpolation="antialiased")
+    skins = [skin_triangles(moved, faces, panel, frame, levels) for panel in panels]
+    lines, nodes = frame.places(outline), triangle_nodes(faces) % len(stored.points)
+    drawn, lack = vtk_images.images(
+        [drawing_of(*skin, nodes, lines, frame) for skin in zip(skins, panels, strict=True)]
+    )
+    images = drawn or [image_of(*skin, lines, frame) for skin in zip(skins, panels, strict=True)]
+    for image, axes, panel in zip(images, places, panels, strict=True):
+        axes.imshow(image, interpolation="antialiased")
         shades = ScalarMappable(Normalize(*panel.limits), panel.colours)
         bar = figure.colorbar(
             shades, ax=axes, location="bottom", label=panel.label, shrink=0.75, aspect=30,
@@ -182,6 +194,7 @@ def draw_space(
         bar.formatter.set_powerlimits((-3, 4))
     figure.suptitle(caption, fontsize=12)
     figure.savefig(target, dpi=150, format="png")
+    return [f"bodies are drawn without VTK, which does not draw here: {lack}"] if lack else []
 
 
 def panel_of(
@@ -317,6 +330,43 @@ def corner_normals(
         part.reshape(*sides.shape, 3)
         for part, sides in zip(np.split(sums, ends), faces, strict=True)
     ]
+
+
+def triangle_nodes(faces: list[NDArray[np.int64]]) -> NDArray[np.int64]:
+    """Nodes (n, 3) of the triangles of faces, in the order of `skin_triangles`."""
+    return np.concatenate(
+        [sides[:, pick] for sides in faces for pick, _ in _HALVES[sides.shape[1]]]
+    )
+
+
+def drawing_of(
+    triangles: Triangles,
+    panel: Panel,
+    nodes: NDArray[np.int64],
+    outline: NDArray[np.float64],
+    frame: Frame,
+) -> dict[str, Any]:
+    """Arrays for VTK of what `image_of` draws, by the names of `vtk_images.images`."""
+    from matplotlib import colormaps
+
+    ends = triangles.corners[:, [[1, 2], [2, 0], [0, 1]]]  # of the edges opposite to the corners
+    seen = (drawn_edges(triangles) > 0.5) & ~(triangles.bare & panel.through)[:, None]
+    return {
+        "corners": triangles.corners,
+        "nodes": nodes,
+        "values": triangles.values,
+        "edges": ends[seen],
+        "outline": outline,
+        "colours": colormaps[panel.colours](np.linspace(0.0, 1.0, 256))[:, :3],
+        "limits": panel.limits,
+        "light": LIGHT,
+        "bright": (AMBIENT, DIFFUSE),
+        "size": frame.size,
+        "bare": BARE,
+        "grey": GREY,
+        "crease": SHARP,
+        "veil": VEIL if panel.through else 1.0,
+    }
 
 
 def image_of(
