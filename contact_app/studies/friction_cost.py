@@ -96,6 +96,14 @@ def _two_boxes(cell: str) -> dict[str, Any]:
     }
 
 
+def _pushed_boxes() -> dict[str, Any]:
+    """The two boxes of tetrahedra, pressed and pushed one after the other."""
+    made = _two_boxes("tetrahedron")
+    moved = {"press": [None, None, -0.05], "push": [0.02, 0.01, None]}
+    driven = [{"name": n, "on": "upper.z+", "displacement": u} for n, u in moved.items()]
+    return {**made, "conditions": [made["conditions"][0], *driven]}
+
+
 def _strips() -> dict[str, Any]:
     """A strip that is pressed on another one and stretched along it."""
     lower = _box([80, 4], [20, 1], "quadrilateral")
@@ -186,6 +194,9 @@ HISTORIES = {
     ),
     "cube_turned": FrictionScene(
         HISTORY_CUBE, {"coulomb": 0.3}, ("steps=[{press: 1}, {push: 1, increments: N}]",)
+    ),
+    "boxes_pushed": FrictionScene(
+        _pushed_boxes(), {"coulomb": 0.3}, ("steps=[{press: 1}, {push: 1, increments: N}]",)
     ),
 }
 """Solved in N = 10 increments and in one."""

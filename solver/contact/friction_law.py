@@ -57,6 +57,10 @@ class FrictionOptions:
     turn
         ρ is this factor times the largest slip limit over the largest slip. Larger factors
         overshoot where the slips are no larger than those that the tractions themselves cause.
+    yields
+        Largest ρ of a point over its stiffness. In small increments directions that were right
+        turned farther in each set: two boxes pushed in ten increments took 909 operator
+        applications without, 329 with 1 and 221 with 0.3; with 0.15 a flange takes 135, not 128.
     round_off
         Changes of tractions that count as zero, over the largest multiplier.
     soft, least_slip
@@ -85,6 +89,7 @@ class FrictionOptions:
     """
 
     turn: float = 1.5
+    yields: float = 0.3
     round_off: float = 1e-13
     soft: float = 1.5
     least_slip: float = 0.5
@@ -111,6 +116,8 @@ class Friction(Frictionless):
     shared_compliance : (k,)
         Compliance of each tangential row where its node is closed in another contact; None on all
         ranks where no node is in several.
+    stiffness : (points,)
+        Force per slip of each point alone.
     has_gap : (points,)
         Points that have a gap before any load; None for none.
     may_vanish
@@ -128,6 +135,7 @@ class Friction(Frictionless):
     may_vanish: bool = False
     points: FrictionPoints
     comm: MPI.Intracomm
+    stiffness: Array
     shared_compliance: Array | None = None
     has_gap: Mask | None = None
     front: SlipFront | None = None
@@ -398,12 +406,13 @@ class Friction(Frictionless):
         share = np.divide(limit, size, out=np.zeros(len(limit)), where=size > 0.0)
         return share[self.points.point] * forces
 
-    def _rho(self, limit: Array, length: Array, stuck: Mask) -> float:
-        """ρ, the force per slip that turns slip directions (collective)."""
+    def _rho(self, limit: Array, length: Array, stuck: Mask) -> Array:
+        """ρ (points,), the force per slip that turns slip directions (collective)."""
         sliding = ~stuck & (limit > 0.0)
         references = np.array([limit[sliding].max(initial=0.0), length[sliding].max(initial=0.0)])
         largest = np.max(self.comm.allgather(references), axis=0)
-        return float(self.options.turn * largest[0] / largest[1]) if largest[1] > 0.0 else 0.0
+        rho = self.options.turn * largest[0] / largest[1] if largest[1] > 0.0 else 0.0
+        return np.asarray(np.minimum(rho, self.options.yields * self.stiffness))
 
     def _without_tangents(self, active: Mask) -> Mask:
         normals = active.copy()

@@ -74,6 +74,11 @@ class FrictionPoints:
         """Inner products (points,) of tangential vectors (k,)."""
         return np.bincount(self.point, one * other, len(self.first)).astype(np.float64)
 
+    def mean(self, values: Array) -> Array:
+        """Means (points,) of values of tangential rows (k,)."""
+        count = len(self.first)
+        return np.asarray(np.bincount(self.point, values, count) / np.bincount(self.point))
+
     def forces(self, multiplier: Array) -> Array:
         """Friction forces λ_t (k,) from multipliers (dual,)."""
         return np.asarray(multiplier[self.rows] * self.spread)

@@ -45,9 +45,9 @@ def contact_law(problem: DualProblem) -> ContactLaw:
     points = problem.friction
     if not points.acts:
         return Frictionless()
-    shared_compliance = None
+    stiffness, shared_compliance = problem.row_stiffness(problem.tangential), None
     if problem.comm.allreduce(len(points.shared)):
-        shared_compliance = STICKING_COMPLIANCE / problem.row_stiffness(problem.tangential)
+        shared_compliance = STICKING_COMPLIANCE / stiffness
     held = problem.held_without_contact
     front = SlipFront(points, problem.comm, held)
     gaps = np.zeros(problem.size)
@@ -57,6 +57,7 @@ def contact_law(problem: DualProblem) -> ContactLaw:
     return Friction(
         points=points,
         comm=problem.comm,
+        stiffness=points.mean(stiffness * points.spread**2),
         shared_compliance=shared_compliance,
         has_gap=has_gap,
         front=front,

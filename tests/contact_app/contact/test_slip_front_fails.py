@@ -31,6 +31,7 @@ def test_sets_that_fail_ahead_of_the_states_are_tried_without() -> None:
     problem = build_model(scenes.build(made), MPI.COMM_SELF).problem
     law = Friction(
         points=problem.friction,
+        stiffness=np.full(len(problem.friction.first), np.inf),
         comm=MPI.COMM_SELF,
         front=SlipFront(problem.friction, MPI.COMM_SELF, held=True),  # which it is not
     )

@@ -6,6 +6,7 @@ import pytest
 
 from contact_app.studies import friction_cost
 from contact_app.studies.friction_cost import (
+    HISTORIES,
     SCENES,
     counted,
     law_of,
@@ -50,6 +51,15 @@ def test_friction_takes_few_operator_applications(name: str, method: str, most: 
     assert work.applications is not None
     assert work.applications <= most
     assert name != "rough_rod" or work.sets <= 6
+
+
+@pytest.mark.ratchet
+def test_ten_increments_of_sliding_boxes_take_few_operator_applications() -> None:
+    """909 where directions of small slips turned farther in each set, though they were right."""
+    work = counted(scene_of(HISTORIES["boxes_pushed"], "active-set", increments=10))
+    assert work.passed
+    assert work.applications is not None
+    assert work.applications <= 270
 
 
 def test_rows_begin_with_the_method_of_auto() -> None:
