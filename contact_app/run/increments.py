@@ -51,11 +51,14 @@ class Place:
         Share of the step, in (0, 1]: its factor.
     number
         Number of the increment that ends here, from one, over all steps.
+    halved
+        Number of halvings of the requested increment for the part of it that ends here.
     """
 
     step: int
     share: Fraction
     number: int
+    halved: int = 0
 
     @property
     def time(self) -> float:
@@ -73,15 +76,12 @@ class SolvedIncrement:
         Factors of named conditions at the end of the increment.
     dissipated
         Work of friction up to the end of the increment, an energy.
-    halved
-        Number of halvings of the requested increment until this part of it had an answer.
     """
 
     place: Place
     factors: dict[str, float]
     solved: SolvedScene
     dissipated: float
-    halved: int = 0
 
 
 @dataclass(frozen=True)
@@ -139,9 +139,9 @@ def solved_increments(
         ahead = _parts(over, step_of_scene.increments)
         while ahead:
             part = ahead.pop()
-            place = Place(step, part[1], number + 1)
-            solved = _solved(scene, comm, place, monitor_of, report, models)
             halved = _halvings(part, step_of_scene.increments)
+            place = Place(step, part[1], number + 1, halved)
+            solved = _solved(scene, comm, place, monitor_of, report, models)
             if not _is_final(solved) and halved in (1, HALVINGS):
                 other = models.by_total_feti()
                 if other is not None:
@@ -173,7 +173,7 @@ def solved_increments(
             number += 1
             dissipated += float(solved.summary["solution"].get("dissipated_work", 0.0))
             factors = dict(scene.loading_at(step - 1, float(part[1])).factors)
-            last = SolvedIncrement(place, factors, solved, dissipated, halved)
+            last = SolvedIncrement(place, factors, solved, dissipated)
             yield last
             if not solved.solution.converged:
                 return

@@ -189,7 +189,8 @@ def change_to(
 ) -> Change:
     """Difference between two answers with the same rows (collective).
 
-    Slip limits below the tolerance times the loads are those of contacts that have opened.
+    Slip limits below the tolerance times the loads are those of contacts that have opened, and
+    displacements below the tolerance times those at the begin are those of unloaded bodies.
     """
     comm, points = problem.comm, problem.friction
     least = solution.tolerance * float(solution.measures.loads.sum())
@@ -204,7 +205,8 @@ def change_to(
         ]
     )
     change, largest = np.max(comm.allgather(slipped), axis=0)
+    still = solution.tolerance * float(problem.resting_lengths.max())
     return Change(
         float(moved / limits) if limits > least else 0.0,
-        float(change / largest) if largest > 0.0 else 0.0,
+        float(change / largest) if largest > still else 0.0,
     )

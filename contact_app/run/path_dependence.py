@@ -34,7 +34,8 @@ def turning(before: SolvedScene | None, now: SolvedScene) -> str:
     if before is None or len(before.nodes.slip) != len(now.nodes.slip):
         return ""
     lengths = [np.linalg.norm(solved.nodes.slip, axis=1) for solved in (before, now)]
-    still = now.solution.tolerance * now.solution.measures.displacement
+    moved = max(solved.solution.measures.displacement for solved in (before, now))
+    still = now.solution.tolerance * moved
     slides = (lengths[0] > still) & (lengths[1] > still)
     along = np.einsum("ni,ni->n", before.nodes.slip, now.nodes.slip)
     turned = slides & (np.abs(along) < math.cos(TURNED) * lengths[0] * lengths[1])

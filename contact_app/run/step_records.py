@@ -35,7 +35,7 @@ def record_of(increment: SolvedIncrement) -> Record:
         "increment": place.number,
         "time": place.time,
         "factors": dict(increment.factors),
-        "halved": increment.halved,
+        "halved": place.halved,
         **of_increment,
         "solution": solution,
         "timings": increment.solved.timings.as_dict(),

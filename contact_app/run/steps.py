@@ -10,7 +10,7 @@ from typing import Any
 
 from mpi4py import MPI
 
-from contact_app.machine.exits import Exit
+from contact_app.machine.exits import Exit, print_message
 from contact_app.machine.ranks import on_first
 from contact_app.model.normal_forces import NormalForces
 from contact_app.results.history import History
@@ -63,6 +63,8 @@ def run_steps(
     if first and summary is not None:
         paths = [*files.paths, directory / "run.log"]
         printed(lambda: print_steps(summary, paths), directory)
+    if first and files.end:
+        print_message(files.end)
     return code
 
 
@@ -77,6 +79,8 @@ class _Files:
         Content of ``summary.json``; None before the first increment is solved.
     paths
         Of all files but the log.
+    end
+        Message on the place at which a history ends early; empty if it does not.
     """
 
     def __init__(self, scene: Scene, directory: Path, comm: MPI.Intracomm, resume: bool) -> None:
@@ -86,7 +90,7 @@ class _Files:
         self.is_resumed = self.reached is not None
         self.records: list[Record] = []
         self.summary: dict[str, Any] | None = None
-        self.series, self.paths = Series(), list[Path]()
+        self.series, self.paths, self.end = Series(), list[Path](), ""
         if self.reached is not None:
             self.records = self.reached.records
             self.summary = summary_of_steps(self.reached.last, self.records)
@@ -148,8 +152,9 @@ def _monitors(files: _Files, run: Attended, history: History) -> Callable[[Place
     monitor = together(progress, history, run.attention)
 
     def monitor_of(place: Place) -> Monitor:
+        halved = ", halved" * (place.halved > 0)
         progress.stage(
-            f"step {place.step} of {len(steps)}, factor {float(place.share):.6g} "
+            f"step {place.step} of {len(steps)}, factor {float(place.share):.6g}{halved} "
             f"(increment {place.number} of {max(count, place.number)})"
         )
         history.increment = place.number
@@ -206,8 +211,9 @@ def _solve_and_write(files: _Files, run: Attended, history: History) -> int:
     if over.step == len(scene.steps) and over.share == 1:
         files.finish()
         return code
+    files.end = f"{failed}{_end(over)}"
     if comm.rank == 0:
-        log.warning("%s%s", failed, _end(over))
+        log.warning("%s", files.end)
     return Exit.NOT_CERTIFIED
 
 
@@ -215,10 +221,10 @@ def _failure(increment: SolvedIncrement) -> str:
     """Message why the history ends at an increment; empty if the user stopped it."""
     if increment.solved.interrupted:
         return ""
-    place, halved = increment.place, increment.halved
+    place = increment.place
     return (
         f"step {place.step}: the increment to factor {float(place.share):.6g} has no certified "
-        f"answer, though it was halved {halved} times; "
+        f"answer, though it was halved {place.halved} times; "
     )
 
 
