@@ -391,7 +391,7 @@ def test_increments_follow_a_first_one_in_other_subdomains(
     first_solve_fails(monkeypatch)
     made = {**block(PRESS_AND_PUSH), "decomposition": {"subdomains": 6}}
     found = solved(made)
-    assert "solved in 1 instead" in str(found.summary["steps"][0]["certificate"]["warnings"])
+    assert found.summary["solver"]["method"] == "primal"
     energies = [[r["solution"]["energy"] for r in h.summary["steps"]] for h in (history, found)]
     np.testing.assert_allclose(energies[1], energies[0], rtol=1e-5)
 
