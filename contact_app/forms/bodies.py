@@ -13,6 +13,7 @@ rotate about it, and then the coarse problem is singular.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import partial
 from itertools import product
 
 import numpy as np
@@ -280,10 +281,13 @@ def holding(
         on_group = GroupRows(
             holds_body, none, of_group[in_group].toarray(), moved[:, columns], cones
         )
-        state = on_group.balance(comm, work[group].ravel(), float(scale[group].sum()))
+        state_of = partial(
+            GroupRows.balance, comm=comm, load=work[group].ravel(), size=float(scale[group].sum())
+        )
+        state = state_of(on_group)
         if (escape := state.escape) is not None:
             names = [f"contacts[{number}]" for number in range(rows.contacts)]
-            hints = averaged_gap_hints(names, comm, contact, moved[:, columns] @ escape)
+            hints = averaged_gap_hints(names, contact, in_group, on_group, state_of, comm)
             if cones.acts:
                 escape = slide(comm, on_group.holding, on_group.contact, escape, cones)
             message = _leaving(bodies, group, escape, cones.acts)

@@ -6,7 +6,8 @@ A scene whose loads drive a body away is refused before the solve.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import partial
 from itertools import product
 
 import numpy as np
@@ -84,13 +85,13 @@ def body_balances(
             points.cones(nonzero, columns),
         )
         load = work[group].ravel()
-        state = rows.balance(comm, load, float(scale[group].sum()))
+        state_of = partial(GroupRows.balance, comm=comm, load=load, size=float(scale[group].sum()))
+        state = state_of(rows)
         if state.escape is not None:
             message = _no_equilibrium(geometry, group, rows, load, state.escape, in_step)
             hints = obstacle_hints(geometry, contact)
-            if moved is not None:
-                names = [touching.source for touching in geometry.touching]
-                hints += averaged_gap_hints(names, comm, contact, moved @ state.escape)
+            names = [touching.source for touching in geometry.touching]
+            hints += averaged_gap_hints(names, contact, nonzero, rows, state_of, comm)
             raise NoEquilibriumError("\n  ".join([message, *hints]))
         for b, of_body in zip(group, rows.balances(comm, state, group < elastic), strict=True):
             balances[b] = of_body
@@ -144,21 +145,36 @@ def _no_equilibrium(
 
 
 def averaged_gap_hints(
-    names: Sequence[str], comm: MPI.Intracomm, contact: ContactRows, moved: Array
+    names: Sequence[str],
+    contact: ContactRows,
+    chosen: NDArray[np.bool_],
+    rows: GroupRows,
+    state_of: Callable[[GroupRows], BodyBalance],
+    comm: MPI.Intracomm,
 ) -> list[str]:
-    """A sentence for each contact that an escape closes at nodes and not in the mean (collective).
+    """A sentence for each contact whose gap in the mean alone lets the loads drive a group away.
+
+    None if they drive it away where the contact is tested at nodes, too (collective).
 
     Parameters
     ----------
     names
         Of all contacts.
-    moved : (rows · dimension,)
-        Relative motion of the sides at the node of each contact row.
+    chosen : (rows,)
+        The contact rows on the group.
+    state_of
+        The equilibrium by the rows.
     """
-    motion = moved.reshape(contact.normals.shape)
-    size = comm.allreduce(float(np.abs(motion).max(initial=0.0)), op=MPI.MAX)
-    closing = -(motion * contact.normals).sum(axis=1) > CLOSES * size
-    count = comm.allreduce(np.bincount(contact.sources[closing], minlength=len(names)))
+    escape = state_of(rows).escape
+    if rows.moved is None or escape is None:
+        return []
+    motions = rows.moved.reshape(*contact.normals.shape, -1)
+    at_nodes = -np.einsum("rd,rdm->rm", contact.normals, motions)
+    if state_of(replace(rows, contact=at_nodes[chosen])).escape is not None:
+        return []
+    size = comm.allreduce(float(np.abs(motions @ escape).max(initial=0.0)), op=MPI.MAX)
+    sources = contact.sources[at_nodes @ escape > CLOSES * size]
+    count = comm.allreduce(np.bincount(sources, minlength=len(names)))
     return [
         f"{names[number]}: this motion closes the gap at nodes, but not in the "
         "mean about them, where it is tested: the contact presses no nearer to an edge than a "

@@ -12,7 +12,8 @@ one thick, 10,000 unknowns and     0.2 to 1.05                         hardly gr
 more
 one thick, 5,000 to 10,000         0.14 to 1.25, in the median 0.9     50, 910 on three bumps
 one thin, 20,000 and more          0.5 to 1.2                          up to 254, 55 to over 800
-one thin, 11,000 to 16,000         0.5 to 1.4, of degree 2 up to 2.5
+one thin, 10,000 to 20,000         0.4 to 1.4, in the median 0.7       12 to 553, 14 to 738
+one thin, 5,000 to 10,000          0.4 to 3.9, in the median 1.0       up to 937
 several, 7,000 to 176,000          0.26 to 1.2, once 1.5               13 to 102, 19 to 797
 nearly incompressible              0.19 to 0.61                        up to 1,118 by Total FETI
 friction, one thick                0.34 to 1.19                        up to 1,413 by Total FETI
@@ -79,7 +80,7 @@ class MethodLimits:
     """
 
     least: int = 5_000
-    least_thin: int = 20_000
+    least_thin: int = 10_000
     largest_thin: Mapping[int, int] = field(default_factory=lambda: {2: 500_000, 3: 60_000})
     patience: int = 300
     patience_unknowns: int = 25_000

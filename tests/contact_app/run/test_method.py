@@ -238,7 +238,7 @@ def test_small_thin_bodies_of_mesh_files_begin_with_total_feti() -> None:
     assert larger.unknowns > LIMITS.least_thin
     assert ways(larger) == [("primal", LIMITS.patience_of_multigrid), ("auto", None)]
     mesh = build_scene(load(CONFIGS / "pillow_block.yaml")).bodies[0].mesh
-    body = replace(larger.bodies[0], mesh=Larger(mesh, 8.0, times=4))
+    body = replace(larger.bodies[0], mesh=Larger(mesh, 8.0, times=3))
     small = replace(larger, bodies=(body,))
     assert LIMITS.least < small.unknowns < LIMITS.least_thin
     assert ways(small) == [("active-set", LIMITS.patience), ("primal", None), ("auto", None)]
