@@ -91,6 +91,8 @@ class Multigrid:
     ----------
     u : (unknowns,)
         Initial displacement of the next set.
+    patience
+        Iterations on a set before a factor may replace the V-cycle.
     """
 
     def __init__(
@@ -113,6 +115,8 @@ class Multigrid:
         self.motions = self.matrices.floating
         self._held = HeldEnergy(self.system)
         self.smallest_eigenvalue = UNKNOWN
+        step = self.factors.least_step + self.factors.step * self.system.K.getSize()[0]
+        self.patience = max(self.factors.slow, self.matrices.seconds / step)
 
     @property
     def comm(self) -> MPI.Intracomm:
@@ -395,7 +399,7 @@ class PrimalSet:
     def _is_slow(self) -> bool:
         """Whether the set has taken many steps, and many for each digit of the residual."""
         it, options = self._iterate, self._backend.factors
-        if it.counts.cg < options.slow or not it.projected_gradient_norm > 0.0:
+        if it.counts.cg < self._backend.patience or not it.projected_gradient_norm > 0.0:
             return False
         digits = math.log10(max(self._first_norm / it.projected_gradient_norm, 1.0))
         return it.counts.cg >= options.slow_digit * digits

@@ -75,7 +75,8 @@ class Matrices:
         by_cycles = problem.dimension == 3 and (problem.friction.acts or not held)
         is_thin = thinness(system) >= factors.thin
         by_factors = is_thin and not by_cycles
-        direct = seconds <= (factors.thin_seconds if by_factors else factors.small)
+        small = factors.small if problem.dimension == 2 or problem.friction.acts else 0.0
+        direct = seconds <= (factors.thin_seconds if by_factors else small)
         peels = is_thin and held and seconds <= factors.thin_seconds
         # thin bodies take their first set from levels, though a factor solves on the sets
         make = build_hierarchy if not direct or (by_factors and not peels) else no_hierarchy

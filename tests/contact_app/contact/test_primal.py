@@ -107,10 +107,11 @@ def test_a_set_that_takes_few_steps_a_digit_keeps_its_cycle() -> None:
         return solve_by_multigrid(task, None, None, options).counts.hessian
 
     alone = applications()
-    sooner = applications(slow=2, slow_digit=1, slow_seconds=1e9)
-    later = applications(slow=8, slow_seconds=1e9)
+    sooner = applications(slow=2, slow_digit=1, slow_seconds=1e9, step=1.0)
+    later = applications(slow=8, slow_seconds=1e9, step=1.0)
+    dear = applications(slow=2, slow_digit=1, slow_seconds=1e9, step=1e-12, least_step=0.0)
     assert sooner < 0.9 * alone
-    assert later == alone
+    assert later == dear == alone
 
 
 def test_a_factor_that_replaces_the_cycle_late_has_steps_of_its_own() -> None:
@@ -126,7 +127,9 @@ def test_a_factor_that_replaces_the_cycle_late_has_steps_of_its_own() -> None:
     }  # fmt: skip
     problem = build_model(scenes.build(made), MPI.COMM_SELF).problem
     task = Task(problem, StoppingRule(1e-8), MPRGP(rtol=1e-10, max_iterations=2000))
-    late = FactorOptions(small=0.0, thin_seconds=0.0, slow=STALLED_WITH_FACTOR + 1, slow_digit=1)
+    late = FactorOptions(
+        small=0.0, thin_seconds=0.0, slow=STALLED_WITH_FACTOR + 1, slow_digit=1, step=1.0
+    )
     found = solve_by_multigrid(task, None, None, late)
     assert found.counts.cg > late.slow
     assert found.converged, found.certificate
