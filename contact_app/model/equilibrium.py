@@ -168,7 +168,7 @@ def averaged_gap_hints(
     escape = state_of(rows).escape
     if rows.moved is None or escape is None:
         return []
-    motions = rows.moved.reshape(*contact.normals.shape, -1)
+    motions = rows.moved.reshape(*contact.normals.shape, len(escape))
     at_nodes = -np.einsum("rd,rdm->rm", contact.normals, motions)
     if state_of(replace(rows, contact=at_nodes[chosen])).escape is not None:
         return []
