@@ -250,6 +250,8 @@ def _check(node: ast.expr, variables: tuple[str, ...]) -> str:
             for value in args:
                 check(value, "number")
             return "number"
+        case ast.BinOp(op=ast.BitXor()):
+            raise ExpressionError("uses ^; write ** for a power, as in x**2")
     raise ExpressionError(f"uses `{_source(node)}`, which is not allowed; allowed: {ALLOWED}")
 
 

@@ -159,6 +159,7 @@ WRONG = [
     ("bodies.0.boundaries.x-.where=x<1", "redefines x-"),
     ("bodies.0.boundaries.1.where=x<1", "is no name for a boundary"),
     ("bodies.0.boundaries.foot.where=x", "a number, not a condition"),
+    ("bodies.0.boundaries.foot.where=(x - 1)^2 < 4", "write ** for a power"),
     ("bodies.0.boundaries.foot.where=__import__('os')", "which is not allowed; allowed: numbers"),
     ("bodies.0.boundaries.foot=x<1", "a mapping is allowed, with the keys where"),
     # conditions and contacts
