@@ -369,9 +369,12 @@ def test_a_regular_mesh_costs_as_much_as_a_box_of_a_scene(
 
 
 def test_sub_boxes_with_springs_are_classes_of_their_own() -> None:
+    """The reference is solved more exactly than the comparison asks for."""
     cut = grid_problem(support=50.0)
     assert cut.summary["decomposition"]["congruence_classes"] == 2
-    whole = ContactProblem(cut.a, cut.L, cut.bcs, cut.contacts, method="primal")
+    whole = ContactProblem(
+        cut.a, cut.L, cut.bcs, cut.contacts, method="primal", tolerance=1e-9
+    )  # fmt: skip
     whole.solve()
     for key in ("energy", "max_displacement"):
         found, wanted = (p.summary["solution"][key] for p in (cut, whole))
