@@ -56,15 +56,17 @@ def certify(
     bounds = gaps if unsolved is None else _with_unsolved(bodies, gaps, unsolved)
     work = float(comm.allreduce(multiplier @ residual - _friction_work(answer)))
     idle = comm.allreduce(bodies.sum_rows(np.abs(force * slack), contact))
-    roundings = (np.sqrt(disturbed) + np.sqrt(state.disturbances)) ** 2
+    # what an iterative solver left in K u = f - Bᵀ λ is no rounding error
+    residual_rounding = state.disturbances if unsolved is None else disturbed
+    pure = (np.sqrt(disturbed) + np.sqrt(residual_rounding)) ** 2
     measures = Measures(
         displacements=answer.largest_displacements(),
         deformations=deformed,
         loads=forces.largest,
         pressed=forces.contact,
         strains=state.strains,
-        roundings=roundings,
-        scales=energy_scales(problem, state.strains, roundings, forces),
+        roundings=(np.sqrt(disturbed) + np.sqrt(state.disturbances)) ** 2,
+        scales=energy_scales(problem, state.strains, pure, forces),
         gaps=bounds,
         energy=float(state.energy + work + gaps.sum()),
         groups=bodies.groups,
@@ -81,7 +83,7 @@ def certify(
         "min_multiplier": _worst_rows(problem, pulls, contact),
         "complementarity": idle / reference_sizes(bodies, load * lengths),
         "equilibrium": state.imbalance / load,
-        "duality_gap": _relative_gaps(problem, measures),
+        "duality_gap": _relative_gaps(problem, measures, pure),
         **friction_numbers(problem, multiplier, residual, load, lengths),
     }
     certificate = _certificate(by_body, rounded / load)
@@ -185,17 +187,22 @@ def _worst_rows(problem: DecomposedProblem, values: Array, rows: Mask) -> Array:
     return largest(problem.comm, local)
 
 
-def _relative_gaps(problem: DecomposedProblem, measures: Measures) -> Array:
+def _relative_gaps(problem: DecomposedProblem, measures: Measures, pure: Array) -> Array:
     """Half the bound on the squared error of each body over its strain energy, (bodies,).
 
     The error of a body is at most the error of its group plus its own rounding errors. A group that
     moves rigidly has no error, unless the gap is far above rounding errors: then contact forces
     that the answer does not have would strain it.
+
+    Parameters
+    ----------
+    pure : (bodies,)
+        Rounding errors of a(u, u) without the residual of an iterative solver.
     """
     bodies = problem.bodies
     gap = np.sqrt(2.0 * np.maximum(measures.gaps, 0.0))[bodies.groups]
     square = (gap + np.sqrt(measures.roundings)) ** 2
-    rounded = bodies.sum_by_group(measures.roundings)[bodies.groups]
+    rounded = bodies.sum_by_group(pure)[bodies.groups]
     unmoved = np.where(gap**2 > STRAINING * rounded, 1.0, 0.0)
     return np.divide(square, measures.scales, out=unmoved, where=measures.scales > 0.0)
 
