@@ -85,7 +85,7 @@ def block(directory: Path) -> None:
 def test_bodies_in_space_have_a_panel_for_each_field(tmp_path: Path) -> None:
     block(tmp_path)
     made, remarks = picture.plot(tmp_path)
-    assert not remarks
+    assert all("without VTK" in remark for remark in remarks)
     assert shows_two_halves(made[0])
 
 
@@ -275,7 +275,7 @@ def test_bodies_in_space_without_displacement_or_gap(tmp_path: Path) -> None:
         file.point_data("contact_pressure", 0, [1.0, 2.0, 3.0, 4.0, 0, 0, 0, 0])
     made, remarks = picture.plot(tmp_path, fields=("contact_pressure",))
     assert [path.name for path in made] == ["bodies.png", "contact_pressure.png"]
-    assert not remarks
+    assert all("without VTK" in remark for remark in remarks)
     assert not any(plain(path) for path in made)
 
 
