@@ -263,8 +263,7 @@ class Friction(Frictionless):
 
     def _springs(self, statuses: Statuses) -> Mask:
         """Sliding points with springs, (points,)."""
-        none = np.zeros(len(self.points.first), bool)
-        return none if statuses.springs is None else statuses.springs
+        return np.zeros(len(self.points.first), bool) if (s := statuses.springs) is None else s
 
     def _sticking(self, statuses: Statuses) -> Mask:
         """Points that stick, (points,)."""
@@ -288,8 +287,7 @@ class Friction(Frictionless):
         """Points that slip against their friction force, or, without a force, do not slip."""
         points, relative = self.points, state.distance[self.points.rows]
         back = points.dots(relative, direction)
-        still = points.sizes(relative) <= error.distance
-        return np.where(has_force, back < -error.distance, still)
+        return np.where(has_force, back < -error.distance, points.sizes(relative) <= error.distance)
 
     def _relaxed(
         self, limit: Array, slides: Mask, carried: Array, before: Statuses
@@ -317,7 +315,7 @@ class Friction(Frictionless):
         spring = last.spring
         oo, no, nn = self._products(last.residual, residual)
         turns = no < -options.turns_about * oo
-        if turns and nn > oo and spring < options.spring and self._locks(last.residual, residual):
+        if turns and nn > oo and spring < options.spring and self._locks(before, residual):
             return limit, Relaxation(residual, 1.0, spring=options.spring)
         aligned = no > max(options.aligned * (oo * nn) ** 0.5, options.remains * oo)
         if aligned and last.factor == 1.0:
@@ -368,17 +366,20 @@ class Friction(Frictionless):
         if nn <= oo or no >= -self.options.turns_about * oo:
             return None
         factor = last.factor * (oo - no) / (oo - 2.0 * no + nn)
-        spring = self.options.spring if self._locks(last.residual, residual) else last.spring
+        spring = self.options.spring if self._locks(before, residual) else last.spring
         return Relaxation(residual, factor, spring=spring)
 
-    def _locks(self, old: Array, new: Array) -> bool:
+    def _locks(self, before: Statuses, new: Array) -> bool:
         """Whether points lock if changes of limits (points,) turn about and grow (collective).
 
-        Where other points slide in each set, the changes say nothing on a spring.
+        Where points stick, or others slide in each set, the changes say nothing on a spring.
         """
-        both, either = (old != 0.0) & (new != 0.0), (old != 0.0) | (new != 0.0)
-        same, points = self.comm.allreduce(np.array([both.sum(), either.sum()]))
-        return self.locks and bool(same >= max(self.options.same * points, self.options.many))
+        assert before.relaxation is not None
+        old, stuck = before.relaxation.residual != 0.0, self._sticking(before)
+        counts = [mask.sum() for mask in (old & (new != 0.0), old | (new != 0.0), stuck)]
+        same, points, stick = self.comm.allreduce(np.array(counts))
+        enough = same >= max(self.options.same * points, self.options.many)
+        return self.locks and bool(enough and not stick)
 
     def _products(self, old: Array, new: Array) -> tuple[float, float, float]:
         """Products old·old, new·old, new·new of entries (points,) where neither is zero.
