@@ -191,6 +191,13 @@ def _solve(
         backend = Multigrid(problem, factors, place)
         method = replace(method.after(outcome), backend=backend).with_options(may_peel=True)
         outcome = solve_with_retries(method, Start(backend.estimated_contact()))
+    if outcome.reason is Reason.ROUND_OFF:  # of displacements from which the sets began
+        backend.forget()
+        active, last = problem.inequality & outcome.following.active, outcome
+        start = Start(active, statuses=outcome.following)
+        outcome = solve_with_retries(method.after(last), start)
+        if outcome.reason is not Reason.ACCEPTED:
+            outcome = replace(last, counts=outcome.counts)
     if outcome.reason is None:
         lagrangian = AugmentedLagrangian(backend, method.after(outcome))
         outcome = lagrangian.solve(backend.first_set().u)
