@@ -25,6 +25,7 @@ from numpy.typing import NDArray
 from petsc4py import PETSc
 from scipy import sparse
 
+from contact_app.model.equal_cells import has_equal_cells, stiffness_of_equal_cells
 from contact_app.scene.material import CellMaterials, Material
 from meshes import Reference, dolfinx_compat
 from meshes.subdomains import vtk_order, vtk_shapes
@@ -65,6 +66,7 @@ class Element:
         self.dimension = dimension
         self.mesh = reference.mesh
         self._cells = cells
+        self._rule = quadrature_degree(reference.cell, reference.degree, reference.curved)
 
     @cached_property
     def space(self) -> Any:
@@ -73,9 +75,7 @@ class Element:
 
     @cached_property
     def _dx(self) -> Any:
-        of = self.reference
-        rule = quadrature_degree(of.cell, of.degree, of.curved)
-        dx = ufl.dx(domain=self.mesh, metadata={"quadrature_degree": rule})
+        dx = ufl.dx(domain=self.mesh, metadata={"quadrature_degree": self._rule})
         if self._cells is None:
             return dx
         tags = dolfinx_compat.meshtags(self.mesh, self.dimension, self._cells, 1)
@@ -98,7 +98,11 @@ class Element:
         cell T, the B-bar method for isotropic materials (T. J. R. Hughes, *Generalization of
         selective integration procedures to anisotropic and nonlinear media*, IJNME 15, 1980).
         """
-        K = self._integrated(materials, plane)
+        if len(materials) == 1 and self._cells is None and has_equal_cells(self.reference):
+            moduli = self._moduli(materials[0], plane)
+            K = stiffness_of_equal_cells(self.reference, self.dimension, moduli, self._rule)
+        else:
+            K = self._integrated(materials, plane)
         if materials[0].mean_dilatation:
             lam = self.of_cells(materials, plane).lame[0]
             dilatation = self._dilatation()
@@ -111,8 +115,9 @@ class Element:
         u, v = ufl.TrialFunction(self.space), ufl.TestFunction(self.space)
         form = ufl.inner(self._stress(u, materials, plane), ufl.sym(ufl.grad(v))) * self._dx
         compiled = dolfinx_compat.compile_form(form)
-        # inserting whole blocks of a node is three times faster
-        matrix = create_matrix(compiled, "baij")
+        matrix = create_matrix(
+            compiled, "baij"
+        )  # inserting whole blocks of a node is three times faster
         assemble_matrix(matrix, compiled)
         matrix.assemble()
         matrix.convert("aij")
@@ -247,15 +252,21 @@ class Element:
 
     def _stress(self, u: Any, materials: tuple[Material, ...], plane: str | None) -> Any:
         """σ(u); without λ tr(ε) where this term uses means over cells."""
-        full = 0.0 if materials[0].mean_dilatation else 1.0
         if len(materials) == 1:
-            moduli = np.multiply(materials[0].lame(plane), [full, 1.0])
+            moduli = self._moduli(materials[0], plane)
             lam, mu = (fem.Constant(self.mesh, PETSc.ScalarType(m)) for m in moduli)
         else:
+            full = 0.0 if materials[0].mean_dilatation else 1.0
             values = self.of_cells(materials, plane).lame * [[full], [1.0]]
             lam, mu = map(self._cellwise, values)
         strain = ufl.sym(ufl.grad(u))
         return lam * ufl.tr(strain) * ufl.Identity(self.dimension) + 2.0 * mu * strain
+
+    @staticmethod
+    def _moduli(material: Material, plane: str | None) -> tuple[float, float]:
+        """λ and μ; λ is zero where its term uses means over cells."""
+        lam, mu = material.lame(plane)
+        return (0.0 if material.mean_dilatation else lam), mu
 
     def _cellwise(self, values: Array) -> Any:
         """A function with one value in each cell."""

@@ -147,7 +147,7 @@ def distinct_classes(problem: DualProblem) -> int:
 
 
 def _without_round_off(cls: SubdomainClass) -> tuple[str, ...]:
-    """Numbers that tell classes apart; K is averaged over reflections on some ranks only."""
+    """Numbers that tell classes apart; ranks have one from others of its similar subdomains."""
     K, probe = cls.stiffness, np.sin(np.arange(cls.unknowns))
     energies = probe @ (K @ probe), np.abs(probe) @ K.diagonal()
     free = sha1(cls.free.tobytes(), usedforsecurity=False).hexdigest()

@@ -22,7 +22,7 @@ from solver.tfeti.row_order import order_rows
 from solver.tfeti.subdomain.classes import (
     ClassData,
     SubdomainClass,
-    subdomain_class,
+    subdomain_classes,
     unfactored_class,
 )
 from solver.tfeti.system import Constraints, ContactSystem, NodePlaces, loads_on
@@ -223,7 +223,7 @@ def _classes(
     failed = ""
     with measure():
         try:
-            classes = [(subdomain_class if factored else unfactored_class)(one) for one in data]
+            classes = subdomain_classes(data) if factored else [unfactored_class(k) for k in data]
         except (ArithmeticError, ValueError) as error:  # the other ranks go on
             failed = f"{error}"
     for text in filter(None, comm.allgather(failed)):

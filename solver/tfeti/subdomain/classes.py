@@ -2,13 +2,14 @@
 
 All members share K, its kernel R and its factor. On the interface, K⁺ acts either as one dense
 block, which makes the class's share of the dual operator a single matrix product, or through
-sparse solves with a column for each member.
+sparse solves with a column for each member. Classes of similar subdomains (`similar`) share a
+factor and a block.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from dataclasses import dataclass
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -29,6 +30,7 @@ from solver.tfeti.subdomain.kernels import (
 )
 from solver.tfeti.subdomain.reflections import find_symmetry
 from solver.tfeti.subdomain.rigid import ZeroInverse
+from solver.tfeti.subdomain.similar import MovedInverse, ScaledBlock, Shape, Similarity
 from solver.vectors import Array, Ints
 
 MEMBERS_AT_ONCE = 128
@@ -233,6 +235,61 @@ class _Inverse:
     interface: Ints
     inverse: GeneralisedInverse | SymmetricInverse
     block_pays: bool
+
+
+def subdomain_classes(data: Sequence[ClassData]) -> list[SubdomainClass]:
+    """The classes of subdomains; similar ones share a factor.
+
+    Raises
+    ------
+    ValueError, ArithmeticError
+        A stiffness resists a rigid motion, or has further zero-energy modes.
+    """
+    classes: dict[int, SubdomainClass] = {}
+    for first, others in _similar(data):
+        touched = [data[first].touched]
+        touched += [similarity.back(data[k].touched) for k, similarity in others.items()]
+        members = sum(data[k].members for k in (first, *others))
+        together = replace(data[first], touched=np.concatenate(touched), members=members)
+        original = replace(subdomain_class(together), members=data[first].members)
+        classes[first] = original
+        for k, similarity in others.items():
+            classes[k] = _moved(original, similarity, data[k].members)
+    return [classes[k] for k in range(len(data))]
+
+
+def _similar(data: Sequence[ClassData]) -> list[tuple[int, dict[int, Similarity]]]:
+    """The first of each set of similar floating classes, and what makes the others of it."""
+    result: list[tuple[int, dict[int, Similarity]]] = []
+    of_size: dict[int, list[tuple[Shape, dict[int, Similarity]]]] = {}
+    for k, one in enumerate(data):
+        others: dict[int, Similarity] = {}
+        result.append((k, others))
+        if one.is_rigid or one.eliminated is not None or one.kernel is not None:
+            continue
+        shape = Shape(one.stiffness, one.points, one.dimension)
+        equally_large = of_size.setdefault(len(one.points), [])
+        for first, of_first in equally_large:
+            similarity = first.similarity(shape)
+            if similarity is not None:
+                of_first[k] = similarity
+                result.pop()
+                break
+        else:
+            equally_large.append((shape, others))
+    return result
+
+
+def _moved(original: SubdomainClass, similarity: Similarity, members: int) -> SubdomainClass:
+    """The class of subdomains that are similar to those of another class."""
+    factor, block = similarity.factor, original.block
+    assert original.inverse is not None
+    return SubdomainClass(
+        similarity.stiffness(original.stiffness), similarity.moved(original.kernel),
+        similarity.moved(original.motions), original.free, similarity.image[original.interface],
+        members, MovedInverse(original.inverse, similarity),
+        block if block is None or factor == 1.0 else ScaledBlock(block, 1.0 / factor),
+    )  # fmt: skip
 
 
 def subdomain_class(data: ClassData) -> SubdomainClass:
