@@ -133,7 +133,7 @@ def contact_at_nodes(
     at_nodes = not between and not in_the_mean(model.parts)
     carriers = (side.shares if at_nodes else side.areas) > 0.0
     nodes, covered, _ = nodes_of_side(side, loads, number, (at_nodes, between, None), carriers)
-    jump = problem.residual(problem.on_interface(solution.displacements))[problem.inequality]
+    jump = problem.jumps(solution.displacements)[problem.inequality]
     gap = np.full(owners.count, np.nan)
     at = rows.nodes[of_contact] - model.exchange.first
     np.fmin.at(gap, at, (-jump / rows.spread)[of_contact])

@@ -58,7 +58,7 @@ def carried(
     least = PRESSING * comm.allreduce(float(force.max(initial=0.0)), op=MPI.MAX)
     rubs = (limits > least)[point]
     yields = points.sliding(multiplier)[points.rows] & rubs
-    slips = points.slips(problem.residual(problem.on_interface(solution.displacements)))
+    slips = points.slips(problem.jumps(solution.displacements))
     rows = motions_of(problem.shared.friction.rows)
     pressing = motions_of(problem.contact)[force > least]
     holding = sparse.vstack([pressing, rows[rubs & ~yields]])

@@ -89,7 +89,7 @@ def contact_loads(model: Model, solution: Solution, surface: SurfaceNodes) -> Co
     parts = [contact, model.left_out, model.merged]
     forces = solution.multiplier[problem.inequality] * contact.spread
     if model.scene.pairs:
-        jumps = problem.residual(problem.on_interface(solution.displacements))[problem.inequality]
+        jumps = problem.jumps(solution.displacements)[problem.inequality]
         least = solution.tolerance * solution.measures.displacement
         closed = (forces > 0.0) | (-jumps / contact.spread <= least)
         forces = smooth_forces(model.comm, contact, forces, closed)
@@ -137,7 +137,7 @@ def loads_of_rows(problem: DualProblem, solution: Solution, force: Array) -> Con
     points, tangents = problem.friction, problem.shared.friction
     place, normals = tangents.places(rows), tangents.rows.normals
     along = points.forces(solution.multiplier)
-    slip = points.slips(problem.residual(problem.on_interface(solution.displacements)))
+    slip = points.slips(problem.jumps(solution.displacements))
     moments = force[:, None] * rows.moments
     np.add.at(friction[:, :d], place, along[:, None] * normals)
     np.add.at(moments, place, along[:, None] * tangents.rows.moments)

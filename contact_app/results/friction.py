@@ -80,7 +80,7 @@ def dissipated_work(
 def _works(problem: DualProblem, solution: Solution) -> Array:
     """λ_t · w of each point, (points,)."""
     points = problem.friction
-    residual = problem.residual(problem.on_interface(solution.displacements))
+    residual = problem.jumps(solution.displacements)
     return points.dots(points.forces(solution.multiplier), points.slips(residual))
 
 
@@ -121,7 +121,7 @@ def closing_points(
     """
     points = problem.friction
     begun = start or [np.zeros_like(u) for u in solution.displacements]
-    begun_at = problem.residual(problem.on_interface(begun)) + approach
+    begun_at = problem.jumps(begun) + approach
     was_open = (
         -points.normal_residuals(begun_at) > solution.tolerance * solution.measures.displacement
     )

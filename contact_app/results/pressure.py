@@ -208,7 +208,7 @@ def node_gaps(model: Model, solution: Solution, surface: SurfaceNodes, far: Arra
     left_out = model.left_out
     scene, problem, contact = model.scene, model.problem, model.problem.contact
     rows = problem.inequality
-    distance = -problem.residual(problem.on_interface(solution.displacements))[rows]
+    distance = -problem.jumps(solution.displacements)[rows]
     distance /= contact.spread
     distance = np.concatenate([distance, far])
     sources = np.concatenate([contact.sources, left_out.sources])

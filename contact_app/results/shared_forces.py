@@ -288,7 +288,7 @@ class _Points:
         points, contact, multiplier = problem.friction, problem.contact, solution.multiplier
         residual = np.zeros(problem.size)
         if points.acts:
-            residual = problem.residual(problem.on_interface(solution.displacements))
+            residual = problem.jumps(solution.displacements)
         still = solution.tolerance * solution.measures.displacement
         slides = points.sizes(points.slips(residual)) > still
         rests = (points.slip_limits(multiplier) > least) & ~slides

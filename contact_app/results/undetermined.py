@@ -157,7 +157,7 @@ def undetermined_of(
     if free is None:
         return []
     m = MOTIONS[problem.dimension]
-    left = -problem.residual(problem.on_interface(solution.displacements))[problem.inequality]
+    left = -problem.jumps(solution.displacements)[problem.inequality]
     left = np.maximum(left / contact.spread, 0.0)
     force = solution.multiplier[problem.inequality] * contact.spread
     largest = comm.allreduce(float(force.max(initial=0.0)), op=MPI.MAX)

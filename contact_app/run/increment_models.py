@@ -175,7 +175,7 @@ class IncrementModels:
         self._before, self._rows = self._rows, SameRows(solved.solution)
         problem, displacements = solved.model.problem, solved.solution.displacements
         self._pressed = NormalForces.of(problem, solved.solution)
-        self._jumps = problem.residual(problem.on_interface(displacements))
+        self._jumps = problem.jumps(displacements)
         self._store_order(solved.model, solved.solution.displacements)
         self._models.add(solved.model, solved.solution)
 

@@ -157,7 +157,7 @@ def _problem_from(
 
 def _guess(problem: DualProblem, near: Solution) -> Guess:
     """A near answer as initial guess, with its slips from the begin of an increment."""
-    jumps = problem.residual(problem.on_interface(near.displacements))
+    jumps = problem.jumps(near.displacements)
     return replace(near.guess, jumps=jumps)
 
 

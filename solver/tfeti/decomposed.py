@@ -362,6 +362,10 @@ class DecomposedProblem:
         self.B.apply(interface, result)
         return np.subtract(result, self.c, out=result)
 
+    def jumps(self, displacements: list[Array]) -> Array:
+        """B u - c (rows of B,) for displacements, which are (n, members) for each class."""
+        return self.residual(self.on_interface(displacements))
+
     def largest_distance(self, state: SetState) -> float:
         """Largest jump or penetration of a state, over the displacement of its body (collective).
 

@@ -77,7 +77,7 @@ def with_supports_at(problem: DecomposedProblem, displacements: list[Array]) -> 
     supports = problem.kinds == RowKind.SUPPORT
     if not problem.comm.allreduce(int(supports.any())):
         return problem
-    moved = problem.residual(problem.on_interface(displacements)) + problem.c
+    moved = problem.jumps(displacements) + problem.c
     loads = replace(problem.system.loads, c=np.where(supports, moved, problem.c))
     return replace(problem, system=replace(problem.system, loads=loads))
 
@@ -85,7 +85,7 @@ def with_supports_at(problem: DecomposedProblem, displacements: list[Array]) -> 
 def _moved(problem: DecomposedProblem, free: FreeMotions, solution: Solution) -> list[Array] | None:
     """The displacements u - V z of least size; None where they are u (collective)."""
     resist = _resisting(problem, solution)
-    left = -problem.residual(problem.on_interface(solution.displacements))
+    left = -problem.jumps(solution.displacements)
     earlier = problem.system.loads.displacements_before or [
         np.zeros(1) for _ in solution.displacements
     ]

@@ -83,11 +83,8 @@ class InterruptsLevel(Interrupts):
 def test_an_interrupted_run_writes_the_last_finished_level(
     handler: Interrupts, tmp_path: Path
 ) -> None:
-    logging.getLogger("contact_app").addHandler(handler)
-    try:
+    with handler:
         assert run(scenes.build(coarse(accuracy=0.01)), tmp_path) == Exit.NOT_CERTIFIED
-    finally:
-        logging.getLogger("contact_app").removeHandler(handler)
     summary = json.loads((tmp_path / "summary.json").read_text())
     assert summary["steps"][-1]["time"] == 3.0 == times(tmp_path)[-1]
     assert summary["mesh"]["dofs"] == summary["levels"][0]["dofs"]

@@ -299,17 +299,19 @@ class Interrupts(logging.Handler):
         if record.getMessage().startswith(self.text):
             signal.raise_signal(self.number)
 
+    def __enter__(self) -> None:
+        logging.getLogger("contact_app").addHandler(self)
+
+    def __exit__(self, *_: object) -> None:
+        logging.getLogger("contact_app").removeHandler(self)
+
 
 def interrupted(directory: Path, changes: Config | None = None) -> Config:
     """A run that is interrupted after its third increment; its scene."""
     made = block(PRESS_AND_PUSH) | (changes or {})
     made["output"]["vtu"] = True
-    handler = Interrupts("step 2, factor 0.666667:")
-    logging.getLogger("contact_app").addHandler(handler)
-    try:
+    with Interrupts("step 2, factor 0.666667:"):
         assert run(scenes.build(made), directory) == Exit.NOT_CERTIFIED
-    finally:
-        logging.getLogger("contact_app").removeHandler(handler)
     return made
 
 
@@ -319,12 +321,8 @@ def test_a_history_of_direct_solves_is_interrupted(tmp_path: Path) -> None:
     del made["contacts"]
     made["conditions"][1]["name"] = "press"
     made["steps"] = [{"press": 1, "increments": 5}]
-    handler = Interrupts("step 1, factor 0.4:")
-    logging.getLogger("contact_app").addHandler(handler)
-    try:
+    with Interrupts("step 1, factor 0.4:"):
         assert run(scenes.build(made), tmp_path) == Exit.NOT_CERTIFIED
-    finally:
-        logging.getLogger("contact_app").removeHandler(handler)
     assert len(json.loads((tmp_path / "summary.json").read_text())["steps"]) == 2
 
 
