@@ -79,7 +79,10 @@ def certify(
     pulls = np.where(contact, np.maximum(-force, 0.0), 0.0) / bodies.of_rows(load)
     by_body = {
         "max_penetration": _worst_rows(problem, np.where(slack > 0.0, distance, 0.0), contact),
-        "max_gluing_jump": _worst_rows(problem, distance, ~problem.conditional),
+        "max_gluing_jump": np.maximum(
+            _worst_rows(problem, distance, ~problem.conditional),
+            answer.errors_of_held() / lengths,
+        ),
         "min_multiplier": _worst_rows(problem, pulls, contact),
         "complementarity": idle / reference_sizes(bodies, load * lengths),
         "equilibrium": state.imbalance / load,

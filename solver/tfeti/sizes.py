@@ -219,6 +219,21 @@ class MeasuredAnswer:
         displaced = self.largest_displacements()
         return np.maximum(_largest_displacements(problem, left), SLID * displaced)
 
+    def errors_of_held(self) -> Array:
+        """Largest error of a prescribed displacement that is eliminated, (bodies,)."""
+        problem, result = self.problem, np.zeros(self.problem.bodies.count)
+        for cls, u, lifting, body in zip(
+            problem.classes,
+            self.displacements,
+            problem.system.loads.lifting,
+            problem.bodies.members,
+            strict=True,
+        ):
+            held = np.setdiff1d(np.arange(cls.unknowns), cls.free)
+            errors = np.abs(u[held] - lifting[held]).max(axis=0, initial=0.0)
+            np.maximum.at(result, body, errors)
+        return largest(problem.comm, result)
+
     def forces_on_bodies(self, force: Array, reactions: Array, rounded: Array) -> BodyForces:
         """The forces on the bodies (collective)."""
         loads, held, contact = summed_forces(self.problem, self.multiplier, force)

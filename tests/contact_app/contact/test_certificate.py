@@ -187,6 +187,17 @@ def test_detects_a_body_moved_into_the_wall() -> None:
     assert 0.1 * force * 1e-3 / 50 < seen["complementarity"] <= 1.05 * force * 1e-3 / 50
 
 
+def test_detects_a_wrong_prescribed_displacement_without_rows() -> None:
+    """One subdomain eliminates what conditions hold; moved with all the rest, no force is wrong."""
+    solution = solve(scenes.ALL["no_contacts"](CELL, 4), 1, tolerance=1e-10)
+    answer = solution.solution
+    assert not len(answer.multiplier), "held unknowns are eliminated"
+    t = 1e-3 * solution.summary["solution"]["max_displacement"]
+    seen = judged(solution, answer.multiplier, [u + t for u in answer.displacements])
+    assert not seen["passed"]
+    assert seen["max_gluing_jump"] == pytest.approx(1e-3, rel=0.02)
+
+
 def test_detects_a_torn_node() -> None:
     """One unknown of one subdomain off by t: at most t in jumps, and forces out of balance."""
     solution = certified("wall", 1e-10)
