@@ -10,6 +10,7 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from hashlib import sha256
 from typing import Any
 
 import numpy as np
@@ -258,6 +259,13 @@ class CellMesh:
                 f"{self.name}: {names})"
             )
         return replace(self, tags=tags)
+
+    @property
+    def fingerprint(self) -> str:
+        """A hash of its nodes, cells, materials and boundaries."""
+        arrays: list[NDArray[Any]] = [self.points, self.cells, self.tags, *self.sides.values()]
+        arrays += [] if self.middles is None else [self.middles]
+        return sha256(b"".join(array.tobytes() for array in arrays)).hexdigest()
 
     def uncuttable(self, parts: tuple[int, ...], name: str) -> str:
         """Message why the body of this name cannot be cut into so many parts; empty if it can."""

@@ -187,8 +187,9 @@ class StepCheckpoint:
 def digest(scene: Scene, steps: int) -> str:
     """A hash that identifies the scene up to one of its first steps."""
     parts: list[Any] = [getattr(scene, key) for key in CONDITIONS]
-    parts += [scene.rigid.motions, scene.rigid.loads]
-    parts += [scene.dimension, scene.plane, scene.contacts, scene.pairs, scene.all_ties]
-    parts += [scene.decomposition, [step.factors for step in scene.steps[:steps]]]
-    parts += [(body.name, body.materials, body.degree, body.nodes) for body in scene.bodies]
+    parts += [scene.rigid, scene.dimension, scene.plane, scene.contacts, scene.pairs]
+    parts += [scene.all_ties, scene.decomposition, [step.factors for step in scene.steps[:steps]]]
+    for body in scene.bodies:
+        parts += [body.name, body.materials, body.degree, body.hold, body.mesh.fingerprint]
+        parts += sorted(body.boundaries.items())
     return hashlib.sha256(repr(parts).encode()).hexdigest()

@@ -68,6 +68,10 @@ class BodyMesh(Protocol):
     def inner(self) -> Mapping[str, Any]:
         """Cells on one side of each inner surface that the mesh names."""
 
+    @property
+    def fingerprint(self) -> str:
+        """A text that meshes with other nodes, cells or boundaries do not have."""
+
     def nodes_of(self, degree: int) -> int:
         """Number of nodes of a displacement of a degree."""
 
@@ -94,6 +98,11 @@ class Box:
     notes: ClassVar[tuple[str, ...]] = ()
     groups: ClassVar[Mapping[str, Any]] = MappingProxyType({})
     inner: ClassVar[Mapping[str, Any]] = MappingProxyType({})
+
+    @property
+    def fingerprint(self) -> str:
+        """A text that other boxes do not have."""
+        return repr(self)
 
     @property
     def dimension(self) -> int:

@@ -18,7 +18,7 @@ import functools
 import operator
 import warnings
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any, ClassVar, Self
 
 import numpy as np
@@ -87,7 +87,7 @@ class _Checked:
     """Message on an expression of the other kind."""
 
     text: str
-    tree: ast.expr
+    tree: ast.expr = field(repr=False)
 
     @classmethod
     def parse(cls, text: str, variables: tuple[str, ...] = ("x", "y", "z")) -> Self:
