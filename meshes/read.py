@@ -152,10 +152,7 @@ def read_file(path: Path, dimension: int) -> FileContent:
         cells=cells,
         cell_groups={name: np.unique(np.concatenate(r)) for name, r in cell_groups.items()},
         facet_groups={name: np.concatenate(r) for name, r in facet_groups.items()},
-        point_groups={
-            str(name): np.unique(np.asarray(nodes, dtype=np.int64))
-            for name, nodes in (mesh.point_sets or {}).items()
-        },
+        point_groups=_point_groups(mesh),
         nodes=tuple(np.asarray(mesh.cells[i].data, dtype=np.int64) for i in own_blocks),
         notes=tuple(notes),
     )
@@ -261,6 +258,7 @@ def _groups(mesh: Any, names: dict[tuple[int, int], str]) -> list[tuple[str, int
     for name, value in (mesh.field_data or {}).items():
         if np.size(value) == 2:
             names.setdefault((int(value[0]), int(value[1])), str(name))
+    families = getattr(mesh, "cell_tags", {})  # of MED: the groups of cells with this number
     from_sets = {(name, i): rows for name, i, rows in groups}  # meshio gives Gmsh's groups twice
     for key in NUMBERED:
         for i, tags in enumerate((mesh.cell_data or {}).get(key, [])):
@@ -268,9 +266,20 @@ def _groups(mesh: Any, names: dict[tuple[int, int], str]) -> list[tuple[str, int
             for number in np.unique(numbers[numbers != 0]):
                 name = names.get((int(number), int(mesh.cells[i].dim)), str(number))
                 rows = np.flatnonzero(numbers == number)
-                if not np.array_equal(from_sets.get((name, i), ()), rows):
-                    groups.append((name, i, rows))
+                for each in families.get(-int(number), [name]):
+                    if not np.array_equal(from_sets.get((each, i), ()), rows):
+                        groups.append((each, i, rows))
     return groups
+
+
+def _point_groups(mesh: Any) -> dict[str, Ints]:
+    """Nodes of each set of nodes; MED has them as families, each in several groups."""
+    groups = {str(name): [nodes] for name, nodes in (mesh.point_sets or {}).items()}
+    numbers = np.ravel((mesh.point_data or {}).get("point_tags", ()))
+    for number, names in getattr(mesh, "point_tags", {}).items():
+        for name in names:
+            groups.setdefault(str(name), []).append(np.flatnonzero(numbers == number))
+    return {name: np.unique(np.concatenate(each).astype(np.int64)) for name, each in groups.items()}
 
 
 def _gmsh_names(path: Path) -> dict[tuple[int, int], str]:

@@ -103,6 +103,21 @@ def test_other_formats_are_read(name: str, options: dict, tmp_path: Path) -> Non
         assert len(read.sides["FOOT"]) == 8
 
 
+def test_groups_of_med_have_their_names(tmp_path: Path) -> None:
+    """MED gives each cell and node one family, which belongs to several groups."""
+    given = meshfiles.block("tetrahedron", 2)
+    numbers = [-np.asarray(tags) for tags in given.cell_data["gmsh:physical"]]
+    foot = np.where(given.points[:, 2] < 1e-12, 5, 0)
+    mesh = meshio.Mesh(given.points, given.cells, {"point_tags": foot}, {"cell_tags": numbers})
+    mesh.cell_tags = {-1: ["soft", "all"], -2: ["hard", "all"], -11: ["left"]}
+    mesh.point_tags = {5: ["foot"]}
+    read = load_mesh(meshfiles.write(mesh, tmp_path / "a.med", None), 3)
+    assert set(read.groups) == {"soft", "hard", "all"}
+    assert len(read.groups["soft"]) + len(read.groups["hard"]) == len(read.groups["all"]) == 48
+    np.testing.assert_allclose(meshfiles_side(read, "left")[..., 0], 0.0)
+    np.testing.assert_allclose(meshfiles_side(read, "foot")[..., 2], 0.0)
+
+
 @pytest.mark.parametrize("parts", [1, 2, 3, 7])
 @pytest.mark.parametrize("cell", CELLS)
 def test_any_number_of_subdomains_covers_it_once(cell: str, parts: int, tmp_path: Path) -> None:
