@@ -19,7 +19,7 @@ import numpy as np
 from petsc4py import PETSc
 
 from solver.primal.blocks import petsc_blocks, rows_in_blocks
-from solver.primal.cycle import CycleWithSprings, rows_on_levels
+from solver.primal.cycle import rows_on_levels
 from solver.primal.factor import diagonal_below, row_stiffness, spread_means, squared_rows
 from solver.primal.friction_springs import FrictionSprings
 from solver.primal.hierarchy import Hierarchy
@@ -44,15 +44,12 @@ class FirstSet:
     ----------
     active : (rows,)
     u : (unknowns,)
-    cycle
-        The cycle of the level below the finest one with springs on contact rows, if there is one.
     tensions : (rows,)
         Forces of the springs, as multipliers; None where no springs were used.
     """
 
     active: Mask
     u: Array
-    cycle: CycleWithSprings | None = None
     tensions: Array | None = None
 
 
@@ -72,25 +69,23 @@ def find_first_set(
         only_level = SharedLevel(rows, A[0], system.C, system.load, options)
         x = only_level.minimise(np.zeros(system.size), options.exact_steps)
         active = only_level.pressed(x) | system.equality
-        return FirstSet(active, x, None, only_level.tensions(x))
+        return FirstSet(active, x, only_level.tensions(x))
     Q, loads = rows_on_levels(system.C, P), [system.load - multiply(system.K, start)]
     for prolongation in P:
         loads.append(multiply_transposed(prolongation, loads[-1]))
-    x, pressed, cycle, tensions = np.zeros(len(loads[-1])), system.equality, None, None
+    x, pressed, tensions = np.zeros(len(loads[-1])), system.equality, None
     for k in range(len(P), 0, -1):
         below = replace(hierarchy, prolongations=P[k:], operators=tuple(A[k:]))
-        level = CycleLevel(rows, below, Q[k - 1 :], loads[k], options)
+        level = CycleLevel(rows, below, Q[k - 1], loads[k], options)
         if A[k].getSize()[0] <= options.largest:
             x = _on_every_rank(level, x, k == len(P))
         elif k == len(P):  # bodies may have no place yet
             x = level.minimise(x, options.steps)
         else:
             x = level.proximal_step(x, options.steps, options.settled)
-        pressed, cycle, tensions = level.pressed(x), level.cycle, level.tensions(x)
+        pressed, tensions = level.pressed(x), level.tensions(x)
         x = multiply(P[k - 1], x)
-    if system.has_rigid_bodies:  # this cycle has unknowns of rigid bodies
-        cycle = None
-    return FirstSet(pressed | system.equality, start + x, cycle, tensions)
+    return FirstSet(pressed | system.equality, start + x, tensions)
 
 
 def _on_every_rank(level: SharedLevel, start: Array, coarsest: bool) -> Array:

@@ -14,7 +14,6 @@ every rank, or by a few conjugate gradients with a V-cycle.
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -27,7 +26,7 @@ from scipy.linalg.blas import dsyrk
 from solver.primal.block_rows import BlockRows
 from solver.primal.blocks import petsc_blocks, rows_in_blocks
 from solver.primal.cholesky import factored
-from solver.primal.cycle import Cycle, CycleWithSprings
+from solver.primal.cycle import Cycle
 from solver.primal.factor import diagonal_below, spring_matrix, squared, with_springs
 from solver.primal.friction_springs import FrictionSprings
 from solver.primal.hierarchy import Hierarchy
@@ -318,25 +317,20 @@ class CycleLevel(SharedLevel):
     hierarchy
         This level and those below.
     Q
-        C on each of these.
-
-    Attributes
-    ----------
-    cycle
-        The cycle, from the first Newton step on.
+        C on this level.
     """
 
     def __init__(
-        self, rows: Rows, hierarchy: Hierarchy, Q: Sequence[PETSc.Mat], load: Array,
+        self, rows: Rows, hierarchy: Hierarchy, Q: PETSc.Mat, load: Array,
         options: FirstSetOptions,
     ) -> None:  # fmt: skip
-        super().__init__(rows, hierarchy.operators[0], Q[0], load, options)
-        self._hierarchy, self._below = hierarchy, Q
-        self.cycle: CycleWithSprings | None = None
+        super().__init__(rows, hierarchy.operators[0], Q, load, options)
+        self._hierarchy = hierarchy
+        self._cycle: Cycle | None = None
 
     def newton_step(self, weights: Array, residual: Array) -> Array:
         """A few conjugate gradients from zero; in the norm of the preconditioner (collective)."""
-        comm, cycle = self.comm, self._cycle_of(weights)
+        comm, cycle = self.comm, self._cycle_with_springs(weights)
         x, left, z = np.zeros_like(residual), residual.copy(), np.empty_like(residual)
         cycle.apply(left, z)
         direction, square = z.copy(), comm.allreduce(float(left @ z))
@@ -359,12 +353,12 @@ class CycleLevel(SharedLevel):
             direction = z + square / before * direction
         return x
 
-    def _cycle_of(self, weights: Array) -> Cycle:
+    def _cycle_with_springs(self, weights: Array) -> Cycle:
         """The cycle, made with the springs of the first call (collective).
 
         Faint springs, which most rows have, are only the diagonal of their Galerkin products.
         """
-        if self.cycle is None:
+        if self._cycle is None:
             levels, block = self._hierarchy, self.A.getBlockSize()
             stiff = np.where(weights > self.options.faint * self.rows.stiffness, weights, 0.0)
             springs = spring_matrix(self.Q, stiff, block)
@@ -375,9 +369,9 @@ class CycleLevel(SharedLevel):
                 springs, faint = springs.galerkin(BlockRows.of(P)), diagonal_below(P, faint)
                 shift = self._addition(A.getDiagonal().getArray())
                 operators.append(rows_in_blocks(A).plus(springs.plus_diagonal(shift + faint)))
-            cycle = Cycle([*map(petsc_blocks, operators)], levels.prolongations, levels.options)
-            self.cycle = CycleWithSprings(cycle, operators, stiff, self._below)
-        return self.cycle.cycle
+            matrices = [*map(petsc_blocks, operators)]
+            self._cycle = Cycle(matrices, levels.prolongations, levels.options)
+        return self._cycle
 
 
 class DenseLevel(Level):
