@@ -14,6 +14,7 @@ from contact_app.machine.timings import Timings
 from contact_app.model.model import Model
 from contact_app.results.fields import CellFields, NodeFields
 from contact_app.results.output import Fields
+from contact_app.results.overcome_friction import overcome_friction
 from solver.contact.solution import Accuracy, Solution
 from solver.qp.result import Reason
 
@@ -55,6 +56,12 @@ class SolvedScene:
     def interrupted(self) -> bool:
         """Whether the answer is the partial result of an interrupted solve."""
         return self.solution.reason is Reason.STOPPED and not self.solution.converged
+
+    @cached_property
+    def overcome(self) -> list[str]:
+        """A sentence for each group of bodies that friction does not hold (collective)."""
+        name_of = self.model.geometry.body_names.__getitem__
+        return list(overcome_friction(self.model.problem, self.solution, name_of))
 
     @cached_property
     def estimator(self) -> ErrorEstimator:

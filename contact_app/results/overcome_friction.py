@@ -31,5 +31,5 @@ def overcome_friction(
                 f"loads and does not stop {leaving(name_of, group.bodies, group.motion)}. More "
                 "friction, smaller loads or an `interference` that presses opposite contacts "
                 "against each other may hold the bodies: the test of equilibrium before the solve "
-                "admits any forces between opposite contacts, also those that no load causes"
+                "admits any contact forces, also those that no load causes"
             )

@@ -28,6 +28,7 @@ from contact_app.results.report import log, print_cases, write_summary
 from contact_app.run.attended import Attended, attended
 from contact_app.run.case_models import CaseModels
 from contact_app.run.files import (
+    exit_of,
     log_model_that_fits,
     part_that_is_solved,
     printed,
@@ -208,11 +209,10 @@ def _solve_and_write(
             with without_parts(directory / solved.model.scene.case):
                 summary, _ = write_run(solved, None, directory / solved.model.scene.case, progress)
             overview.add(solved, summary)
-            if not solved.certified:
-                code = Exit.NOT_CERTIFIED
+            code = max(code, exit_of(solved))
             if run.interruption.requested_by_any(comm):
                 break
     if left:
         overview.leave_out(left)
-        code = Exit.NOT_CERTIFIED
+        code = max(code, Exit.NOT_CERTIFIED)
     return overview, code

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 from contact_app.accuracy.solved_scene import SolvedScene
 from contact_app.machine.caches import usable_caches
 from contact_app.machine.disk import refuse_without_room
-from contact_app.machine.exits import print_message
+from contact_app.machine.exits import Exit, print_message
 from contact_app.machine.ranks import on_first
 from contact_app.model.outline import Outline
 from contact_app.results.output import write_fields
@@ -21,6 +21,7 @@ from contact_app.run.model_report import modelled_lines
 from contact_app.run.progress import Progress
 from contact_app.run.result_directory import remove_parts
 from contact_app.scene.scene import Scene
+from solver.qp.result import Reason
 
 if TYPE_CHECKING:
     from contact_app.accuracy.refine.levels import Refined
@@ -42,6 +43,14 @@ def part_that_is_solved(scene: Scene) -> Scene:
     for note in halving.notes:
         log.info("%s", note)
     return halving.scene
+
+
+def exit_of(solved: SolvedScene) -> Exit:
+    """The exit code of an answer: without a certificate, whether friction holds (collective)."""
+    if solved.certified:
+        return Exit.CERTIFIED
+    limited = solved.solution.reason in (Reason.STOPPED, Reason.MAX_ITERATIONS)
+    return Exit.NOT_CERTIFIED if limited or not solved.overcome else Exit.NO_EQUILIBRIUM
 
 
 def write_run(

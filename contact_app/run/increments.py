@@ -5,7 +5,8 @@ end of the last increment, so the tangential rows require B u - B u_last = 0 whe
 and where it slides the friction force is at its limit along w. All increments share one model
 (`run.increment_models`).
 
-An increment without a certified answer is halved, and its halves again, up to `HALVINGS` times. If
+An increment without a certified answer, or from whose end a body leaves, is halved, and its halves
+again, up to `HALVINGS` times: so the factor at which a body leaves is known to 1/16 of one. If
 multigrid does not certify the first half or the smallest part, either, Total FETI solves it and
 goes on with the history.
 """
@@ -28,7 +29,7 @@ from contact_app.run.coarse_increments import CoarseIncrements
 from contact_app.run.fallback import NoWayLeftError
 from contact_app.run.increment_models import IncrementModels
 from contact_app.run.solve import solve_scene
-from contact_app.run.step_equilibrium import LeavesInStepError
+from contact_app.run.step_equilibrium import LeavesInStepError, leaving_in_increment
 from contact_app.run.summary import warned
 from contact_app.scene.scene import Scene
 from solver.qp.result import Monitor, Reason
@@ -142,7 +143,8 @@ def solved_increments(
             halved = _halvings(part, step_of_scene.increments)
             place = Place(step, part[1], number + 1, halved)
             solved = _solved(scene, comm, place, monitor_of, report, models)
-            if not _is_final(solved) and halved in (1, HALVINGS):
+            leaves = isinstance(solved, NoEquilibriumError)
+            if not leaves and not _is_final(solved) and halved in (1, HALVINGS):
                 other = models.by_total_feti()
                 if other is not None:
                     solved = _solved(other, comm, place, monitor_of, report, models)
@@ -151,10 +153,12 @@ def solved_increments(
                 ahead += [(middle, part[1]), (part[0], middle)]
                 if comm.rank == 0:
                     log.warning(
-                        "step %d: the increment to factor %.6g has no certified answer%s: halved",
-                        step, float(part[1]), _work_in_words(solved),
+                        "step %d: the increment to factor %.6g has no %s: halved",
+                        step, float(part[1]), _lack_in_words(solved),
                     )  # fmt: skip
                 continue
+            if isinstance(solved, NoEquilibriumError):
+                raise leaving_in_increment(scene, step - 1, part, solved) from solved
             if isinstance(solved, NoWayLeftError):
                 raise solved
             following = models.following(scene, solved.model.scene)
@@ -182,6 +186,9 @@ def solved_increments(
 Part = tuple[Fraction, Fraction]
 """Begin and end of an increment, as shares of a step."""
 
+Failed = NoWayLeftError | NoEquilibriumError
+"""Reasons why an increment has no answer."""
+
 
 def _parts(over: Fraction, increments: int) -> list[Part]:
     """The increments of a step after a share, in reverse order."""
@@ -202,7 +209,7 @@ def _solved(
     monitor_of: Callable[[Place], Monitor | None],
     report: Report | None,
     models: IncrementModels,
-) -> SolvedScene | NoWayLeftError:
+) -> SolvedScene | Failed:
     """The solution of an increment, or the reason for its failure (collective)."""
     loaded = _loaded(scene, place)
     try:
@@ -211,9 +218,7 @@ def _solved(
         )
     except LeavesInStepError:
         raise
-    except NoEquilibriumError as error:
-        raise NoEquilibriumError(f"{loaded.case}: {error}") from error
-    except NoWayLeftError as error:
+    except (NoEquilibriumError, NoWayLeftError) as error:
         return error
 
 
@@ -222,14 +227,16 @@ def _loaded(scene: Scene, place: Place) -> Scene:
     return scene.under(scene.loading_at(place.step - 1, float(place.share)))
 
 
-def _work_in_words(solved: SolvedScene | NoWayLeftError) -> str:
-    """The work on an increment without a certified answer, as a phrase."""
+def _lack_in_words(solved: SolvedScene | Failed) -> str:
+    """What an increment has not, and the work on it, as a phrase."""
+    if isinstance(solved, NoEquilibriumError):
+        return "equilibrium"
     counts = solved.counts if isinstance(solved, NoWayLeftError) else solved.solution.counts
-    return f" after {counts.hessian:,} Hessian multiplications"
+    return f"certified answer after {counts.hessian:,} Hessian multiplications"
 
 
-def _is_final(solved: SolvedScene | NoWayLeftError) -> bool:
+def _is_final(solved: SolvedScene | Failed) -> bool:
     """Whether smaller increments would not help, or the user stopped the run."""
-    if isinstance(solved, NoWayLeftError):
+    if isinstance(solved, Failed):
         return False
     return solved.solution.converged or solved.solution.reason is Reason.STOPPED

@@ -46,7 +46,6 @@ from contact_app.model.obstacle_hints import facing_away, turned_round
 from contact_app.results.carried import carried
 from contact_app.results.free_motions import free_motions
 from contact_app.results.friction import approach_of_held, closing_points
-from contact_app.results.overcome_friction import overcome_friction
 from contact_app.results.percent import percent
 from contact_app.results.reactions import hold_records
 from contact_app.results.repeated_sentences import without_repetitions
@@ -462,9 +461,7 @@ CHECKS: tuple[Callable[[SolvedScene], Iterable[str]], ...] = (
     _corners_only, _merged_nodes, _locking_in_volume, _locking_in_bending,
     _moved_beyond_sizes, _moved_far, _coarse_meshes, _stresses_beside_expansion,
     _straddled_facets, _without_facets, _certificates,
-    lambda answer: overcome_friction(
-        answer.model.problem, answer.solution, answer.model.geometry.body_names.__getitem__
-    ),
+    lambda answer: answer.overcome,
     lambda answer: answer.model.cautions,
     _slides, _loaded_holds,
     _rubs_where_open, _closes_at_once, _several_answers, _plays, _carried,

@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 
 from contact_app.accuracy.solved_scene import SolvedScene
 from contact_app.errors import NoEquilibriumError
+from contact_app.model.equilibrium import directions_in_words
 from contact_app.model.model import Model
 from contact_app.results.rigid import placements_of
 from contact_app.run.summary import warned
@@ -178,7 +179,21 @@ def never_placed(solved: SolvedScene) -> SolvedScene:
     solved = replace(solved, solution=replace(solved.solution, certificate=certificate))
     text = (
         f"the positions of the rigid bodies still change after {PLACINGS} solves, each from the "
-        "positions of the last answer: the bodies may slide off the surfaces that they touch; add "
-        "displacement conditions along these surfaces"
+        f"positions of the last answer; the last one moves {_last_moves(solved)}: the bodies may "
+        "slide off the surfaces that they touch or roll on; add displacement conditions along "
+        "these surfaces"
     )
     return warned(solved, [text])
+
+
+def _last_moves(solved: SolvedScene) -> str:
+    """Phrase with the rigid bodies that an answer moves, and their directions (collective)."""
+    scene, d = solved.model.scene, solved.model.scene.dimension
+    after, before = placements_of(solved.model, solved.solution), scene.rigid.placements
+    moved = np.array([after[k].components(d) - before[k].components(d) for k in scene.moving])
+    largest = np.abs(moved).max()
+    return " and ".join(
+        f"{scene.rigid.bodies[k].name} along {directions_in_words(motion[:, None])}"
+        for k, motion in zip(scene.moving, moved, strict=True)
+        if np.abs(motion).max() > 1e-3 * largest
+    )

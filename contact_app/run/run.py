@@ -14,6 +14,7 @@ from contact_app.results.history import History
 from contact_app.results.report import log, print_summary
 from contact_app.run.attended import attended
 from contact_app.run.files import (
+    exit_of,
     log_model,
     log_model_that_fits,
     part_that_is_solved,
@@ -90,8 +91,8 @@ def run(
             log.info("--resume goes on from here")
     if first:
         printed(lambda: print_summary(summary, solved.solution.tolerance, files), directory)
-    reached = refined is None or not refined.missed
-    return Exit.CERTIFIED if solved.certified and reached else Exit.NOT_CERTIFIED
+    missed = refined is not None and refined.missed
+    return Exit.NOT_CERTIFIED if solved.certified and missed else exit_of(solved)
 
 
 def _run_of_loadings(

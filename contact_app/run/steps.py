@@ -20,6 +20,7 @@ from contact_app.results.result_size import file_names
 from contact_app.results.series import Series
 from contact_app.run.attended import Attended, attended
 from contact_app.run.files import (
+    exit_of,
     log_model,
     log_model_that_fits,
     part_that_is_solved,
@@ -201,10 +202,10 @@ def _solve_and_write(files: _Files, run: Attended, history: History) -> int:
         if comm.rank == 0:
             log.info("%s", _sentence(files.records[-1]))
         if not solved.solution.converged:
-            failed = _failure(increment)
+            failed = _failure(increment, over)
+            code = exit_of(solved)
             break
-        if not solved.certified:
-            code = Exit.NOT_CERTIFIED
+        code = max(code, exit_of(solved))
         over = replace(over, step=increment.place.step, share=increment.place.share)
         if run.interruption.requested_by_any(comm):  # a solve of one step ends before it is asked
             break
@@ -214,14 +215,21 @@ def _solve_and_write(files: _Files, run: Attended, history: History) -> int:
     files.end = f"{failed}{_end(over)}"
     if comm.rank == 0:
         log.warning("%s", files.end)
-    return Exit.NOT_CERTIFIED
+    return max(code, Exit.NOT_CERTIFIED)
 
 
-def _failure(increment: SolvedIncrement) -> str:
+def _failure(increment: SolvedIncrement, over: Position) -> str:
     """Message why the history ends at an increment; empty if the user stopped it."""
     if increment.solved.interrupted:
         return ""
     place = increment.place
+    if exit_of(increment.solved) is Exit.NO_EQUILIBRIUM:
+        begin = float(over.share) if over.step == place.step else 0.0
+        overcome = "; ".join(increment.solved.overcome)
+        return (
+            f"step {place.step}, between its factors {begin:.6g} and {float(place.share):.6g}: "
+            f"{overcome}; "
+        )
     return (
         f"step {place.step}: the increment to factor {float(place.share):.6g} has no certified "
         f"answer, though it was halved {place.halved} times; "

@@ -143,6 +143,22 @@ def history(made: scenes.Config, steps: list[scenes.Config]) -> list[Any]:
     return list(answer.summary["steps"])
 
 
+def test_a_plate_that_slides_in_a_history_is_reported_with_the_factor() -> None:
+    """The push is 1.5 times what friction holds: the halves of the increment enclose 2/3."""
+    cell = "quadrilateral"
+    press = plate(cell, [None, None], total_force=[0.0, -40.0])
+    push = {"name": "push", "in": "plate", "total_force": [1.5 * 0.3 * 40.0, 0.0]}
+    made = under_a_plate(cell, {"coulomb": 0.3}, [*press, push])
+    with pytest.raises(NoEquilibriumError) as refused:
+        contact_app.solve({**made, "steps": [{"push": 0}, {"push": 1}]})
+    said = re.search(
+        r"step 2, between its factors (\S+) and (\S+): .* stops plate .* along \+x",
+        str(refused.value),
+    )
+    assert said is not None, refused.value
+    assert float(said[1]) < 2.0 / 3.0 < float(said[2]) <= float(said[1]) + 1.0 / 16.0 + 1e-4
+
+
 def agree(some: list[Any], others: list[Any]) -> None:
     """Contact forces and the work that friction takes are the same in each increment."""
     for one, other in zip(some, others, strict=True):

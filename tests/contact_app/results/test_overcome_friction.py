@@ -2,12 +2,17 @@
 
 from __future__ import annotations
 
+import json
+import re
 from dataclasses import replace
+from pathlib import Path
 
 import pytest
 
 import contact_app
 from contact_app.errors import NoEquilibriumError
+from contact_app.machine.exits import Exit
+from contact_app.run.run import run
 from contact_app.run.solve import solve_scene
 from solver.tfeti.friction_share import overcome
 from tests import scenes
@@ -77,6 +82,26 @@ def turned_block(moment: float) -> scenes.Config:
             }
         ],
     )  # fmt: skip
+
+
+def test_a_block_turned_in_a_history_ends_it_with_the_factor(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """The moment grows to 0.41 μ W; it turns the block from 0.38 to 0.4 on."""
+    made = turned_block(0.41)
+    assert run(scenes.build(made), tmp_path) == Exit.NO_EQUILIBRIUM
+    made["conditions"][1]["name"] = "turn"
+    made["steps"] = [{"turn": 1, "increments": 4}]
+    assert run(scenes.build(made), tmp_path) == Exit.NO_EQUILIBRIUM
+    told = capsys.readouterr().err.splitlines()[-1]
+    said = re.match(r"step 1, between its factors (\S+) and (\S+): .* along a turn about z", told)
+    assert said is not None, told
+    assert 0.37 < 0.41 * float(said[1]) < 0.41 * float(said[2]) < 0.41
+    records = json.loads((tmp_path / "summary.json").read_text())["steps"]
+    assert [record["certificate"]["passed"] for record in records[:-1]] == [True] * (
+        len(records) - 1
+    )
+    assert "--resume goes on from there" in told
 
 
 def test_a_turned_block_slides_below_the_limit_of_rigid_equilibrium() -> None:
