@@ -29,7 +29,7 @@ from contact_app.run.coarse_increments import CoarseIncrements
 from contact_app.run.fallback import NoWayLeftError
 from contact_app.run.increment_models import IncrementModels
 from contact_app.run.solve import solve_scene
-from contact_app.run.step_equilibrium import LeavesInStepError, leaving_in_increment
+from contact_app.run.step_equilibrium import LeavesInStepError
 from contact_app.run.summary import warned
 from contact_app.scene.scene import Scene
 from solver.qp.result import Monitor, Reason
@@ -158,7 +158,11 @@ def solved_increments(
                     )  # fmt: skip
                 continue
             if isinstance(solved, NoEquilibriumError):
-                raise leaving_in_increment(scene, step - 1, part, solved) from solved
+                raise LeavesInStepError(
+                    f"{scene.at(f'steps[{step - 1}]')}: step {step}, between its factors "
+                    f"{float(part[0]):.6g} and {float(part[1]):.6g}: "
+                    + str(solved).removeprefix(f"{scene.source}: "), float(part[1]),
+                ) from solved  # fmt: skip
             if isinstance(solved, NoWayLeftError):
                 raise solved
             following = models.following(scene, solved.model.scene)
@@ -228,7 +232,7 @@ def _loaded(scene: Scene, place: Place) -> Scene:
 
 
 def _lack_in_words(solved: SolvedScene | Failed) -> str:
-    """What an increment has not, and the work on it, as a phrase."""
+    """The lack of an increment, and the work on it, as a phrase."""
     if isinstance(solved, NoEquilibriumError):
         return "equilibrium"
     counts = solved.counts if isinstance(solved, NoWayLeftError) else solved.solution.counts

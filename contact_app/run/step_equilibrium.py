@@ -8,8 +8,6 @@ begin to move.
 
 from __future__ import annotations
 
-from fractions import Fraction
-
 from mpi4py import MPI
 
 from contact_app.errors import NoEquilibriumError
@@ -72,29 +70,6 @@ def leaving_in_step(
         share = 0.5 * (balanced + leaves)
     factor = 0.5 * (balanced + leaves) if balanced else 0.0
     where = f"from its factor {factor:.3g} on" if balanced else "from its start on"
-    return LeavesInStepError(_text(scene, step, where, error), factor)
-
-
-def leaving_in_increment(
-    scene: Scene, step: int, part: tuple[Fraction, Fraction], error: NoEquilibriumError
-) -> LeavesInStepError:
-    """The error for the part of an increment at whose end a body leaves.
-
-    Parameters
-    ----------
-    step
-        Number of the step, from zero.
-    part
-        Shares of the step at which the last answer is certified, and at which the body leaves.
-    error
-        The error at the end of the part.
-    """
-    begin, end = map(float, part)
-    where = f"between its factors {begin:.4g} and {end:.4g}"
-    return LeavesInStepError(_text(scene, step, where, error), end)
-
-
-def _text(scene: Scene, step: int, where: str, error: NoEquilibriumError) -> str:
-    """The message of an error at a place of a step, from zero."""
     message = str(error).removeprefix(f"{scene.source}: ")
-    return f"{scene.at(f'steps[{step}]')}: step {step + 1}, {where}: {message}"
+    text = f"{scene.at(f'steps[{step}]')}: step {step + 1}, {where}: {message}"
+    return LeavesInStepError(text, factor)
