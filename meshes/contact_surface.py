@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -107,16 +108,16 @@ class Surface:
         """Coordinates of the vertices, (facets, vertices, 3)."""
         return self.points[:, : FACETS[self.dimension, self.nodes.shape[1]].vertices]
 
-    @property
+    @cached_property
     def centres(self) -> Array:
         """Mean of the vertices of each facet, (facets, 3)."""
-        return self.vertices.mean(axis=1)
+        return np.asarray(self.vertices.mean(axis=1))
 
-    @property
+    @cached_property
     def radii(self) -> Array:
         """Largest distance of a vertex from the centre, (facets,)."""
         away = self.vertices - self.centres[:, None]
-        return np.linalg.norm(away, axis=2).max(axis=1)
+        return np.asarray(np.linalg.norm(away, axis=2).max(axis=1))
 
 
 def frames(surface: Surface) -> Array:

@@ -162,6 +162,12 @@ class Reference:
         """Cell of each facet, (facets,)."""
         return _sides_of_facets(self.mesh, self.facet_entities)[0]
 
+    @cached_property
+    def middles_behind(self) -> Array:
+        """Middle of the cell behind each facet, (facets, 3)."""
+        corners = dolfinx_compat.cell_nodes(self.mesh)[self.facet_cells]
+        return np.asarray(self.points[corners].mean(axis=1))
+
     @classmethod
     def of(
         cls, mesh: Any, cell: str, degree: int = 1, tags: NDArray[np.int32] | None = None

@@ -10,7 +10,6 @@ outside of the other body before the deformation count, and those that slide by 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from functools import cache
 from itertools import combinations
 
 import numpy as np
@@ -24,6 +23,7 @@ from contact_app.model.pairs import sides_of
 from contact_app.results.fields import NodeFields
 from contact_app.results.percent import percent
 from contact_app.scene.conditions import BodyContact, Tie
+from meshes import Reference
 from meshes.contact_surface import Surface, frames, is_curved
 from meshes.facet_overlaps import on_facets
 from meshes.facet_search import points_along_normals
@@ -59,7 +59,6 @@ def entered_without_contact(model: Model, solution: Solution, nodes: NodeFields)
     entries: list[BodyContact | Tie] = [*scene.pairs, *scene.ties]
     if not solution.converged:
         return []
-    surface_of = cache(lambda body: _whole_surface(model, body))  # for all pairs of a body
     for a, b in combinations(range(len(scene.bodies)), 2):
         bodies = scene.bodies[a], scene.bodies[b]
         reach = float(measures.displacements[a] + measures.displacements[b])
@@ -69,8 +68,11 @@ def entered_without_contact(model: Model, solution: Solution, nodes: NodeFields)
         if (lower.max(axis=0) > upper.min(axis=0) + reach).any():
             continue
         joined = [entry for entry in entries if {entry.body, entry.other} == {a, b}]
-        surfaces = near_each_other(surface_of(a), surface_of(b), reach)
-        depth = _outside_of_contacts(model, nodes, surfaces, joined)
+        parts = _part_near(model, a, b, reach), _part_near(model, b, a, reach)
+        depth = 0.0
+        if parts[0] is not None and parts[1] is not None:
+            surfaces = near_each_other(parts[0], parts[1], reach)
+            depth = _outside_of_contacts(model, nodes, surfaces, joined)
         if depth > ENTERED * max(measures.deformations[a], measures.deformations[b]):
             where = "the boundaries of their contacts end; name larger boundaries"
             names = f"{bodies[0].name} and {bodies[1].name}"
@@ -119,11 +121,13 @@ def _outside_of_contacts(
     """
     named = [side.nodes.ravel() for item in joined for side in sides_of(model.geometry, item)]
     in_contact = np.unique(np.concatenate([np.zeros(0, np.int64), *named]))
-    (one, two), depth = surfaces, 0.0
-    for sides in ((_away_from(one, in_contact), two), (one, _away_from(two, in_contact))):
+    displaced, depth = [_displaced(model, nodes, side) for side in surfaces], 0.0
+    for k in range(2):
+        away = ~np.isin(surfaces[k].nodes, in_contact).any(axis=1)
+        sides, u = list(surfaces), displaced.copy()
+        sides[k], u[k] = _some(surfaces[k], away), displaced[k][away]
         if all(len(side.nodes) for side in sides):
-            displaced = _displaced(model, nodes, sides[0]), _displaced(model, nodes, sides[1])
-            depth = max(depth, depth_in_each_other(model.comm, sides, displaced, False))
+            depth = max(depth, depth_in_each_other(model.comm, sides, u, False))
     return depth
 
 
@@ -146,28 +150,34 @@ def near_each_other(one: Surface, two: Surface, reach: float) -> tuple[Surface, 
     return near(one), near(two)
 
 
-def _away_from(surface: Surface, in_contact: NDArray[np.int64]) -> Surface:
-    """The facets of a surface without any of the nodes in contact."""
-    return _some(surface, ~np.isin(surface.nodes, in_contact).any(axis=1))
-
-
 def _some(surface: Surface, facets: NDArray[np.bool_]) -> Surface:
     """Some facets of a surface."""
     parts = (surface.nodes[facets], surface.points[facets], surface.normals[facets])
     return Surface(surface.dimension, *parts)
 
 
-def _whole_surface(model: Model, body: int) -> Surface:
-    """All outer facets of a body, on all ranks (collective)."""
-    none = np.zeros(0, np.int32)
-    surface = model.geometry.surface_of(
-        [
-            surface_facets(s, model.scene.bodies[body]) if s.body == body else none
-            for s in model.partition.subdomains
-        ]
-    )
-    assert surface is not None, "a body has a surface"
-    return surface
+def _part_near(model: Model, body: int, other: int, reach: float) -> Surface | None:
+    """Outer facets of a body in its subdomains near the box about another one, on all ranks.
+
+    Collective. All outer facets in a scene with planes of symmetry; parameters of
+    `near_each_other`.
+    """
+    chosen, sizes = [], dict[Reference, tuple[Array, Array, float]]()
+    box, every = model.scene.bodies[other].mesh, bool(model.scene.mirrors)
+    for s in model.partition.subdomains:
+        rows = np.zeros(0, np.int32)
+        if s.body == body:
+            if s.reference not in sizes:
+                points = s.reference.points
+                edges = np.ptp(points[s.reference.facets], axis=1)
+                largest = float(np.linalg.norm(edges, axis=1).max(initial=0.0))
+                sizes[s.reference] = points.min(axis=0), points.max(axis=0), largest
+            lower, upper, size = sizes[s.reference]
+            away = np.maximum(lower + s.translation - box.upper, box.lower - upper - s.translation)
+            if every or (away <= np.sqrt(3.0) * reach + size).all():
+                rows = surface_facets(s, model.scene.bodies[body])
+        chosen.append(rows)
+    return model.geometry.surface_of(chosen)
 
 
 def entering_each_other(names: str, depth: float, moved: float) -> str:
@@ -199,8 +209,8 @@ def entered(model: Model, nodes: NodeFields, pair: BodyContact) -> float:
 
 def depth_in_each_other(
     comm: MPI.Intracomm,
-    sides: tuple[Surface, Surface],
-    displaced: tuple[Array, Array],
+    sides: Sequence[Surface],
+    displaced: Sequence[Array],
     is_round: bool,
 ) -> float:
     """Largest depth of a vertex of one side in the other one, a length (collective).
@@ -239,8 +249,14 @@ def _depth(comm: MPI.Intracomm, on: Surface, of: Surface, u_on: Array, u_of: Arr
     v, w = on.vertices.shape[1], of.vertices.shape[1]
     corner, vertex = np.unique(of.nodes[:, :w], return_index=True, return_inverse=True)[1:]
     points, moved = (values[corner // w, corner % w] for values in (of.points, u_of))
-    chosen = share(comm, len(on.nodes))
-    i, k = points_along_normals(on, points, chosen, _reach(on, u_on, moved)[chosen])
+    reach = _reach(on, u_on, moved)
+    away = np.maximum(points.min(axis=0) - on.points.max(axis=1),
+                      on.points.min(axis=1) - points.max(axis=0))  # fmt: skip
+    near = np.flatnonzero(away.max(axis=1) <= reach + OUTSIDE * on.radii)
+    chosen = near[share(comm, len(near))]
+    i, k = points_along_normals(on, points, chosen, reach[chosen])
+    if len(i) == 0:
+        return 0.0
     axes = frames(on)[i].transpose(0, 2, 1)
     here = (on.points[i] - on.centres[i][:, None]) @ axes
     x = ((points[k] - on.centres[i])[:, None] @ axes)[:, 0]
@@ -265,14 +281,17 @@ def _depth(comm: MPI.Intracomm, on: Surface, of: Surface, u_on: Array, u_of: Arr
 def _reach(on: Surface, u_on: Array, u_of: Array) -> Array:
     """Distance of facets from the farthest vertex that can enter, (facets,).
 
-    It is what both sides move, and the height of nodes over the plane of the facet.
+    It is what they approach each other along the normal at most, and the height of nodes over the
+    plane of the facet.
     """
     away = on.points - on.centres[:, None]
     height = np.abs(np.einsum("fnk,fk->fn", away, on.normals)).max(axis=1)
     if on.bulge is not None:
         height += np.abs(on.bulge).sum(axis=(1, 2))
-    most = sum(float(np.linalg.norm(u, axis=-1).max(initial=0.0)) for u in (u_on, u_of))
-    return np.asarray(most + 2.0 * height + OUTSIDE * on.radii)
+    lower, upper = u_of.min(axis=0), u_of.max(axis=0)
+    inwards = 0.5 * (np.abs(on.normals) @ (upper - lower) - on.normals @ (upper + lower))
+    outwards = np.einsum("fni,fi->fn", u_on, on.normals).max(axis=1)
+    return np.maximum(inwards + outwards, 0.0) + 2.0 * height + OUTSIDE * on.radii
 
 
 def _pairs_with_facets(

@@ -17,7 +17,7 @@ from contact_app.scene.bodies import Body
 from contact_app.scene.conditions import BodyContact, Contact, RigidTie, Tie
 from contact_app.scene.rigid import RigidBodies
 from contact_app.scene.scene import Mirror, Scene
-from meshes import Partition, Reference, dolfinx_compat
+from meshes import Partition
 from meshes.contact_surface import Surface
 
 
@@ -140,7 +140,7 @@ class Geometry:
         for s, rows in zip(partition.subdomains, facets, strict=True):
             if len(rows):
                 on = s.reference.facets[rows]
-                behind = _behind(s.reference, rows) + s.translation
+                behind = s.reference.middles_behind[rows] + s.translation
                 parts.append((s.nodes[on], s.points()[on], behind))
         gathered = [part for rank in partition.comm.allgather(parts) for part in rank]
         if not gathered:
@@ -151,11 +151,3 @@ class Geometry:
             nodes = np.concatenate([nodes, nodes + off_planes * (partition.nodes << k)])
             points, inside = (np.concatenate([x, mirror.image(x)]) for x in (points, inside))
         return Surface.of(partition.dimension, nodes, points, inside)
-
-
-def _behind(reference: Reference, rows: NDArray[np.int32]) -> NDArray[np.float64]:
-    """Middle of the cell behind each facet, (rows, 3)."""
-    topology = reference.mesh.topology
-    links, offsets = dolfinx_compat.adjacency(topology.connectivity(topology.dim - 1, topology.dim))
-    cells = links[offsets[reference.facet_entities[rows]]]
-    return reference.points[dolfinx_compat.cell_nodes(reference.mesh)[cells]].mean(axis=1)
