@@ -119,16 +119,27 @@ class Surface:
         away = self.vertices - self.centres[:, None]
         return np.asarray(np.linalg.norm(away, axis=2).max(axis=1))
 
+    @cached_property
+    def frames(self) -> Array:
+        """Orthonormal axes of each facet, tangents first, the normal last, (facets, d, 3)."""
+        normals = self.normals
+        along = self.vertices[:, 1] - self.vertices[:, 0]
+        along = along - np.einsum("ij,ij->i", along, normals)[:, None] * normals
+        along /= np.linalg.norm(along, axis=1, keepdims=True)
+        if self.dimension == 2:
+            return np.stack([along, normals], axis=1)
+        return np.stack([along, np.cross(normals, along), normals], axis=1)
 
-def frames(surface: Surface) -> Array:
-    """Orthonormal axes of each facet, tangents first, the normal last, (facets, d, 3)."""
-    normals = surface.normals
-    along = surface.vertices[:, 1] - surface.vertices[:, 0]
-    along = along - np.einsum("ij,ij->i", along, normals)[:, None] * normals
-    along /= np.linalg.norm(along, axis=1, keepdims=True)
-    if surface.dimension == 2:
-        return np.stack([along, normals], axis=1)
-    return np.stack([along, np.cross(normals, along), normals], axis=1)
+    @cached_property
+    def areas(self) -> Array:
+        """Area of each facet in its own plane, (facets,)."""
+        away = self.vertices - self.centres[:, None]
+        flat = np.einsum("pvk,pdk->pvd", away, self.frames)[..., :-1]
+        if self.dimension == 2:
+            return np.ptp(flat, axis=1)[:, 0]
+        x, y = flat[..., 0], flat[..., 1]
+        both = x * np.roll(y, -1, axis=1) - y * np.roll(x, -1, axis=1)
+        return np.asarray(0.5 * np.abs(both.sum(axis=1)))
 
 
 def is_curved(nodes: Array, v: int) -> bool:

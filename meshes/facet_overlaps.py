@@ -14,7 +14,7 @@ from mpi4py import MPI
 from meshes import dolfinx_compat
 from meshes.arrays import Array, Ints, Mask
 from meshes.connected import connected
-from meshes.contact_surface import Surface, frames, is_curved
+from meshes.contact_surface import Surface, is_curved
 from meshes.quadratic import FACETS
 from meshes.shares import joined
 from meshes.subdomains import vtk_places, vtk_shapes
@@ -83,7 +83,7 @@ class Overlaps:
     @classmethod
     def _some(cls, on: Surface, against: Surface, i: Ints, j: Ints, tilted: bool) -> Overlaps:
         """Project, intersect, integrate."""
-        axes = np.ascontiguousarray(frames(on).transpose(0, 2, 1))
+        axes = np.ascontiguousarray(on.frames.transpose(0, 2, 1))
         here = (on.points - on.centres[:, None]) @ axes
         other_side = (against.points[j] - on.centres[i][:, None]) @ axes[i]
         lower, upper = (bound[i] for bound in _bounds(here))
@@ -159,7 +159,7 @@ class Overlaps:
     def on_several_layers(self, on: Surface) -> Mask:
         """Mask of the `on` facets that meet several layers, (facets,)."""
         covered = np.bincount(self.i, self.area, minlength=len(on.nodes))
-        return np.asarray(covered > COVERED_ONCE * facet_areas(on))
+        return np.asarray(covered > COVERED_ONCE * on.areas)
 
     def _layers(self, against: Surface, several: Mask) -> Ints:
         """Number of the layer of each overlap on the facets `several` (facets,), (pairs,).
@@ -205,17 +205,6 @@ def smallest(index: Ints, values: Array, count: int) -> Array:
     result = np.full(count, np.inf)
     np.minimum.at(result, index, values)
     return result
-
-
-def facet_areas(surface: Surface) -> Array:
-    """Area of each facet in its own plane, (facets,)."""
-    flat = np.einsum(
-        "pvk,pdk->pvd", surface.vertices - surface.centres[:, None], frames(surface)
-    )[..., :-1]  # fmt: skip
-    if surface.dimension == 2:
-        return np.ptp(flat, axis=1)[:, 0]
-    x, y = flat[..., 0], flat[..., 1]
-    return 0.5 * np.abs((x * np.roll(y, -1, axis=1) - y * np.roll(x, -1, axis=1)).sum(axis=1))
 
 
 def _bounds(points: Array) -> tuple[Array, Array]:

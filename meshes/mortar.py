@@ -45,7 +45,7 @@ from scipy import sparse
 
 from meshes.arrays import Array, Ints, Mask
 from meshes.contact_surface import Surface
-from meshes.facet_overlaps import Overlaps, facet_areas, smallest
+from meshes.facet_overlaps import Overlaps, smallest
 from meshes.facing import SurfacesApartError, overlaps
 
 COVERED = 1.0 - 1e-6
@@ -258,7 +258,7 @@ class Multipliers:
             _on_facets(pairs, len(on.nodes), values)
             for values in (pairs.mass, pairs.weight, pairs.gap, pairs.area)
         )
-        v, sizes = on.vertices.shape[1], facet_areas(on)
+        v, sizes = on.vertices.shape[1], on.areas
         covered = area >= COVERED * sizes
         functions = np.tile(np.eye(v), (len(mass), 1, 1))
         if mass.shape[2] == v:
@@ -300,9 +300,10 @@ class Multipliers:
 
 def _on_facets(pairs: Overlaps, facets: int, values: Array) -> Array:
     """Sums of values (pairs, …) over the overlaps of each `on` facet, (facets, …)."""
-    count = len(values)
-    pick = sparse.csr_matrix((np.ones(count), (pairs.i, np.arange(count))), shape=(facets, count))
-    return np.asarray(pick @ values.reshape(count, -1)).reshape(facets, *values.shape[1:])
+    sums = np.zeros((facets, *values.shape[1:]))
+    starts = np.flatnonzero(np.diff(pairs.i, prepend=-1))  # sorted: ranks share facets in order
+    sums[pairs.i[starts]] = np.add.reduceat(values, starts)
+    return sums
 
 
 def _dual_of_second_order(mass: Array, weight: Array) -> Array:
@@ -390,6 +391,8 @@ def distribute(local: Ints, weight: Array, total: NDArray, weak: Mask) -> sparse
     count, v = len(total), local.shape[1]
     some = total > 0.0
     weak = some & weak
+    if not weak.any():
+        return sparse.diags(some.astype(float), format="csr")
     a = np.repeat(local[:, :, None], v, axis=2).ravel()
     b = np.repeat(local[:, None, :], v, axis=1).ravel()
     w = np.repeat(weight[:, None, :], v, axis=1).ravel()

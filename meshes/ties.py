@@ -30,7 +30,7 @@ from mpi4py import MPI
 from scipy import sparse
 
 from meshes.arrays import Array, Ints, Mask
-from meshes.contact_surface import Surface, frames
+from meshes.contact_surface import Surface
 from meshes.facet_overlaps import Overlaps
 from meshes.facing import overlaps
 from meshes.mortar import BothSides, MeanGaps, Multipliers, distribute, jumps, scattered
@@ -119,10 +119,8 @@ def mean_jumps(
     # not by np.unique along an axis: it sorts records of n fields
     different = {nodes.tobytes(): nodes for nodes in yielding.T}
     distributed = {key: made.distributed(nodes) for key, nodes in different.items()}
-    rows = tuple(
-        made.component(i, on.dimension, distributed[yielding[:, i].tobytes()])
-        for i in range(on.dimension)
-    )
+    components = {key: made.components(on.dimension, sums) for key, sums in distributed.items()}
+    rows = tuple(components[yielding[:, i].tobytes()][i] for i in range(on.dimension))
     size = float(on.radii[pairs.i[worst]])
     return MeanJumps(rows, float(distance[worst]), size, nodes, held)
 
@@ -156,7 +154,7 @@ class _Ties:
         tilt = sparse.csr_matrix((sides.count, sides.count * d * d))
         if pairs.tilt.any():
             turned = np.einsum("pjk,pkal->pjal", functions, pairs.tilt)
-            axes = frames(on)[pairs.i][..., :d]
+            axes = on.frames[pairs.i][..., :d]
             turned = np.einsum("pjal,pai,pc->pjlci", turned, axes[:, :-1], axes[:, -1])
             column = sides.on[pairs.i][..., None] * d * d + np.arange(d * d)
             column = column.reshape(len(column), -1)
@@ -172,6 +170,22 @@ class _Ties:
         total, shares = (shares @ total)[strong], shares[strong]
         scale = sparse.diags(1.0 / total) @ shares
         return _Distributed(strong, total, (scale @ self.jump).tocoo(), (scale @ self.tilt).tocoo())
+
+    def components(self, d: int, sums: _Distributed) -> list[MeanGaps]:
+        """The rows of each component of the jump; they differ in their axis where nothing tilts."""
+        if sums.tilt.nnz:
+            return [self.component(i, d, sums) for i in range(d)]
+        sides, first = self.sides, self.component(0, d, sums)
+        on = sums.jump.tocsc()[:, : sides.count]
+        lengths = np.asarray(on.sum(axis=1))
+        arms = on @ sides.places[: sides.count] - lengths * sides.places[sums.strong]
+        return [
+            replace(
+                first, component=np.full_like(first.component, i), moments=-np.cross(arms, axis),
+                normals=np.tile(-axis[:d], (len(sums.strong), 1)),
+            )
+            for i, axis in enumerate(np.eye(3)[:d])
+        ]  # fmt: skip
 
     def component(self, i: int, d: int, sums: _Distributed) -> MeanGaps:
         """The rows of component i of the jump in d components."""

@@ -24,7 +24,7 @@ from contact_app.results.fields import NodeFields
 from contact_app.results.percent import percent
 from contact_app.scene.conditions import BodyContact, Tie
 from meshes import Reference
-from meshes.contact_surface import Surface, frames, is_curved
+from meshes.contact_surface import Surface, is_curved
 from meshes.facet_overlaps import on_facets
 from meshes.facet_search import points_along_normals
 from meshes.facing import FACING
@@ -168,12 +168,13 @@ def _part_near(model: Model, body: int, other: int, reach: float) -> Surface | N
         rows = np.zeros(0, np.int32)
         if s.body == body:
             if s.reference not in sizes:
-                points = s.reference.points
+                points = s.reference.points[:, : model.scene.dimension]
                 edges = np.ptp(points[s.reference.facets], axis=1)
                 largest = float(np.linalg.norm(edges, axis=1).max(initial=0.0))
                 sizes[s.reference] = points.min(axis=0), points.max(axis=0), largest
             lower, upper, size = sizes[s.reference]
-            away = np.maximum(lower + s.translation - box.upper, box.lower - upper - s.translation)
+            offset = s.translation[: len(lower)]
+            away = np.maximum(lower + offset - box.upper, box.lower - upper - offset)
             if every or (away <= np.sqrt(3.0) * reach + size).all():
                 rows = surface_facets(s, model.scene.bodies[body])
         chosen.append(rows)
@@ -257,7 +258,7 @@ def _depth(comm: MPI.Intracomm, on: Surface, of: Surface, u_on: Array, u_of: Arr
     i, k = points_along_normals(on, points, chosen, reach[chosen])
     if len(i) == 0:
         return 0.0
-    axes = frames(on)[i].transpose(0, 2, 1)
+    axes = on.frames[i].transpose(0, 2, 1)
     here = (on.points[i] - on.centres[i][:, None]) @ axes
     x = ((points[k] - on.centres[i])[:, None] @ axes)[:, 0]
     flat = here[:, :v, :-1]

@@ -311,7 +311,7 @@ def entries_on_motions(
     motions_of: Callable[[int, Array], Array],
     d: int,
 ) -> tuple[Array, NDArray[np.int64], NDArray[np.int64]]:
-    """Values, rows and columns (entries · motions,) of rows applied to rigid motions of bodies.
+    """Values, rows and columns of the matrix of rows applied to rigid motions of bodies.
 
     Parameters
     ----------
@@ -319,15 +319,21 @@ def entries_on_motions(
     motions_of
         Rigid motions (points, d, motions) of a body, by its number, at points.
     """
-    m, values = MOTIONS[d], np.zeros((len(entries.row), MOTIONS[d]))
+    m, none = MOTIONS[d], np.zeros(0, np.int64)
+    parts = [(np.zeros(0), none, none)]
     for b in np.unique(body):
         of_body = np.flatnonzero(body == b)
         motions = motions_of(int(b), entries.points[of_body])
-        values[of_body] = motions[np.arange(len(of_body)), entries.component[of_body]]
-    values *= entries.value[:, None]
-    column = body[:, None] * m + np.arange(m)
-    row = np.broadcast_to(entries.row[:, None], column.shape)
-    return values.ravel(), row.ravel(), column.ravel()
+        seen = motions[np.arange(len(of_body)), entries.component[of_body]]
+        rows, place = np.unique(entries.row[of_body], return_inverse=True)
+        pick = sparse.csr_matrix(
+            (entries.value[of_body], (place.reshape(-1), np.arange(len(seen))))
+        )
+        parts.append(
+            ((pick @ seen).ravel(), np.repeat(rows, m), np.tile(b * m + np.arange(m), len(rows)))
+        )
+    value, row, column = (np.concatenate(part) for part in zip(*parts, strict=True))
+    return value, row, column
 
 
 def _moved_by_contact(geometry: Geometry, contact: ContactRows, group: NDArray[np.int64]) -> Array:

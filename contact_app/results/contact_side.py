@@ -155,7 +155,8 @@ class ContactSide:
         if between:
             at_owned = np.zeros(len(self.owned))
             at_owned[np.searchsorted(self.owned, rows.nodes)] = areas
-            quotients = self.with_means(rows, np.column_stack([areas, forces]), quotients)
+            sums = self.at_nodes(rows, np.column_stack([areas, forces]))
+            quotients = self.with_means(sums, quotients)
             covered = self.share_of(at_owned)
         if self.degree == 2 and at_nodes:
             quotients[:, 0] = self._recovered(quotients[:, 0], folded)
@@ -165,20 +166,18 @@ class ContactSide:
             quotients = np.stack([self.at_all_nodes(part) for part in quotients.T], axis=1)
         return quotients[:, 0], quotients[:, 1:], covered
 
-    def with_means(self, rows: ContactRows, columns: Array, quotients: Array) -> Array:
+    def with_means(self, sums: Array, quotients: Array) -> Array:
         """Forces over areas with means in place of extrapolations, (n, c).
 
         Parameters
         ----------
-        rows : k rows
-            The mortar rows of the contact.
-        columns : (k, 1 + c)
-            Areas W_j, and c components of forces.
+        sums : (n, 1 + c)
+            Areas W_j, and c components of forces, `at_nodes`.
         quotients : (n, c)
             Forces over areas at the nodes of rows; those without a force remain.
         """
-        sums, most = self._at_nodes(rows, columns), np.full(len(self.owned), np.inf)
-        sums[self.facets_of_node == 0.0] = 0.0
+        most = np.full(len(self.owned), np.inf)
+        sums = np.where(self.facets_of_node[:, None] == 0.0, 0.0, sums)
         if self.degree == 2:
             most = STRIP[self.dimension] * self._at_vertices(self.shares)
             most[self._beside_covered_facets(sums[:, 0])] = 0.0
@@ -211,7 +210,7 @@ class ContactSide:
 
     def _share_at_nodes(self, rows: ContactRows, areas: Array) -> Array:
         """Integral of each φ_k over the covered part of facets over that over all of them, (n,)."""
-        part = self._at_nodes(rows, areas[:, None])[:, 0]
+        part = self.at_nodes(rows, areas[:, None])[:, 0]
         share = np.divide(part, self.shares, out=np.zeros(len(part)), where=self.shares > 0.0)
         return np.clip(share, 0.0, 1.0)
 
@@ -267,7 +266,7 @@ class ContactSide:
             between_vertices(nodes, copies)
         return copies
 
-    def _at_nodes(self, rows: ContactRows, columns: Array) -> Array:
+    def at_nodes(self, rows: ContactRows, columns: Array) -> Array:
         """Σ_j S_jk v_j at the owned nodes k, (n, columns); of no meaning at other bodies' nodes."""
         parts = (rows.entries, rows.held, rows.replaced)
         row, node, component, value = (

@@ -71,6 +71,8 @@ class NodeFields:
         Number of nodes in contact that lie on no facet of the contact boundary.
     slack : (rows,)
         Remaining distance along the omitted candidate rows of this rank.
+    surface
+        The nodes of the bodies' surfaces.
     """
 
     first: int
@@ -87,6 +89,7 @@ class NodeFields:
     pair_forces: NDArray[np.float64]
     without_area: int
     slack: NDArray[np.float64]
+    surface: SurfaceNodes
 
 
 def node_fields(model: Model, solution: Solution) -> NodeFields:
@@ -126,6 +129,7 @@ def node_fields(model: Model, solution: Solution) -> NodeFields:
         pair_forces=resultants[obstacles:],
         without_area=forces.without_area,
         slack=far,
+        surface=surface,
     )
 
 

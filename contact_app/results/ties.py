@@ -35,7 +35,7 @@ random places had 0.7 to 4.7 times the largest traction of the scene with exchan
 0.4 to 2.1 times it without such nodes; at degree 2, with all nodes, 0.5 to 1.2 times."""
 
 
-def tie_records(model: Model, solution: Solution) -> list[dict[str, Any]]:
+def tie_records(model: Model, solution: Solution, surface: SurfaceNodes) -> list[dict[str, Any]]:
     """One record a tied pair, in the order of the file (collective).
 
     The force is that on the body of `on`, without that of contact at nodes that are tied to a rigid
@@ -52,7 +52,6 @@ def tie_records(model: Model, solution: Solution) -> list[dict[str, Any]]:
         force[:, : scene.dimension] -= _contact_at_tied_nodes(problem, solution)
     turn = multiplier[:, None] * rows.moments
     records = []
-    surface = SurfaceNodes.of(model)
     for number, (tie, name) in enumerate(zip(scene.all_ties, scene.tie_names, strict=True)):
         of_tie = np.flatnonzero(rows.sources == number)
         x, f, area = rows.points[of_tie], force[of_tie], rows.areas[of_tie]
@@ -121,12 +120,13 @@ def _over_covered(
     nodes, tractions = at_nodes
     at = np.searchsorted(side.owned, nodes)
     result = tractions.copy()
-    axis = np.abs(rows.normals).argmax(axis=1)
-    for i in range(rows.normals.shape[1]):
+    along, axes = rows.normals != 0.0, rows.normals.shape[1]
+    columns = np.concatenate([along * rows.areas[:, None], along * force[:, :axes]], axis=1)
+    sums = side.at_nodes(rows, columns)
+    for i in range(axes):
         quotients = np.zeros((len(side.owned), 1))
         quotients[at, 0] = tractions[:, i]
-        columns = np.column_stack([rows.areas, force[:, i]])[axis == i]
-        result[:, i] = side.with_means(rows.of(axis == i), columns, quotients)[at, 0]
+        result[:, i] = side.with_means(sums[:, [i, axes + i]], quotients)[at, 0]
     return result
 
 

@@ -41,7 +41,7 @@ def summary_of(solved: SolvedScene) -> dict[str, Any]:
     summary["solution"]["pair_forces"] = {
         pair.source: [float(f) for f in force] for pair, force in zip(pairs, forces, strict=True)
     }
-    ties = tie_records(solved.model, solved.solution)
+    ties = tie_records(solved.model, solved.solution, nodes.surface)
     summary["contacts"] = in_order_of_file(
         (*scene.contact_names, *scene.tie_names), contact_records(solved.model, nodes), ties
     )

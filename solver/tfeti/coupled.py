@@ -21,6 +21,7 @@ from copy import copy
 import numpy as np
 from petsc4py import PETSc
 from scipy import sparse
+from scipy.sparse.csgraph import connected_components
 
 from solver.contact.row_kinds import RowKind
 from solver.tfeti.constraints.matrix import (
@@ -43,6 +44,9 @@ are linearly dependent and M alone is singular.
 NEGLIGIBLE = 1e-12
 """Cosine of the angle between rows up to which they count as perpendicular."""
 
+MOST_PARTS = 12
+"""Number of parts of M, as three components of four ties, above which they have one factor."""
+
 
 def _compliance(problem: DecomposedProblem) -> Array:
     """D⁻¹, (interface,); zero for rigid bodies, which have no springs."""
@@ -57,8 +61,7 @@ def _coupled(M: PETSc.Mat, wide: Mask) -> Mask:
     """Mask of the rows of several nodes, and of the rows not perpendicular to one (collective)."""
     local = local_rows(M)
     every = np.concatenate(M.comm.tompi4py().allgather(wide))
-    met = np.asarray(abs(local[:, every]).sum(axis=1)).ravel()
-    diagonal = local[:, np.arange(len(wide)) + M.getOwnershipRange()[0]].diagonal()
+    met, diagonal = abs(local) @ every, local.diagonal(M.getOwnershipRange()[0])[: len(wide)]
     return np.asarray(wide | (met > NEGLIGIBLE * diagonal))
 
 
@@ -82,7 +85,10 @@ def coupled_rows(problem: DecomposedProblem) -> CoupledRows | None:
 
 
 class _Factor:
-    """The factor of M on the free rows of the last call."""
+    """The factor of M on the free rows of the last call.
+
+    Where nothing couples the components of a tie, they have equal parts of M, which share a factor.
+    """
 
     def __init__(self, matrix: sparse.csc_matrix) -> None:
         self._matrix = matrix
@@ -91,12 +97,36 @@ class _Factor:
     def solve(self, values: Array, free: Mask) -> Array:
         """M⁻¹ of the values of free rows, zero elsewhere, (coupled rows,)."""
         if free.tobytes() != self._free:
-            self._free, self._chosen = free.tobytes(), np.flatnonzero(free)
-            self._factor = CholeskyFactor(self._matrix[self._chosen][:, self._chosen])
+            self._free, self._parts = free.tobytes(), self._factored(np.flatnonzero(free))
         result = np.zeros(len(values))
-        if len(self._chosen):
-            result[self._chosen] = self._factor.solve(values[self._chosen, None])[:, 0]
+        for rows, factor in self._parts:
+            result[rows] = factor.solve(values[rows, None])[:, 0]
         return result
+
+    def _factored(self, chosen: Ints) -> list[tuple[Ints, CholeskyFactor]]:
+        """Rows of M that nothing couples to other chosen ones, and their factors."""
+        if not len(chosen):
+            return []
+        matrix = self._matrix[chosen][:, chosen]
+        number = connected_components(matrix, directed=False)[1]
+        sizes, result = np.bincount(number), list[tuple[Ints, CholeskyFactor]]()
+        if len(sizes) > MOST_PARTS:
+            return [(chosen, CholeskyFactor(matrix))]
+        parts: list[sparse.csc_matrix] = []
+        for rows in np.split(np.argsort(number, kind="stable"), np.cumsum(sizes)[:-1]):
+            parts.append(matrix[rows][:, rows])
+            equal = next(k for k, part in enumerate(parts) if _are_equal(part, parts[-1]))
+            new = equal == len(parts) - 1
+            result.append((chosen[rows], CholeskyFactor(parts[-1]) if new else result[equal][1]))
+        return result
+
+
+def _are_equal(one: sparse.csc_matrix, other: sparse.csc_matrix) -> bool:
+    """Whether two matrices differ by rounding errors at most."""
+    pairs = [(part.indptr, part.indices) for part in (one, other)]
+    if one.shape != other.shape or not all(map(np.array_equal, *pairs)):
+        return False
+    return bool(np.allclose(one.data, other.data, rtol=0.0, atol=NEGLIGIBLE * one.data.max()))
 
 
 class CoupledRows:

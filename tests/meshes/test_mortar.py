@@ -13,6 +13,7 @@ from meshes.contact_surface import Surface
 from meshes.facet_overlaps import Overlaps, clip
 from meshes.facing import SurfacesApartError, overlaps
 from meshes.mortar import MeanGaps, mean_gaps
+from meshes.ties import _Ties
 from tests import mortar_reference
 
 TURN = Rotation.from_rotvec([0.4, -0.7, 0.3]).as_matrix()
@@ -384,3 +385,14 @@ def test_the_nearest_of_two_layers_counts() -> None:
     np.testing.assert_allclose(rows.gaps, 0.1, atol=1e-12)
     np.testing.assert_array_equal(rows.node, alone.node)
     np.testing.assert_allclose(rows.value, alone.value, atol=1e-14)
+
+
+def test_components_of_a_tie_differ_in_their_axis() -> None:
+    """Without a gap one component is made, and the others from it."""
+    on, against = patch("triangle", 2, False), patch("quadrilateral", 3, True, first=1000)
+    ties = _Ties.of(on, against, overlaps(on, against, tilted=True))
+    sums = ties.distributed(np.zeros(ties.sides.count, bool))
+    assert sums.tilt.nnz == 0
+    for i, rows in enumerate(ties.components(3, sums)):
+        for name, values in vars(ties.component(i, 3, sums)).items():
+            np.testing.assert_allclose(getattr(rows, name), values, atol=1e-14)

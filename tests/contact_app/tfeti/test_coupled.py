@@ -4,12 +4,15 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import numpy as np
 import pytest
 from mpi4py import MPI
+from scipy import sparse
 
 from contact_app.run.solve import solve_scene
 from contact_app.scene.build import build_scene
 from contact_app.scene.configuration import load
+from solver.tfeti.coupled import _Factor
 from tests.ranks import execute
 
 CONFIGS = Path(__file__).parents[3] / "configs"
@@ -24,6 +27,24 @@ def applications(name: str, comm: MPI.Intracomm) -> int:
     solved = solve_scene(build_scene(load(path, asked)), comm)
     assert solved.solution.certificate.passed
     return int(solved.solution.counts.hessian)
+
+
+def test_equal_parts_share_a_factor() -> None:
+    """Three parts of M, two of them equal but for a row that is not free."""
+    random = np.random.default_rng(3)
+    one, other = (0.1 * random.random((5, 5)) for _ in range(2))
+    blocks = [part + part.T + np.eye(5) for part in (one, one, other)]
+    M = sparse.block_diag(blocks, format="csc")
+    order = random.permutation(5)
+    mixed = np.argsort(np.concatenate([order, order, order]) * 3 + np.repeat(range(3), 5))
+    M, values, factor = M[mixed][:, mixed], random.random(15), _Factor(M[mixed][:, mixed])
+    for held, factors in ((np.zeros(0, int), 2), (np.array([4]), 3)):
+        free = np.ones(15, bool)
+        free[held] = False
+        expected = np.zeros(15)
+        expected[free] = np.linalg.solve(M.toarray()[free][:, free], values[free])
+        np.testing.assert_allclose(factor.solve(values, free), expected, atol=1e-14)
+        assert len({id(part) for _, part in factor._parts}) == factors
 
 
 @pytest.mark.mpi
