@@ -389,10 +389,11 @@ def test_the_nearest_of_two_layers_counts() -> None:
 
 def test_components_of_a_tie_differ_in_their_axis() -> None:
     """Without a gap one component is made, and the others from it."""
-    on, against = patch("triangle", 2, False), patch("quadrilateral", 3, True, first=1000)
+    on, against = patch("triangle", 3, False), patch("quadrilateral", 3, True, 1000, upper=0.8)
     ties = _Ties.of(on, against, overlaps(on, against, tilted=True))
     sums = ties.distributed(np.zeros(ties.sides.count, bool))
     assert sums.tilt.nnz == 0
+    assert np.abs(ties.components(3, sums)[0].moments).max() > 1e-3
     for i, rows in enumerate(ties.components(3, sums)):
         for name, values in vars(ties.component(i, 3, sums)).items():
             np.testing.assert_allclose(getattr(rows, name), values, atol=1e-14)
