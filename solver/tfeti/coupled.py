@@ -84,7 +84,7 @@ def coupled_rows(problem: DecomposedProblem) -> CoupledRows | None:
     )
 
 
-class _Factor:
+class FactorOfParts:
     """The factor of M on the free rows of the last call.
 
     Where nothing couples the components of a tie, they have equal parts of M, which share a factor.
@@ -161,7 +161,7 @@ class CoupledRows:
         counts = self.comm.allgather(len(self._rows))
         first = sum(counts[: self.comm.rank])
         self._own_part = slice(first, first + len(self._rows))
-        self._filled, self._factor = gathered.diagonal() > 0.0, _Factor(gathered)
+        self._filled, self._factor = gathered.diagonal() > 0.0, FactorOfParts(gathered)
 
     def on(self, rows: Mask) -> CoupledRows:
         """The coupled rows of the problem in which only some rows (dual,) are left (collective)."""

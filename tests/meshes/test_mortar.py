@@ -13,7 +13,7 @@ from meshes.contact_surface import Surface
 from meshes.facet_overlaps import Overlaps, clip
 from meshes.facing import SurfacesApartError, overlaps
 from meshes.mortar import MeanGaps, mean_gaps
-from meshes.ties import _Ties
+from meshes.ties import Decided, mean_jumps
 from tests import mortar_reference
 
 TURN = Rotation.from_rotvec([0.4, -0.7, 0.3]).as_matrix()
@@ -387,13 +387,15 @@ def test_the_nearest_of_two_layers_counts() -> None:
     np.testing.assert_allclose(rows.value, alone.value, atol=1e-14)
 
 
-def test_components_of_a_tie_differ_in_their_axis() -> None:
-    """Without a gap one component is made, and the others from it."""
+def test_moments_of_tied_rows() -> None:
+    """Also of rows with several nodes, on facets that the other side covers in part."""
     on, against = patch("triangle", 3, False), patch("quadrilateral", 3, True, 1000, upper=0.8)
-    ties = _Ties.of(on, against, overlaps(on, against, tilted=True))
-    sums = ties.distributed(np.zeros(ties.sides.count, bool))
-    assert sums.tilt.nnz == 0
-    assert np.abs(ties.components(3, sums)[0].moments).max() > 1e-3
-    for i, rows in enumerate(ties.components(3, sums)):
-        for name, values in vars(ties.component(i, 3, sums)).items():
-            np.testing.assert_allclose(getattr(rows, name), values, atol=1e-14)
+    nothing = Decided(np.zeros(0, np.int64), np.zeros((0, 3), bool), np.zeros(0, np.int64))
+    for rows in mean_jumps(on, against, nothing).rows:
+        own = rows.node < 1000
+        arm = rows.entry_points[own] - rows.points[rows.row[own]]
+        force = -rows.value[own, None] * np.eye(3)[rows.component[own]]
+        moments = np.zeros((len(rows.nodes), 3))
+        np.add.at(moments, rows.row[own], np.cross(arm, force))
+        assert np.abs(moments).max() > 1e-3
+        np.testing.assert_allclose(rows.moments, moments, atol=1e-14)
