@@ -324,13 +324,13 @@ def entries_on_motions(
     for b in np.unique(body):
         of_body = np.flatnonzero(body == b)
         motions = motions_of(int(b), entries.points[of_body])
-        seen = motions[np.arange(len(of_body)), entries.component[of_body]]
+        applied = motions[np.arange(len(of_body)), entries.component[of_body]]
         rows, place = np.unique(entries.row[of_body], return_inverse=True)
         pick = sparse.csr_matrix(
-            (entries.value[of_body], (place.reshape(-1), np.arange(len(seen))))
+            (entries.value[of_body], (place.reshape(-1), np.arange(len(applied))))
         )
         parts.append(
-            ((pick @ seen).ravel(), np.repeat(rows, m), np.tile(b * m + np.arange(m), len(rows)))
+            ((pick @ applied).ravel(), np.repeat(rows, m), np.tile(b * m + np.arange(m), len(rows)))
         )
     value, row, column = (np.concatenate(part) for part in zip(*parts, strict=True))
     return value, row, column
