@@ -29,6 +29,7 @@ from contact_app.model.boundaries import boundary_facets, surface_facets
 from contact_app.model.model import Model
 from contact_app.results.fields import NodeFields
 from contact_app.scene.conditions import BodyContact, Contact
+from meshes import Subdomain
 from meshes.contact_surface import Surface
 
 Array = NDArray[np.float64]
@@ -253,7 +254,7 @@ def skin_near(model: Model, body: int, boundary: str, point: Array, reach: float
     every, of_contact = [], []
     for s in partition.subdomains:
         rows = contact = np.zeros(0, np.int32)
-        if s.body == body:
+        if s.body == body and _is_near(s, point, reach):
             rows = surface_facets(s, scene.bodies[body])
             rows = rows[within(s.points()[s.reference.facets[rows]], point, reach)]
         if len(rows):
@@ -270,6 +271,14 @@ def skin_near(model: Model, body: int, boundary: str, point: Array, reach: float
     if surface is None or pressed is None:
         return None
     return Skin.of(surface, pressed, scene.bodies[body].name, scene.bodies[body].softest)
+
+
+def _is_near(s: Subdomain, point: Array, reach: float) -> bool:
+    """Whether facets of a subdomain can have a part within some distance of a point."""
+    points = s.points()
+    lower, upper = points.min(axis=0), points.max(axis=0)
+    away = np.linalg.norm(point - np.clip(point, lower, upper))
+    return bool(away <= reach + np.linalg.norm(upper - lower))
 
 
 def within(facets: Array, point: Array, reach: float) -> NDArray[np.bool_]:

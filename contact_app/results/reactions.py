@@ -21,6 +21,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy import sparse
 
 from contact_app.model.boundaries import boundary_facets, boundary_nodes
 from contact_app.model.equilibrium import body_frame
@@ -170,13 +171,16 @@ def _residual(model: Model, solution: Solution, held: list[_Copies]) -> Array:
     d = model.scene.dimension
     some = np.any([copies.on for copies in held], axis=0)
     result, start = np.zeros((len(some), d)), 0
+    rows: dict[tuple[int, bytes], sparse.csr_matrix] = {}  # congruent subdomains have the same
     for s, (cls, column) in zip(model.partition.subdomains, model.place, strict=True):
         local = np.flatnonzero(some[start : start + len(s.nodes)])
         if len(local):
             unknowns = (local[:, None] * d + np.arange(d)).ravel()
-            stiffness = model.problem.classes[cls].stiffness[unknowns]
+            key = (cls, local.tobytes())
+            if key not in rows:
+                rows[key] = model.problem.classes[cls].stiffness[unknowns]
             u = solution.displacements[cls][:, column]
-            residual = stiffness @ u - model.problem.forces[cls][unknowns, column]
+            residual = rows[key] @ u - model.problem.forces[cls][unknowns, column]
             result[start + local] = residual.reshape(-1, d)
         start += len(s.nodes)
     return result

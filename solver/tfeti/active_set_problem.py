@@ -262,8 +262,8 @@ class ActiveSetProblem:
         multiplier = of_set if self._tractions is None else of_set + self._tractions
         assert it.image is not None
         u = self.reduced.displacements_of_offset - it.image
-        strained = problem.strain_energy(multiplier, u)
         jumps = problem.residual(u)  # d - F λ
+        strained = problem.strain_energy(multiplier, jumps)
         left = jumps if self._compliance is None else scale * (jumps - self._compliance * of_set)
         alpha = -self.reduced.coarse.coefficients(left)
         kernel_part = np.empty(problem.size)

@@ -157,17 +157,16 @@ class DualProblem(DecomposedProblem):
                 works[number] = np.einsum("ij,ij->j", load, cls.solve(load.copy(order="F")))
         return np.asarray(self.comm.allreduce(self.bodies.sum_members(works))) + self.pushes[1]
 
-    def strain_energy(self, multiplier: Array, displacements: Array) -> float:
+    def strain_energy(self, multiplier: Array, jumps: Array) -> float:
         """a(u, u) = (f - Bᵀ λ)ᵀ K⁺ (f - Bᵀ λ), twice the energy of the strains.
 
         Parameters
         ----------
-        displacements : (interface,)
-            K⁺ (f - Bᵀ λ).
+        jumps : (dual,)
+            d - F λ.
         """
-        free, works = self.free_solution
-        total = sum(float(work.sum()) for work in works)
-        total -= float(self.constraint_forces(multiplier) @ (free + displacements))
+        total = sum(float(work.sum()) for work in self.free_solution[1])
+        total -= float(multiplier @ (self.d + jumps + 2.0 * self.c))
         return float(self.comm.allreduce(total))
 
     @cached_property

@@ -257,8 +257,8 @@ class Split:
     def _transformed(self, vectors: Array, out: Array) -> Array:
         """Sums Σ_β (-1)^{β·γ} x_β over the cosets of each group, (s, m)."""
         for place, matrix in self._transforms:
-            shape = (len(vectors), len(matrix), -1)
-            np.matmul(matrix, vectors[:, place].reshape(shape), out=out[:, place].reshape(shape))
+            shape, signs = (len(vectors), len(matrix), -1), matrix.astype(vectors.dtype, copy=False)
+            np.matmul(signs, vectors[:, place].reshape(shape), out=out[:, place].reshape(shape))
         return out
 
 

@@ -56,7 +56,7 @@ def test_a_state_has_the_values_of_an_operator_application(problem: DualProblem)
     assert abs(other @ motions) <= 1e-10 * np.linalg.norm(other) * np.linalg.norm(motions)
     jumps = problem.residual(state.displacements) / problem.spread
     np.testing.assert_allclose(state.distance, jumps / scale, atol=1e-10)
-    strained = problem.strain_energy(multiplier, free)
+    strained = problem.strain_energy(multiplier, problem.residual(free))
     assert state.strained == pytest.approx(strained, rel=1e-10)
 
 

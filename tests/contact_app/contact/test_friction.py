@@ -296,7 +296,7 @@ def test_the_preconditioner_of_sliding_points_is_symmetric() -> None:
     for vector, result in ((x, Mx), (y, My)):
         problem.coarse.project_transpose(vector, vector)
         preconditioner.apply(vector, np.ones(problem.size, bool), result)
-    assert x @ My == pytest.approx(y @ Mx, rel=1e-10)
+    assert x @ My == pytest.approx(y @ Mx, rel=1e-5)  # of numbers in single precision
     assert x @ Mx > 0.0
 
 

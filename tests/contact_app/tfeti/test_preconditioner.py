@@ -29,7 +29,7 @@ def test_it_is_symmetric_and_positive(problem: DualProblem) -> None:
     Mx, My = np.empty_like(x), np.empty_like(y)
     preconditioner.apply(x, None, Mx)
     preconditioner.apply(y, None, My)
-    assert x @ My == pytest.approx(y @ Mx, rel=1e-11)
+    assert x @ My == pytest.approx(y @ Mx, rel=1e-6)  # single precision inside
     assert x @ Mx > 0
     assert y @ My > 0
 
