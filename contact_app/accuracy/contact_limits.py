@@ -159,8 +159,10 @@ def entered_points(
     gaps_and_normals
         Of the obstacle as it was before, and as it is now.
     """
+    as_before, as_now = gaps_and_normals
     try:
-        (before, _), (gap, normal) = (of(points) for of in gaps_and_normals)
+        gap, normal = as_now(points)
+        before = gap if as_before == as_now else as_before(points)[0]
     except ConfigurationError:  # a node in the middle of a round obstacle has no normal
         return 0, 0.0
     entered = -(gap + np.einsum("ij,ij->i", normal[:, : moved.shape[1]], moved))

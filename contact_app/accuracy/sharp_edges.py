@@ -29,7 +29,7 @@ from contact_app.model.boundaries import boundary_facets, surface_facets
 from contact_app.model.model import Model
 from contact_app.results.fields import NodeFields
 from contact_app.scene.conditions import BodyContact, Contact
-from meshes import Subdomain
+from meshes import Reference
 from meshes.contact_surface import Surface
 
 Array = NDArray[np.float64]
@@ -252,9 +252,14 @@ def skin_near(model: Model, body: int, boundary: str, point: Array, reach: float
     """
     scene, partition = model.scene, model.partition
     every, of_contact = [], []
+    references = {id(s.reference): s.reference for s in partition.subdomains}
+    extents = {key: _extent(reference) for key, reference in references.items()}
     for s in partition.subdomains:
         rows = contact = np.zeros(0, np.int32)
-        if s.body == body and _is_near(s, point, reach):
+        lower, upper, facet = extents[id(s.reference)]
+        at = point - s.translation
+        near = np.linalg.norm(at - np.clip(at, lower, upper)) <= reach + facet
+        if s.body == body and near:
             rows = surface_facets(s, scene.bodies[body])
             rows = rows[within(s.points()[s.reference.facets[rows]], point, reach)]
         if len(rows):
@@ -273,12 +278,11 @@ def skin_near(model: Model, body: int, boundary: str, point: Array, reach: float
     return Skin.of(surface, pressed, scene.bodies[body].name, scene.bodies[body].softest)
 
 
-def _is_near(s: Subdomain, point: Array, reach: float) -> bool:
-    """Whether facets of a subdomain can have a part within some distance of a point."""
-    points = s.points()
-    lower, upper = points.min(axis=0), points.max(axis=0)
-    away = np.linalg.norm(point - np.clip(point, lower, upper))
-    return bool(away <= reach + np.linalg.norm(upper - lower))
+def _extent(reference: Reference) -> tuple[Array, Array, float]:
+    """Corners of the box about a mesh, (3,) each, and the size of its largest facet."""
+    points, facets = reference.points, reference.points[reference.facets]
+    sizes = np.linalg.norm(np.ptp(facets, axis=1), axis=1)
+    return points.min(axis=0), points.max(axis=0), float(sizes.max(initial=0.0))
 
 
 def within(facets: Array, point: Array, reach: float) -> NDArray[np.bool_]:
