@@ -117,7 +117,7 @@ def _of_body(space: Any, every: NDArray, chosen: NDArray[np.bool_]) -> Grid | No
     kind = str(space.mesh.topology.cell_name())
     box = BoxShape(tuple(lower), tuple(upper), tuple(map(int, counts)), kind, degree)
     split = choose_split(box)
-    if np.prod(split) > 1:
+    if comm.size > 1 and np.prod(split) > 1:
         split = choose_split(box, comm.size)
     if len(split) != d:
         return None

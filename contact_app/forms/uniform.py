@@ -19,6 +19,7 @@ from ufl.algorithms.analysis import extract_type
 
 from contact_app.forms.grid import Grid
 from contact_app.forms.parts import Parts, assembled
+from contact_app.model.equal_cells import sum_of_copies
 from meshes import dolfinx_compat
 
 Array = NDArray[np.float64]
@@ -100,17 +101,9 @@ def box_stiffness(K: Array, cells: tuple[int, ...], degree: int) -> sparse.csr_m
     strides = np.cumprod([1, *(degree * n + 1 for n in cells[:-1])])
     place = np.array([node[::-1] for node in product(range(degree + 1), repeat=d)]) @ strides
     first = degree * np.array([cell[::-1] for cell in product(*map(range, cells[::-1]))]) @ strides
-    nodes = first[:, None] + place
-    size = d * int(np.prod([degree * n + 1 for n in cells]))
-    unknowns = (nodes[:, :, None] * d + np.arange(d)).reshape(len(nodes), -1).astype(np.int32)
-    shape = (*unknowns.shape, unknowns.shape[1])
-    entries = (
-        np.broadcast_to(unknowns[:, :, None], shape).ravel(),
-        np.broadcast_to(unknowns[:, None, :], shape).ravel(),
-    )
-    values = np.broadcast_to(K, shape).ravel()
     # entries that are zero stay: sub-boxes with and without springs have equal patterns
-    return sparse.csr_matrix((values, entries), shape=(size, size)).sorted_indices()
+    nodes = int(np.prod([degree * n + 1 for n in cells]))
+    return sum_of_copies(K, first[:, None] + place, nodes)
 
 
 def added(K: sparse.csr_matrix, other: sparse.csr_matrix) -> sparse.csr_matrix:

@@ -359,10 +359,11 @@ def _stiffness(model: FormModel) -> Array:
     """
     d, bodies, subdomains = model.parts.dimension, model.bodies, model.subdomains
     sums = np.zeros((2, bodies.count))
+    traces = [cls.stiffness.diagonal().sum() / d for cls in model.problem.classes]
     for (cls, _), body, copies in zip(
         model.place, bodies.of_subdomain, np.diff(subdomains.starts), strict=True
     ):
-        sums[:, body] += model.problem.classes[cls].stiffness.diagonal().sum() / d, copies
+        sums[:, body] += traces[cls], copies
     total, nodes = model.parts.comm.allreduce(sums)
     size = (np.prod(2.0 * bodies.halves[:, :d], axis=1) / nodes) ** (1.0 / d)
     return np.asarray(total / nodes / size ** (d - 2))

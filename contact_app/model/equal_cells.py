@@ -9,11 +9,11 @@ the sum of copies of one K_T, to the same digits.
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import sparse
 
 from meshes import Reference, dolfinx_compat
 from meshes.subdomains import vtk_shapes
+from solver.vectors import Array, Ints
 
 EQUAL = 1e-12
 """Largest difference of the coordinates of equal cells, over their size."""
@@ -43,9 +43,23 @@ def stiffness_of_equal_cells(
     rule
         Degree of the rule of integration.
     """
-    d, cells, nodes = dimension, reference.cells.astype(np.int64), len(reference.points)
+    one = _of_one_cell(reference, dimension, moduli, rule)
+    return sum_of_copies(one, reference.cells.astype(np.int64), len(reference.points))
+
+
+def sum_of_copies(K: Array, cells: Ints, nodes: int) -> sparse.csr_matrix:
+    """K of a mesh, with entries that are zero, from that of one of its equal cells.
+
+    Parameters
+    ----------
+    K : (n · d, n · d)
+        Of a cell, components of a node one after another.
+    cells : (cells, n)
+        Numbers of the nodes of each cell, below `nodes`.
+    """
     n = cells.shape[1]
-    blocks = _of_one_cell(reference, d, moduli, rule).reshape(n, d, n, d)
+    d = len(K) // n
+    blocks = K.reshape(n, d, n, d)
     blocks = np.ascontiguousarray(blocks.transpose(0, 2, 1, 3)).reshape(n * n, d, d)
     pairs = (cells[:, :, None] * nodes + cells[:, None, :]).ravel()
     order = np.argsort(pairs, kind="stable")
@@ -55,13 +69,10 @@ def stiffness_of_equal_cells(
     widths = np.bincount(row, minlength=nodes)
     data = np.add.reduceat(blocks[order % (n * n)], begins, axis=0)
     shape = (nodes * d, nodes * d)
-    K = sparse.bsr_matrix((data, column, np.cumsum([0, *widths])), shape=shape)
-    return K.tocsr()
+    return sparse.bsr_matrix((data, column, np.cumsum([0, *widths])), shape=shape).tocsr()
 
 
-def _of_one_cell(
-    reference: Reference, d: int, moduli: tuple[float, float], rule: int
-) -> NDArray[np.float64]:
+def _of_one_cell(reference: Reference, d: int, moduli: tuple[float, float], rule: int) -> Array:
     """K_T of the first cell, (nodes · d, nodes · d)."""
     lam, mu = moduli
     points, weights = dolfinx_compat.quadrature(reference.cell, rule)
