@@ -173,13 +173,13 @@ def resisted(
     """
     d, m = subdomains.dimension, MOTIONS[subdomains.dimension]
     grams, scale = np.zeros((2, bodies.count, m, m)), np.zeros(bodies.count)
-    known: dict[int, tuple[bool, float]] = {}  # whether all motions are free, largest entry
+    of_matrix: dict[int, tuple[bool, float]] = {}  # whether all motions are free, largest entry
     for number, (K, body) in enumerate(zip(stiffness, bodies.of_subdomain, strict=True)):
         points = subdomains.points[subdomains.copies(number)]
         R = bodies.motions(int(body), points, d).reshape(K.shape[0], m)
-        if id(K) not in known:
-            known[id(K)] = kernel_of(K, points, d).shape[1] == m, K.diagonal().max()
-        floats, largest = known[id(K)]
+        if id(K) not in of_matrix:
+            of_matrix[id(K)] = kernel_of(K, points, d).shape[1] == m, K.diagonal().max()
+        floats, largest = of_matrix[id(K)]
         if not floats:
             grams[0, body] += R.T @ (K @ R)
         grams[1, body] += R.T @ R
