@@ -41,6 +41,9 @@ WEAK = 1e-2
 AT_ONCE = 20_000_000
 """Number of polynomial coefficients stored at once; stress components are processed in groups."""
 
+HELPED_AT_ONCE = 256
+"""Number of vertices whose neighbours' moments are moved at once: some megabytes."""
+
 
 class Helped:
     """Owned vertices with too few cells, and the neighbours that help them out.
@@ -120,11 +123,15 @@ class Helped:
     def second(self, A: Array) -> Array:
         """Σ m mᵀ (targets, monomials, monomials), from those of the sources."""
         size = A.shape[1]
-        T = translations(-self._shift, size)
-        at_helping = self._helping.scatter(A.reshape(-1, size**2))[self._columns]
-        moved = np.swapaxes(T, 1, 2) @ at_helping.reshape(-1, size, size) @ T
-        moved *= self._weight[:, None, None]
-        sums = np.add.reduceat(moved, self._starts[:-1]) if len(moved) else moved
+        at_helping = self._helping.scatter(A.reshape(-1, size**2)).reshape(-1, size, size)
+        sums = np.zeros((len(self._starts) - 1, size, size))
+        for begin in range(0, len(sums), HELPED_AT_ONCE):
+            starts = self._starts[begin : begin + HELPED_AT_ONCE + 1]
+            pairs = slice(starts[0], starts[-1])
+            T = translations(-self._shift[pairs], size)
+            moved = np.swapaxes(T, 1, 2) @ at_helping[self._columns[pairs]] @ T
+            moved *= self._weight[pairs, None, None]
+            sums[begin : begin + HELPED_AT_ONCE] = np.add.reduceat(moved, starts[:-1] - starts[0])
         return self._helped.gather(sums.reshape(len(sums), size**2)).reshape(-1, size, size)
 
     def _summed(self, at_helping: Array, T: Array) -> Array:
