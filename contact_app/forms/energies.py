@@ -13,6 +13,7 @@ import ufl
 from dolfinx import fem
 from numpy.typing import NDArray
 
+from contact_app.forms.uniform import EqualCells
 from meshes import dolfinx_compat
 
 Array = NDArray[np.float64]
@@ -22,7 +23,7 @@ class CellEnergies:
     """a(w, w) over each cell that this rank owns, without the integrals over facets.
 
     The displacement w is a Function u of the space, or b + G x with b and G constant in each cell.
-    One compiled form serves both.
+    One compiled form serves both, or the matrices of equal cells where these have all integrals.
 
     Attributes
     ----------
@@ -30,8 +31,14 @@ class CellEnergies:
         Whether some integral over cells is by one point.
     """
 
-    def __init__(self, form: Any, space: Any) -> None:
+    def __init__(self, form: Any, space: Any, equal: EqualCells | None = None) -> None:
         mesh, d = space.mesh, space.mesh.topology.dim
+        integrals = [part for part in form.integrals() if part.integral_type() == "cell"]
+        self.reduced = any(part.metadata().get("quadrature_degree", 2) < 2 for part in integrals)
+        self._equal = equal if equal is not None and equal.complete else None
+        if self._equal is not None:
+            self._points = space.tabulate_dof_coordinates()[:, :d][self._equal.nodes]
+            return
         self._cells = mesh.topology.index_map(d).size_local
         self._u, self._factor = fem.Function(space), fem.Constant(mesh, 0.0)
         self._affine = fem.Function(dolfinx_compat.cellwise_vectors(mesh, d + d * d))
@@ -43,8 +50,6 @@ class CellEnergies:
         of_cells = dolfinx_compat.cellwise_scalars(mesh)
         q = ufl.TestFunction(of_cells)
         replaced = dict.fromkeys(form.arguments(), w)
-        integrals = [part for part in form.integrals() if part.integral_type() == "cell"]
-        self.reduced = any(part.metadata().get("quadrature_degree", 2) < 2 for part in integrals)
         self._form = dolfinx_compat.compile_form(
             ufl.Form([
                 integral.reconstruct(integrand=q * ufl.replace(integral.integrand(), replaced))
@@ -56,6 +61,8 @@ class CellEnergies:
 
     def of(self, u: Array) -> Array:
         """Energies (cells,) of a displacement, (nodes of the space with ghosts, d)."""
+        if self._equal is not None:
+            return self._equal.energies(u[self._equal.nodes])
         self._u.x.array[:] = u.ravel()
         self._affine.x.array[:] = 0.0
         return self._assembled(1.0)
@@ -69,6 +76,9 @@ class CellEnergies:
             ∂w_i / ∂x_j.
         middle, value : (cells, d)
         """
+        if self._equal is not None:
+            at = (self._points - middle[:, None]) @ np.swapaxes(gradient, 1, 2)
+            return self._equal.energies(at + value[:, None])
         offset = value - (gradient @ middle[:, :, None])[:, :, 0]
         entries = np.concatenate([offset, gradient.reshape(len(gradient), -1)], axis=1)
         at = self._affine_places[: self._cells]

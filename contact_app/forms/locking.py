@@ -30,6 +30,7 @@ from numpy.typing import NDArray
 
 from contact_app.forms.energies import CellEnergies
 from contact_app.forms.parts import Parts
+from contact_app.forms.uniform import EqualCells
 from meshes import dolfinx_compat
 
 Array = NDArray[np.float64]
@@ -56,11 +57,11 @@ class Moduli:
     shape: Array
 
     @classmethod
-    def of(cls, parts: Parts, form: Any) -> Moduli | None:
+    def of(cls, parts: Parts, form: Any, equal: EqualCells | None) -> Moduli | None:
         """The moduli of the cells of this rank; None where the space is not of degree 1."""
         if dolfinx_compat.lagrange_degree(parts.space) != 1:
             return None
-        energies, d = CellEnergies(form, parts.space), parts.dimension
+        energies, d = CellEnergies(form, parts.space, equal), parts.dimension
         middle = parts.points[parts.cells].mean(axis=1)[:, :d]
         zero = np.zeros_like(middle)
         return cls(energies, *(

@@ -32,7 +32,7 @@ from contact_app.forms.rows import rows_of
 from contact_app.forms.sides import Sides, sides_of
 from contact_app.forms.stress_loads import stress_loads
 from contact_app.forms.subdomains import Subdomains, subdomains_of
-from contact_app.forms.uniform import in_cylindrical_coordinates
+from contact_app.forms.uniform import EqualCells, in_cylindrical_coordinates
 from meshes.contact_surface import Surface
 from meshes.ties import MeanJumps
 from solver.tfeti.build import CongruentSubdomains, ConstraintRows, build_system
@@ -164,7 +164,8 @@ def build_model(
     with measure("assembly"):
         parts = parts_of(space, grid)
         subdomains = subdomains_of(parts, grid)
-        stiffness, acting = subdomains.stiffness(forms[0]), _Loads.of(subdomains, forms[1])
+        equal = EqualCells.of(parts, grid, forms[0])
+        stiffness, acting = subdomains.stiffness(forms[0], equal), _Loads.of(subdomains, forms[1])
     classes = congruent(subdomains, stiffness, grid is not None)
     if grid is not None:
         kinds = parts.comm.allreduce(max((c.number + 1 for c in classes), default=0), op=MPI.MAX)
@@ -206,7 +207,7 @@ def build_model(
     return FormModel(
         subdomains, bodies, exchange, tuple(contacts), sides, jumps, problem, merged,
         _notes(bodies, state, (forms[0], contacts)), _places(classes, subdomains.count),
-        Moduli.of(parts, forms[0]), forms[0],
+        Moduli.of(parts, forms[0], equal), forms[0],
         fingerprint_of_form(forms[0], space.mesh, contacts), of_rows,
     )  # fmt: skip
 

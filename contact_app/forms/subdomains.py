@@ -17,7 +17,7 @@ from scipy import sparse
 
 from contact_app.forms.grid import Grid
 from contact_app.forms.parts import Parts
-from contact_app.forms.uniform import added, box_stiffness, cell_stiffness, split_form
+from contact_app.forms.uniform import EqualCells, added, box_stiffness
 
 Array = NDArray[np.float64]
 Value = TypeVar("Value")
@@ -76,20 +76,15 @@ class Subdomains:
         d = self.dimension
         return slice(int(self.starts[number]) * d, int(self.starts[number + 1]) * d)
 
-    def stiffness(self, form: Any) -> list[sparse.csr_matrix]:
+    def stiffness(self, form: Any, equal: EqualCells | None) -> list[sparse.csr_matrix]:
         """K of each, (n, n) with unknown ``node * dimension + component`` (collective).
 
         Sub-boxes of a grid whose matrices are equal may share one.
         """
-        if self.grid is None or self.boxes is None:
-            return self._integrated(form)
-        same, others = split_form(form, self.parts.space.mesh)
-        if same.empty():
-            return self._integrated(form)
         grid = self.grid
-        of_body = [
-            cell_stiffness(self.parts, grid, same, body) for body in range(grid.bodies.max() + 1)
-        ]
+        if equal is None or grid is None or self.boxes is None:
+            return self._integrated(form)
+        of_body, others = equal.matrices, equal.others
         kinds = [(int(grid.bodies[box]), *map(int, grid.cells[box])) for box in self.boxes]
         made = {kind: box_stiffness(of_body[kind[0]], kind[1:], grid.degree) for kind in set(kinds)}
         result = [made[kind] for kind in kinds]

@@ -7,6 +7,7 @@ stiffness, K = Σ_e A_eᵀ K_e A_e over the cells, and one assembly serves them 
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from itertools import product
 from typing import Any
 
@@ -90,6 +91,54 @@ def cell_stiffness(parts: Parts, grid: Grid, form: Any, body: int) -> Array:
     K = assembled(torn, first).toarray()
     root = comm.allreduce(comm.rank if some else comm.size, op=MPI.MIN)
     return np.asarray(comm.bcast(K if comm.rank == root else None, root=root))
+
+
+@dataclass(frozen=True, eq=False)
+class EqualCells:
+    """A form on a grid of cells that have the same matrix in each body.
+
+    Attributes
+    ----------
+    matrices
+        K_e of each body.
+    others
+        Integrals that are not in these matrices.
+    nodes : (cells, n)
+        Nodes of the space in the order of the matrices, of the cells that this rank owns.
+    body : (cells,)
+    """
+
+    matrices: list[Array]
+    others: Any
+    nodes: NDArray[np.int64]
+    body: NDArray[np.int64]
+
+    @classmethod
+    def of(cls, parts: Parts, grid: Grid | None, form: Any) -> EqualCells | None:
+        """None without a grid, or if no integral is the same in each cell (collective)."""
+        if grid is None:
+            return None
+        same, others = split_form(form, parts.space.mesh)
+        if same.empty():
+            return None
+        matrices = [cell_stiffness(parts, grid, same, k) for k in range(grid.bodies.max() + 1)]
+        nodes = dolfinx_compat.dof_nodes(parts.space)[: len(grid.of_cell)]
+        order = np.argsort(grid.lattice[nodes], axis=1)
+        ordered = np.take_along_axis(nodes, order, axis=1).astype(np.int64)
+        return cls(matrices, others, ordered, grid.bodies[grid.of_cell])
+
+    @property
+    def complete(self) -> bool:
+        """Whether the matrices have all integrals over cells."""
+        return all(part.integral_type() != "cell" for part in self.others.integrals())
+
+    def energies(self, w: Array) -> Array:
+        """Energies (cells,) of displacements of the cells' nodes, (cells, n, d)."""
+        rows, result = w.reshape(len(w), -1), np.empty(len(w))
+        for body, K in enumerate(self.matrices):
+            some = self.body == body
+            result[some] = np.einsum("ci,ci->c", rows[some] @ K, rows[some])
+        return result
 
 
 def box_stiffness(K: Array, cells: tuple[int, ...], degree: int) -> sparse.csr_matrix:

@@ -12,10 +12,11 @@ from dolfinx import fem
 from mpi4py import MPI
 
 from contact_app import Contact, ContactProblem
+from contact_app.forms.energies import CellEnergies
 from contact_app.forms.grid import grid_of
 from contact_app.forms.parts import parts_of
 from contact_app.forms.subdomains import Subdomains, subdomains_of
-from contact_app.forms.uniform import split_form
+from contact_app.forms.uniform import EqualCells, split_form
 from meshes import dolfinx_compat
 from tests import form_problems as problems
 
@@ -55,7 +56,10 @@ def test_it_is_that_of_an_integration_over_all_cells(
     if springs:
         u, v = ufl.TrialFunction(space), ufl.TestFunction(space)
         a += springs * ufl.inner(u, v) * ufl.ds
-    made, integrated = own.stiffness(a), own.parts.stiffness(a)
+    made, integrated = (
+        own.stiffness(a, EqualCells.of(own.parts, own.grid, a)),
+        own.parts.stiffness(a),
+    )
     assert len(made) == own.count > 3
     for one, other in zip(made, integrated, strict=True):
         assert abs(one - other).max() <= 1e-12 * abs(other).max()
@@ -87,7 +91,10 @@ def test_two_bodies_are_cut_into_sub_boxes_of_their_own_cells(degree: int) -> No
     assert grid is not None
     assert len(np.unique(grid.bodies)) == 2
     own, a = subdomains_of(parts_of(space, grid), grid), energy(space, steel, ufl.dx)
-    made, integrated = own.stiffness(a), own.parts.stiffness(a)
+    made, integrated = (
+        own.stiffness(a, EqualCells.of(own.parts, own.grid, a)),
+        own.parts.stiffness(a),
+    )
     for one, other in zip(made, integrated, strict=True):
         assert abs(one - other).max() <= 1e-9 * abs(other).max()  # of rounded points
     tags = problems.facet_tags(mesh, {
@@ -110,6 +117,20 @@ def test_two_bodies_are_cut_into_sub_boxes_of_their_own_cells(degree: int) -> No
         methods.append(problem.summary["solver"]["method"])
     assert methods == ["active-set", "primal"]
     assert energies[0] == pytest.approx(energies[1], rel=1e-7)
+
+
+def test_energies_of_equal_cells_are_those_of_the_form() -> None:
+    space = problems.vector_space(two_boxes((0.7, 0.5)), 1)
+    grid, a = grid_of(space), energy(space, steel, ufl.dx)
+    equal = EqualCells.of(parts_of(space, grid), grid, a)
+    assert equal is not None
+    assert equal.complete
+    ways, rng = (CellEnergies(a, space), CellEnergies(a, space, equal)), np.random.default_rng(1)
+    u = rng.normal(size=(len(space.tabulate_dof_coordinates()), 2))
+    affine = [rng.normal(size=(len(equal.body), *shape)) for shape in ((2, 2), (2,), (2,))]
+    results = [(way.of(u), way.of_affine(*affine)) for way in ways]
+    for compiled, summed in zip(*results, strict=True):
+        np.testing.assert_allclose(summed, compiled, rtol=1e-9)
 
 
 def test_bodies_that_share_nodes_are_no_grids() -> None:
