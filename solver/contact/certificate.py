@@ -166,8 +166,8 @@ class Measures:
     strains : (bodies,)
         a(u, u) of each body, twice its strain energy.
     roundings : (bodies,)
-        a(δu, δu) of the change δu that rounding errors and the residual of equilibrium may have
-        made to u.
+        a(δu, δu) of the change δu that rounding errors may have made to u, among them the residual
+        of equilibrium but for that of an iterative solver, which is in `gaps`.
     gaps : (groups,)
         The duality gap J(û) - D(λ) of each group, in units of energy.
     energy

@@ -58,14 +58,17 @@ def certify(
     idle = comm.allreduce(bodies.sum_rows(np.abs(force * slack), contact))
     # what an iterative solver left in K u = f - Bᵀ λ is no rounding error
     residual_rounding = state.disturbances if unsolved is None else disturbed
-    pure = (np.sqrt(disturbed) + np.sqrt(residual_rounding)) ** 2
+    pure, every = (
+        (np.sqrt(disturbed) + np.sqrt(of_residual)) ** 2
+        for of_residual in (residual_rounding, state.disturbances)
+    )
     measures = Measures(
         displacements=answer.largest_displacements(),
         deformations=deformed,
         loads=forces.largest,
         pressed=forces.contact,
         strains=state.strains,
-        roundings=(np.sqrt(disturbed) + np.sqrt(state.disturbances)) ** 2,
+        roundings=pure,
         scales=energy_scales(problem, state.strains, pure, forces),
         gaps=bounds,
         energy=float(state.energy + work + gaps.sum()),
@@ -86,7 +89,7 @@ def certify(
         "min_multiplier": _worst_rows(problem, pulls, contact),
         "complementarity": idle / reference_sizes(bodies, load * lengths),
         "equilibrium": state.imbalance / load,
-        "duality_gap": _relative_gaps(problem, measures, pure),
+        "duality_gap": _relative_gaps(problem, measures, every),
         **friction_numbers(problem, multiplier, residual, load, lengths),
     }
     certificate = _certificate(by_body, rounded / load)
@@ -190,7 +193,7 @@ def _worst_rows(problem: DecomposedProblem, values: Array, rows: Mask) -> Array:
     return largest(problem.comm, local)
 
 
-def _relative_gaps(problem: DecomposedProblem, measures: Measures, pure: Array) -> Array:
+def _relative_gaps(problem: DecomposedProblem, measures: Measures, disturbed: Array) -> Array:
     """Half the bound on the squared error of each body over its strain energy, (bodies,).
 
     The error of a body is at most the error of its group plus its own rounding errors. A group that
@@ -199,13 +202,13 @@ def _relative_gaps(problem: DecomposedProblem, measures: Measures, pure: Array) 
 
     Parameters
     ----------
-    pure : (bodies,)
-        Rounding errors of a(u, u) without the residual of an iterative solver.
+    disturbed : (bodies,)
+        `measures.roundings` with the residual of an iterative solver.
     """
     bodies = problem.bodies
     gap = np.sqrt(2.0 * np.maximum(measures.gaps, 0.0))[bodies.groups]
-    square = (gap + np.sqrt(measures.roundings)) ** 2
-    rounded = bodies.sum_by_group(pure)[bodies.groups]
+    square = (gap + np.sqrt(disturbed)) ** 2
+    rounded = bodies.sum_by_group(measures.roundings)[bodies.groups]
     unmoved = np.where(gap**2 > STRAINING * rounded, 1.0, 0.0)
     return np.divide(square, measures.scales, out=unmoved, where=measures.scales > 0.0)
 

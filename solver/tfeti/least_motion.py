@@ -57,8 +57,11 @@ def with_least_motion(problem: DecomposedProblem, solution: Solution) -> Solutio
     if moved is None:
         return solution
     placed = with_supports_at(problem, moved)
-    certificate, measures = certify(placed, solution.multiplier, moved, solution.tolerance)
     # the gap of a method for displacements has the error that its equations had
+    unsolved = None if problem.factored else np.zeros(problem.bodies.count)
+    certificate, measures = certify(
+        placed, solution.multiplier, moved, solution.tolerance, unsolved
+    )
     worse = max(certificate.duality_gap, solution.certificate.duality_gap)
     gaps = np.maximum(measures.gaps, solution.measures.gaps)
     certificate = replace(certificate, duality_gap=worse).judged(solution.tolerance)

@@ -42,7 +42,6 @@ from contact_app.accuracy.estimate.stress_recovery import (
 )
 from contact_app.accuracy.estimate.touching import touching_nodes
 from contact_app.model.model import Model
-from solver.contact.certificate import ROUNDED_LIMIT
 from solver.contact.solution import Accuracy, Solution
 from solver.tfeti.sizes import STRAINLESS
 
@@ -270,12 +269,8 @@ def accuracy_of(squares: Array, solution: Solution) -> Accuracy:
         for values in (*squares, measures.roundings, measures.scales + measures.pressed)
     )
     solver = measures.error_squares()
-    # strains that the solver's error exceeds have no digits, as rounding errors have none; a
-    # residual above those of rounding is that of multigrid at a loose tolerance
-    certificate = solution.certificate
-    limit = max(certificate.round_off, ROUNDED_LIMIT)
-    rounded = rounding * (limit / max(certificate.equilibrium, limit)) ** 2
-    total, strained = float(norm.sum()), norm > np.maximum(STRAINLESS * rounded, solver)
+    # strains that the solver's error exceeds have no digits, as rounding errors have none
+    total, strained = float(norm.sum()), norm > np.maximum(STRAINLESS * rounding, solver)
     if (~strained & (reported > 0.0)).any():  # forces, but no strains to be relative to
         return Accuracy(np.nan, np.nan, np.nan, total, np.nan)
     if not strained.any():

@@ -396,3 +396,17 @@ def test_overlaps_of_surfaces_that_are_tilted_against_each_other(
         told = "\n".join(summary["certificate"]["warnings"])
         assert ("press that are tilted against each other and up to 0.2 apart" in told) == steep
     assert (energies[0] > 1.3 * energies[1]) == steep
+
+
+def test_what_multigrid_left_is_no_rounding_error() -> None:
+    """A loose answer of a body that is moved by 10 and squeezed by 0.1 has all of its digits."""
+    cell = "tetrahedron"
+    moved = {"on": "block.z+", "displacement": [0, 0, -10]}
+    floor = {"on": "block.z-", "obstacle": scenes.plane(cell, (0, 0, -9.9), (0, 0, 1))}
+    made = scenes.config(cell, [scenes.block(cell, 4)], [moved], [floor])
+    made["solver"] = {"method": "primal", "tolerance": 0.01}
+    summary = contact_app.solve(made).summary
+    assert summary["solver"]["method"] == "primal"
+    assert summary["accuracy"]["algebraic"] > 1e-3
+    assert summary["accuracy"]["round_off"] < 1e-9
+    assert not [w for w in summary["certificate"]["warnings"] if "rounding" in w]
