@@ -55,6 +55,9 @@ def hertz_peak(model: Model, nodes: NodeFields, facets: PressedFacets, number: i
     is no quadratic, or at bodies of several materials.
     """
     comm, d, modulus = model.comm, model.scene.dimension, _modulus(model, number)
+    strongest = float(np.abs(nodes.contacts[number].forces).max(initial=0.0))
+    if comm.allreduce(strongest, op=MPI.MAX) ** 2 == 0.0:  # as are the squares of such forces
+        return None
     loaded = facets.corners[(facets.pressure > 0.0).any(axis=1)]
     edges = np.linalg.norm(loaded - np.roll(loaded, 1, axis=1), axis=2)
     size = comm.allreduce(float(edges.max(initial=0.0)), op=MPI.MAX)

@@ -35,7 +35,7 @@ from contact_app.model.method import feti_options, is_undecomposed
 from contact_app.model.normal_forces import NormalForces
 from contact_app.model.outline import Outline, Report, outline_of_scene
 from contact_app.model.pairs import doubled_pairs
-from contact_app.model.probes import Probe
+from contact_app.model.probes import Probe, shared_probes
 from contact_app.model.rigid import RigidUnknowns, rigid_subdomains, subdomains_of_copies
 from contact_app.model.rigid_ties import ContactsAndTies, rough_at_tied_nodes
 from contact_app.model.sections import SectionPiece
@@ -297,6 +297,7 @@ def _cautions(outline: Outline) -> tuple[str, ...]:
     cautions += rough_at_tied_nodes(
         ContactsAndTies(geometry, outline.contact, outline.rows.tied.rows)
     )
+    cautions += shared_probes(geometry, outline.probes)
     return (*cautions, *outline.rows.tied.notes)
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from mpi4py import MPI
@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from contact_app.errors import ConfigurationError
 from contact_app.model.geometry import Geometry
 from contact_app.model.planes import subsets
+from contact_app.scene.conditions import Tie
 from contact_app.scene.scene import Mirror
 from meshes import Reference, Subdomain
 from meshes.crossing import Boxes
@@ -38,6 +39,8 @@ class Probe:
         Nodes of the cell in the subdomain, and their shape functions at the point.
     mirrors
         Planes of symmetry between the point and the part that is solved.
+    bodies
+        Bodies at the point, on all ranks; the probe is in the first one.
     """
 
     name: str
@@ -45,6 +48,7 @@ class Probe:
     nodes: NDArray[np.int64]
     shares: Array
     mirrors: tuple[Mirror, ...]
+    bodies: tuple[int, ...] = ()
 
 
 def locate_probes(
@@ -62,8 +66,8 @@ def locate_probes(
 
 def _located(geometry: Geometry, name: str, point: Array) -> Probe:
     """The cell of a point and its shares at the nodes of this cell; empty on other ranks."""
-    comm, d = geometry.comm, geometry.dimension
-    best, probe = np.inf, Probe(name, None, np.zeros(0, np.int64), np.zeros(0), ())
+    comm, d, here_are = geometry.comm, geometry.dimension, set[int]()
+    best, probe = (np.inf, -1), Probe(name, None, np.zeros(0, np.int64), np.zeros(0), ())
     for subset in subsets(len(geometry.mirrors)):
         mirrors = tuple(geometry.mirrors[k] for k in subset)
         here = point[None]
@@ -71,17 +75,34 @@ def _located(geometry: Geometry, name: str, point: Array) -> Probe:
             here = mirror.image(here)
         for number, subdomain in enumerate(geometry.partition.subdomains):
             outside, nodes, shares = in_cell(subdomain, here[0], d)
-            if outside < best - OUTSIDE:
-                best, probe = outside, Probe(name, number, nodes, shares, mirrors)
-    least, rank = comm.allreduce((best, comm.rank), op=MPI.MIN)
+            if outside <= OUTSIDE:
+                here_are.add(subdomain.body)
+                outside = 0.0
+            if (outside, subdomain.body) < best:
+                best = outside, subdomain.body
+                probe = Probe(name, number, nodes, shares, mirrors)
+    (least, _), rank = comm.allreduce((best, comm.rank), op=MPI.MIN)
     if least > OUTSIDE:
         place = ", ".join(f"{v:g}" for v in point[:d])
         raise ConfigurationError(
             f"{geometry.at('output')}.probes.{name}: the point ({place}) lies in no body"
         )
     if rank != comm.rank:
-        return Probe(name, None, np.zeros(0, np.int64), np.zeros(0), ())
-    return probe
+        probe = Probe(name, None, np.zeros(0, np.int64), np.zeros(0), ())
+    return replace(probe, bodies=tuple(sorted(set[int]().union(*comm.allgather(here_are)))))
+
+
+def shared_probes(geometry: Geometry, probes: Sequence[Probe]) -> list[str]:
+    """A sentence for each probe at which bodies meet that no tie joins."""
+    tied = [{tie.body, tie.other} for tie in geometry.ties if isinstance(tie, Tie)]
+    return [
+        f"{geometry.at('output')}.probes.{probe.name}: "
+        f"{' and '.join(geometry.bodies[b].name for b in probe.bodies)} meet at this point: the "
+        f"displacement is that of {geometry.bodies[probe.bodies[0]].name}; move the point into a "
+        "body to choose it"
+        for probe in probes
+        if len(probe.bodies) > 1 and set(probe.bodies) not in tied
+    ]
 
 
 def in_cell(subdomain: Subdomain, point: Array, d: int) -> tuple[float, NDArray[np.int64], Array]:

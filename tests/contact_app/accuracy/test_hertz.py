@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+import warnings
+
 import numpy as np
 import pytest
 
+import contact_app
 from contact_app.accuracy.hertz import peak_of
+from tests import scenes
 
 MODULUS, FORCE, RADIUS = 1000.0, 2.0, 3.0
 HALF = (0.75 * FORCE * RADIUS / MODULUS) ** (1.0 / 3.0)
@@ -30,3 +34,15 @@ def test_a_contact_of_other_size_gives_no_peak(size: float) -> None:
 def test_a_line_on_a_line_gives_no_peak() -> None:
     """The edge of a block: one row of nodes of some length."""
     assert peak_of(FORCE, MODULUS, np.array([-1e-17, 1e-17]), np.array([0.0, 0.3]), 0.17) is None
+
+
+@pytest.mark.parametrize("force", [1e-165, 1e-300])
+def test_forces_whose_squares_are_zero_have_no_peak(force: float) -> None:
+    """Python would report a division of zero by zero."""
+    block = {**scenes.box("block", [1.0, 1.0], [10, 5], [-1.0, 0.0]), "hold": ["x", "rz"]}
+    push = {"on": "block.y-", "traction": [0, force]}
+    circle = {"sphere": {"center": [0, 6.0], "radius": 5.0}}
+    contact = {"on": "block.y+", "obstacle": circle}
+    with warnings.catch_warnings():
+        warnings.simplefilter("error", RuntimeWarning)
+        contact_app.solve(scenes.config("quadrilateral", [block], [push], [contact]))

@@ -117,3 +117,23 @@ def test_wrong_points_are_refused() -> None:
     made["output"] = {"probes": {"tip": [0.5, 0.5]}}
     with pytest.raises(ConfigurationError, match="probes.tip has 2 components"):
         contact_app.solve(made)
+
+
+@pytest.mark.parametrize("tied", [False, True])
+def test_a_probe_where_bodies_meet_is_in_the_first_with_a_warning(tied: bool) -> None:
+    """Tied bodies move as one there."""
+    cell = "quadrilateral"
+    upper = scenes.block(cell, 3, "upper", (0.0, 0.0, 1.0), (1.0, 1.0, 2.0))
+    joint = {"tied": True} if tied else {"friction": {"coulomb": 0.3}}
+    made = scenes.config(
+        cell,
+        [scenes.block(cell, 3), upper],
+        [scenes.clamp(cell, "block.y-"), {"on": "upper.y+", "displacement": [0.01, -0.02]}],
+        [{"on": "upper.y-", "against": "block.y+", **joint}],
+    )
+    made["output"] = {"probes": {"seam": [1.0, 1.0], "below": [1.0, 0.99]}}
+    summary = contact_app.solve(made).summary
+    moved = [summary["probes"][name]["displacement"] for name in ("seam", "below")]
+    np.testing.assert_allclose(*moved, atol=0.02 * 0.02)
+    told = [w for w in summary["certificate"]["warnings"] if "probes.seam: block and upper" in w]
+    assert len(told) == (not tied)

@@ -398,7 +398,7 @@ def test_overlaps_of_surfaces_that_are_tilted_against_each_other(
     assert (energies[0] > 1.3 * energies[1]) == steep
 
 
-def test_what_multigrid_left_is_no_rounding_error() -> None:
+def test_the_residual_of_multigrid_is_no_rounding_error() -> None:
     """A loose answer of a body that is moved by 10 and squeezed by 0.1 has all of its digits."""
     cell = "tetrahedron"
     moved = {"on": "block.z+", "displacement": [0, 0, -10]}
