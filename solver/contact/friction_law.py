@@ -347,7 +347,8 @@ class Friction(Frictionless):
 
         Limits that are too large push a self-locking wedge out of its seat: it slips back, and its
         normal forces are tensile. Its points stay closed and slide on while the limits are relaxed,
-        and tensile forces count in Aitken's formula.
+        and tensile forces count in Aitken's formula. Where points stick, others that should open
+        would slide on.
 
         Parameters
         ----------
@@ -363,7 +364,8 @@ class Friction(Frictionless):
         change = points.coefficients * points.normal_forces(multiplier) - prescribed
         residual = np.where(follows, change, 0.0)
         oo, no, nn = self._products(last.residual, residual)
-        if nn <= oo or no >= -self.options.turns_about * oo:
+        stick = self.comm.allreduce(int(self._sticking(before).sum()))
+        if nn <= oo or no >= -self.options.turns_about * oo or stick:
             return None
         factor = last.factor * (oo - no) / (oo - 2.0 * no + nn)
         spring = self.options.spring if self._locks(before, residual) else last.spring
@@ -382,10 +384,7 @@ class Friction(Frictionless):
         return self.locks and bool(enough and not stick)
 
     def _products(self, old: Array, new: Array) -> tuple[float, float, float]:
-        """Products old·old, new·old, new·new of entries (points,) where neither is zero.
-
-        Collective.
-        """
+        """Products old·old, new·old, new·new of entries that are not zero (collective)."""
         both = (new != 0.0) & (old != 0.0)
         new, old = new[both], old[both]
         oo, no, nn = self.comm.allreduce(np.array([old @ old, new @ old, new @ new]))
