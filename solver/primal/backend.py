@@ -339,7 +339,7 @@ class PrimalSet:
     def error(self, strained: float) -> float:
         """Estimate of the error in energy norm, over that of the strains (collective)."""
         square = self._error_square(self._iterate.free, self._iterate.z)
-        return math.sqrt(square / strained) if strained > 0.0 else 1.0
+        return math.sqrt(square / strained) if strained > 0.0 else float(square > 0.0)
 
     def _error_square(self, r: Array, z: Array) -> float:
         """rᵀ z over the smallest eigenvalue of M⁻¹ K, for z = M⁻¹ r (collective).

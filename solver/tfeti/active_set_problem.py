@@ -192,8 +192,8 @@ class ActiveSetProblem:
         The preconditioner M stands for F⁻¹ in rᵀ F⁻¹ r, the square of the error.
         """
         it = self._iterate
-        square = self.problem.comm.allreduce(float(it.z @ it.free))
-        return math.sqrt(max(square, 0.0) / strained) if strained > 0.0 else 1.0
+        square = max(self.problem.comm.allreduce(float(it.z @ it.free)), 0.0)
+        return math.sqrt(square / strained) if strained > 0.0 else float(square > 0.0)
 
     @property
     def at_round_off(self) -> bool:
