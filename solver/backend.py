@@ -171,6 +171,11 @@ class SetState:
         """Jumps, and penetrations of contact rows, over the displacement of the row's body."""
         return self.jumps / self.sizes
 
+    @property
+    def closing(self) -> Array:
+        """The distances by which rows close."""
+        return self.distance
+
 
 S = TypeVar("S", bound=SetState)
 Out = TypeVar("Out", bound=SetState, covariant=True)
@@ -263,6 +268,17 @@ class Backend(Protocol[Out]):
 
     def estimated_contact(self) -> Mask:
         """Contact rows that close in a small model of the bodies, (rows,) (collective)."""
+
+    def corrected_contact(self, multiplier: Array) -> Mask | None:
+        """Contact rows that close near the last state in a small model, (rows,) (collective).
+
+        None where the backend has no such model.
+
+        Parameters
+        ----------
+        multiplier : (rows,)
+            λ of that state.
+        """
 
     def hierarchy(self, coarsened: bool) -> ConstraintHierarchy:
         """The constraint hierarchy (collective).

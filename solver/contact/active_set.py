@@ -284,8 +284,9 @@ def _update_set(
 ) -> LoopState[S]:
     """The state with the next set, by the KKT residuals of the last one (collective).
 
-    Where flat contact opens in the first two sets, only the estimated contact stays. Where forces
-    of friction and contact only cause each other, all contact opens.
+    Where flat contact opens in the first two sets, only the estimated contact stays. Where many
+    rows leave, the backend may correct the set. Where forces of friction and contact only cause
+    each other, all contact opens.
     """
     backend, options = method.backend, method.options
     assert solved.state is not None
@@ -294,6 +295,11 @@ def _update_set(
     multiplier: Array | None = solved.state.multiplier
     if start.is_flat and len(loop.turnovers) == 2 and options.all_peel(loop.turnovers):
         statuses = _with_contact(method, statuses, backend.estimated_contact())
+    elif method.law.settles and rules.update.hierarchy.finest and options.drops(loop.turnovers[-1]):
+        corrected = backend.corrected_contact(solved.state.multiplier)
+        if corrected is not None:
+            active = np.where(backend.contact_rows, corrected, statuses.active)
+            statuses = replace(statuses, active=active)
     if not method.law.settles and options.vanish(strained):
         statuses = _with_contact(method, statuses, np.zeros_like(statuses.active))
         multiplier, strained = None, ()

@@ -127,6 +127,10 @@ class ActiveSetOptions:
         Number of sets in a row from each of which many rows leave and which no row joins, after
         which contact peels off in this sense. With two a bar in a vee takes 55 operator
         applications instead of 36, a cup on a ball 76 instead of 44, the plate 140.
+    dropped, many
+        Share of the active rows, and number of rows, that leave with one set, from which on the
+        backend may correct the next set (`Backend.corrected_contact`): alone the sets would lose a
+        few rows each.
     looks_ahead
         Whether a law may release points before the state of a set shows that they slide
         (`solver.contact.slip_front`), and points with a gap slide in the first set. Where the sets
@@ -162,6 +166,8 @@ class ActiveSetOptions:
     jumping: int = 8
     may_peel: bool = True
     peeling: int = 4
+    dropped: float = 0.1
+    many: int = 10
     looks_ahead: bool = True
     returning: float = 0.5
 
@@ -185,6 +191,10 @@ class ActiveSetOptions:
     def all_peel(self, sets: Sequence[Turnover]) -> bool:
         """Whether many rows left in each set, and no row joined."""
         return all(t.peeled > self.peeled * t.closed for t in sets)
+
+    def drops(self, last: Turnover) -> bool:
+        """Whether many rows leave the last set, more than join."""
+        return last.left > last.joined and last.left >= max(self.many, self.dropped * last.closed)
 
     def vanish(self, strained: Sequence[float]) -> bool:
         """Whether the energies a(u, u) of the last sets, the last one last, fall towards zero."""

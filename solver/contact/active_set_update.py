@@ -53,7 +53,7 @@ class ActiveSetUpdate(Generic[S]):
         stays = self.law.may_stay_active(state.multiplier, tension)
         hierarchy = self.hierarchy
         for _ in range(2):
-            joins = hierarchy.allowed & self.law.closes(state.distance, zero.distance)
+            joins = hierarchy.allowed & self.law.closes(state.closing, zero.distance)
             if not backend.comm.allreduce(int(active.sum())):
                 joins &= self._first_to_close(state, joins)
             normals = backend.contact_rows & np.where(active, stays, joins)

@@ -38,11 +38,12 @@ from solver.contact.monitoring import on_active_set
 from solver.contact.solve_on_set import Outcome, StoppingTest, solve_on_set
 from solver.errors import QPError
 from solver.primal.augmented_rows import rows_of
-from solver.primal.backend import Multigrid, PrimalSet, PrimalState
+from solver.primal.backend import Multigrid, PrimalSet
 from solver.primal.factor import row_stiffness
 from solver.primal.line_search import minimum_along
 from solver.primal.products import multiply, multiply_transposed
 from solver.primal.projector import Projector
+from solver.primal.state import PrimalState
 from solver.qp.mprgp import MPRGP
 from solver.qp.result import Counts, Monitor, Reason
 from solver.vectors import Array, Mask

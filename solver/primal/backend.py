@@ -9,19 +9,20 @@ instance of sliding points, are loads; rows with a compliance are springs (`solv
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import replace
+from functools import cached_property
 
 import numpy as np
 from mpi4py import MPI
 
-from solver.backend import ConstraintHierarchy, SetState, Statuses
+from solver.backend import ConstraintHierarchy, Statuses
 from solver.contact.bodies import body_lengths, largest
 from solver.errors import QPError
 from solver.primal.blocks import in_blocks
 from solver.primal.cycle import Cycle, CycleOnSets
-from solver.primal.factor import Factor, FactorOptions
+from solver.primal.factor import Factor, FactorOptions, row_stiffness
 from solver.primal.factor_on_sets import FactorOnSets
-from solver.primal.first_set import FirstSet, find_first_set
+from solver.primal.first_set import FirstSet, corrected_set, find_first_set
 from solver.primal.held_energy import HeldEnergy
 from solver.primal.lanczos import Lanczos
 from solver.primal.matrices import Matrices, free_matrices
@@ -30,14 +31,16 @@ from solver.primal.preconditioner import Preconditioner
 from solver.primal.products import multiply, multiply_transposed
 from solver.primal.projector import REDUNDANT, Projector
 from solver.primal.rigid_space import MOST_MEANS, RigidSpace, lifts_of_means
-from solver.primal.springs import Springs
+from solver.primal.springs import ProjectedStiffness, Springs
+from solver.primal.state import PrimalState
+from solver.primal.step import Position, shortened
 from solver.qp.box_qp import BoxQP
 from solver.qp.iterate import Iterate, Watch
 from solver.qp.mprgp import MPRGP
 from solver.qp.result import Counts, Monitor, Reason
 from solver.tfeti.constraints.hierarchy import constraint_hierarchy
 from solver.tfeti.decomposed import DecomposedProblem, SharedPlace
-from solver.vectors import Array, Mask, Vector
+from solver.vectors import Array, Mask
 
 SAFETY = 0.5
 """Factor on the smallest Ritz value that estimates the smallest eigenvalue of M⁻¹ K.
@@ -56,32 +59,6 @@ STALLED = 500
 
 STALLED_WITH_FACTOR = 100
 """The same with a factor, which takes a few steps where the active rows hold all bodies."""
-
-
-@dataclass(frozen=True, eq=False)
-class PrimalState(SetState):
-    """The answer of a set as far as it is solved; local parts.
-
-    Rows other than contact, tangential and tied rows have no multiplier, no jump and the size one.
-
-    Attributes
-    ----------
-    lengths : (bodies,)
-        Lengths relative to which displacements are measured.
-    u : (unknowns,)
-    error_square
-        Estimate of the squared error in energy norm.
-    errors : (bodies,)
-        Its share in each body.
-    imbalance
-        2-norm of the residual.
-    """
-
-    lengths: Array
-    u: Array
-    error_square: float
-    errors: Array
-    imbalance: float
 
 
 class Multigrid:
@@ -137,11 +114,35 @@ class Multigrid:
         """Set the initial displacement of the next set and, if known, f - K u."""
         self.u, self._left = u, left
 
+    def position(self, jumps: Array) -> Position | None:
+        """The initial displacement of the next set with C u - c (rows,), if f - K u is known."""
+        return None if self._left is None else Position(self.u, self._left, jumps)
+
     def left(self) -> Array:
         """f - K u of the initial displacement of the next set (collective)."""
         if self._left is None:
             self._left = self.system.load - self.elastic_forces(self.u)
         return self._left
+
+    @cached_property
+    def stiffness(self) -> Array:
+        """Stiffness of K against each row alone, (rows,) (collective at the first call)."""
+        return row_stiffness(self.system)
+
+    def corrected_contact(self, multiplier: Array) -> Mask | None:
+        """Contact rows (dual,) that close after a correction on the coarse levels (collective).
+
+        The next set begins with this correction. None where no V-cycle solves.
+        """
+        cycle, system = self._cycle, self.system
+        if system.has_rigid_bodies or not isinstance(cycle, CycleOnSets):
+            return None
+        begin = Position(self.u, self.left(), multiply(system.C, self.u) - system.c)
+        levels, forces = self.matrices.hierarchy, multiplier[system.rows]
+        first = corrected_set(system, levels, cycle.coarse, begin, forces)
+        self.begin_at(first.u)
+        self.release()
+        return self.closed_in(first)
 
     def elastic_forces(self, u: Array) -> Array:
         """K u without the rounding errors of rigid motions, (unknowns,) (collective)."""
@@ -270,12 +271,12 @@ class PrimalSet:
         self._load = system.load
         if system.comm.allreduce(int(self._prescribed.any())):
             self._load = system.load - multiply_transposed(system.C, self._prescribed)
-        operator = _ProjectedStiffness(system, projector, springs)
+        operator = ProjectedStiffness(system, projector, springs)
         applied = backend.prepare_motions(projector, springs)
         self._rigid = rigid = RigidSpace(system, projector, backend.motions, springs)
         closing = projector.narrow if rigid.holds_means else projector
-        jumps = (multiply(system.C, backend.u) - system.c)[closing.rows]
-        lifting = -closing.lifting(jumps)
+        jumps = multiply(system.C, backend.u) - system.c
+        lifting = -closing.lifting(jumps[closing.rows])
         if rigid.holds_means:
             lifting = rigid.hold_means(backend.u + lifting, system.c) - backend.u
         self._start = backend.u + lifting
@@ -284,6 +285,11 @@ class PrimalSet:
             self._start += rigid.balance(left, lifting)
         left = self._load - backend.elastic_forces(self._start)
         self._left = left if springs.empty else left - springs.forces_at(self._start)
+        self._before: Position | None = None
+        if not (backend.direct or backend.problem.friction.acts or system.has_rigid_bodies):
+            self._before = backend.position(jumps) or Position(
+                self._start, self._left, multiply(system.C, self._start) - system.c
+            )
         self._preconditioner = self._make_preconditioner()
         rhs = projector.apply_transpose(self._left)
         may_slide = system.has_rigid_bodies or backend.problem.friction.acts
@@ -413,7 +419,20 @@ class PrimalSet:
         multiplier = self._prescribed.copy()
         multiplier[self._projector.rows] = self._projector.multipliers(left)
         multiplier[self._springs.rows] += self._springs.multipliers(u)
-        return self._state(u, left_without_rows, multiplier, (it.free, it.z))
+        state = self._state(u, left_without_rows, multiplier, (it.free, it.z))
+        return state if self._before is None or backend.direct else self._shortened(state)
+
+    def _shortened(self, state: PrimalState) -> PrimalState:
+        """A state with the rows that its shortened step meets; the next set begins there."""
+        backend, system = self._backend, self._system
+        assert self._before is not None
+        is_open = system.normal & ~self.statuses.active[system.rows]
+        after = Position(state.u, backend.left(), state.jumps[system.rows])
+        end, met = shortened(system.comm, backend.stiffness, is_open, self._before, after)
+        if met is None:
+            return state
+        backend.begin_at(end.u, end.left)
+        return replace(state, met=system.on_all_rows(met.astype(float)) > 0.5)
 
     def state_at(self, u: Array, left: Array, multiplier: Array) -> PrimalState:
         """State of a displacement near that of this set (collective).
@@ -473,25 +492,3 @@ class PrimalSet:
         by_group = np.maximum(bodies.sum_by_group(parts), 0.0)
         total = float(by_group.sum())
         return np.asarray(square * (by_group / total if total > 0.0 else by_group))[bodies.groups]
-
-
-class _ProjectedStiffness:
-    """Πᵀ K on displacements that leave the active rows alone; `image` is K x itself.
-
-    K with springs, where the set has some.
-    """
-
-    def __init__(self, system: MergedSystem, projector: Projector, springs: Springs) -> None:
-        self.comm, self.size = system.comm, system.size
-        self._system, self._projector, self._springs = system, projector, springs
-        self.image = np.zeros(system.size)
-
-    def product(self, x: Array) -> Array:
-        """K x, with springs."""
-        image = multiply(in_blocks(self._system.K), x)
-        return image if self._springs.empty else image + self._springs.forces(x)
-
-    def apply(self, x: Vector, out: Vector) -> None:
-        """Put the product into out."""
-        self.image = self.product(x)
-        out[:] = self._projector.apply_transpose(self.image)

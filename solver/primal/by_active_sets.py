@@ -18,12 +18,13 @@ from solver.contact.solution import Guess, Solution
 from solver.contact.solve_on_set import Outcome
 from solver.contact.stopping import CertificateTest, StoppingRule
 from solver.primal.augmented import AugmentedLagrangian
-from solver.primal.backend import Multigrid, PrimalState
+from solver.primal.backend import Multigrid
 from solver.primal.factor import FactorOptions
 from solver.primal.first_set import FirstSet
 from solver.primal.matrices import freed_matrices
 from solver.primal.products import multiply
 from solver.primal.recovery import recover
+from solver.primal.state import PrimalState
 from solver.qp.outer_state import Restart
 from solver.qp.result import Counts, Reason
 from solver.tfeti.certify import certify, friction_residual

@@ -144,6 +144,12 @@ class CycleOnSets:
             self._coarse.destroy()
         self._coarse = self._cycle()  # PETSc's own would keep parts of its set-up
 
+    @property
+    def coarse(self) -> Cycle:
+        """The cycle of the coarser levels, with the springs of a set."""
+        assert self._coarse is not None
+        return self._coarse
+
     def projects_by(self, projector: Projector) -> bool:
         """Whether corrections already leave the rows of a projector alone."""
         return projector is self._projector and projector.compliance is None

@@ -19,7 +19,7 @@ import numpy as np
 from petsc4py import PETSc
 
 from solver.primal.blocks import petsc_blocks, rows_in_blocks
-from solver.primal.cycle import rows_on_levels
+from solver.primal.cycle import Cycle, rows_on_levels
 from solver.primal.factor import diagonal_below, row_stiffness, spread_means, squared_rows
 from solver.primal.friction_springs import FrictionSprings
 from solver.primal.hierarchy import Hierarchy
@@ -33,6 +33,7 @@ from solver.primal.spring_levels import (
     Rows,
     SharedLevel,
 )
+from solver.primal.step import Position
 from solver.vectors import Array, Mask
 
 
@@ -86,6 +87,36 @@ def find_first_set(
         pressed, tensions = level.pressed(x), level.tensions(x)
         x = multiply(P[k - 1], x)
     return FirstSet(pressed | system.equality, start + x, tensions)
+
+
+def corrected_set(
+    system: MergedSystem, hierarchy: Hierarchy, cycle: Cycle, begin: Position, forces: Array
+) -> FirstSet:
+    """The set and the displacement after a correction on the level below the finest (collective).
+
+    The forces of the springs begin with those of a set (`solver.primal.augmented` has the same
+    Lagrangian): a set that needs no other one needs no correction.
+
+    Parameters
+    ----------
+    cycle
+        From the level below the finest one down.
+    begin
+        The displacement that is corrected.
+    forces : (rows,)
+        λ of the set.
+    """
+    stiff, P = row_stiffness(system), hierarchy.prolongations
+    below = replace(hierarchy, prolongations=P[1:], operators=hierarchy.operators[1:])
+    friction = FrictionSprings.of(system, stiff)
+    penetration = np.divide(forces, stiff, out=np.zeros_like(forces), where=stiff > 0.0)
+    reach = -begin.jumps - penetration
+    rows = Rows(system.comm, reach, system.normal, system.equality, stiff, friction)
+    of_means = multiply_transposed(system.C, np.where(stiff > 0.0, 0.0, forces))
+    load, options = multiply_transposed(P[0], begin.left - of_means), FirstSetOptions()
+    level = CycleLevel(rows, below, rows_on_levels(system.C, P[:1])[0], load, options, cycle)
+    x = level.proximal_step(np.zeros(len(load)), options.steps, options.settled)
+    return FirstSet(level.pressed(x) | system.equality, begin.u + multiply(P[0], x))
 
 
 def _on_every_rank(level: SharedLevel, start: Array, coarsest: bool) -> Array:

@@ -313,15 +313,17 @@ class CycleLevel(SharedLevel):
         This level and those below.
     Q
         C on this level.
+    cycle
+        A cycle to use; None to make one.
     """
 
     def __init__(
         self, rows: Rows, hierarchy: Hierarchy, Q: PETSc.Mat, load: Array,
-        options: FirstSetOptions,
+        options: FirstSetOptions, cycle: Cycle | None = None,
     ) -> None:  # fmt: skip
         super().__init__(rows, hierarchy.operators[0], Q, load, options)
         self._hierarchy = hierarchy
-        self._cycle: Cycle | None = None
+        self._cycle = cycle
 
     def newton_step(self, weights: Array, residual: Array) -> Array:
         """A few conjugate gradients from zero; in the norm of the preconditioner (collective)."""

@@ -15,11 +15,12 @@ from __future__ import annotations
 import numpy as np
 
 from solver.backend import Statuses
+from solver.primal.blocks import in_blocks
 from solver.primal.factor import row_stiffness
 from solver.primal.merged import MergedSystem
 from solver.primal.products import chosen_rows, multiply, multiply_transposed
 from solver.primal.projector import Projector
-from solver.vectors import Array
+from solver.vectors import Array, Vector
 
 STIFFEST = 1e4
 """Largest stiffness of such a row, relative to the stiffness of K against it. A point with such a
@@ -90,3 +91,25 @@ class Springs:
         if self.empty:
             return np.zeros(self._system.size)
         return multiply_transposed(self._B, self.multipliers(u))
+
+
+class ProjectedStiffness:
+    """Πᵀ K on displacements that leave the active rows alone; `image` is K x itself.
+
+    K with springs, where the set has some.
+    """
+
+    def __init__(self, system: MergedSystem, projector: Projector, springs: Springs) -> None:
+        self.comm, self.size = system.comm, system.size
+        self._system, self._projector, self._springs = system, projector, springs
+        self.image = np.zeros(system.size)
+
+    def product(self, x: Array) -> Array:
+        """K x, with springs."""
+        image = multiply(in_blocks(self._system.K), x)
+        return image if self._springs.empty else image + self._springs.forces(x)
+
+    def apply(self, x: Vector, out: Vector) -> None:
+        """Put the product into out."""
+        self.image = self.product(x)
+        out[:] = self._projector.apply_transpose(self.image)

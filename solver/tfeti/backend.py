@@ -61,6 +61,9 @@ class TotalFeti:
         """Contact rows (dual,) of rigid subdomains on a Winkler foundation (collective)."""
         return winkler_contact(self.problem)
 
+    def corrected_contact(self, multiplier: Array) -> None:
+        """None: there is no such model."""
+
     def hierarchy(self, coarsened: bool) -> ConstraintHierarchy:
         """The constraint hierarchy; several levels for thin bodies if wanted (collective)."""
         return constraint_hierarchy(self.problem, coarsened and self.problem.held_without_contact)

@@ -1,0 +1,44 @@
+"""The answer of multigrid on an active set."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from solver.backend import SetState
+from solver.vectors import Array, Mask
+
+
+@dataclass(frozen=True, eq=False)
+class PrimalState(SetState):
+    """The answer of a set as far as it is solved; local parts.
+
+    Rows other than contact, tangential and tied rows have no multiplier, no jump and the size one.
+
+    Attributes
+    ----------
+    lengths : (bodies,)
+        Lengths relative to which displacements are measured.
+    u : (unknowns,)
+    error_square
+        Estimate of the squared error in energy norm.
+    errors : (bodies,)
+        Its share in each body.
+    imbalance
+        2-norm of the residual.
+    met : (rows,)
+        Open rows that close; None for all that are penetrated.
+    """
+
+    lengths: Array
+    u: Array
+    error_square: float
+    errors: Array
+    imbalance: float
+    met: Mask | None = None
+
+    @property
+    def closing(self) -> Array:
+        """`distance`, without rows that do not close yet."""
+        return self.distance if self.met is None else np.where(self.met, self.distance, -np.inf)
