@@ -110,7 +110,11 @@ def test_a_row_with_negligible_tension_stays_active(negligible: float) -> None:
     forces = np.where(np.arange(ROWS) < 3, 50.0, 0.0)
     forces[2] = -5e-9
     state: Any = SimpleNamespace(
-        multiplier=forces, distance=np.zeros(ROWS), jumps=np.zeros(ROWS), strained=1.0
+        multiplier=forces,
+        distance=np.zeros(ROWS),
+        closing=np.zeros(ROWS),
+        jumps=np.zeros(ROWS),
+        strained=1.0,
     )
     solved: Any = SimpleNamespace(statuses=Statuses(forces != 0.0), error=lambda strained: 1e-12)
     update = rules_of(replace(OPTIONS, negligible=negligible)).update
