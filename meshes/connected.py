@@ -19,8 +19,8 @@ def connected(ends: Sequence[Ints] | Ints, count: int) -> Ints:
     ends : (2, links)
         The two vertices that each link connects.
     """
-    if count == 0:
-        return np.zeros(0, np.int64)
     one, other = ends
+    if len(one) == 0:
+        return np.arange(count)
     graph = sparse.coo_matrix((np.ones(len(one)), (one, other)), shape=(count, count))
     return np.asarray(connected_components(graph, directed=False)[1], np.int64)
