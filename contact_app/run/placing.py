@@ -55,13 +55,14 @@ class SameRows:
     answer: Solution
 
     def on(self, model: Model) -> Guess | None:
-        """The answer if the rows and subdomains are the same, otherwise None (collective)."""
+        """The answer and its slips if rows and subdomains are the same, else None (collective)."""
         same = model.problem.size == len(self.answer.multiplier)
         shapes = [u.shape for u in self.answer.displacements]
         same &= shapes == [forces.shape for forces in model.problem.forces]
         if not model.comm.allreduce(int(same), op=MPI.MIN):
             return None
-        return self.answer.guess
+        jumps = model.problem.jumps(self.answer.displacements)
+        return replace(self.answer.guess, jumps=jumps)
 
 
 class Relaxation:

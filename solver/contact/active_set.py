@@ -110,6 +110,7 @@ class Failure(Enum):
 
     AHEAD = "points were released ahead of a state"
     UNSETTLED = "with friction each set has other contact"
+    PEELS = "with friction contact peels off row by row"
     VANISHED = "forces that only cause each other fell to zero"
     OTHER = "other reasons"
 
@@ -259,9 +260,9 @@ def _failure(method: ActiveSetMethod[S], start: Start, loop: LoopState[S]) -> Fa
     if options.vanish(loop.strained) and not law.may_vanish:
         return Failure.VANISHED
     first = start.multiplier is None and options.settling > 0
-    peels = not options.may_peel and options.loses_rows(loop.turnovers)
-    unsettled = first and (peels or options.is_unsettled(loop.turnovers))
-    return Failure.UNSETTLED if unsettled else None
+    if first and not options.may_peel and options.loses_rows(loop.turnovers):
+        return Failure.PEELS
+    return Failure.UNSETTLED if first and options.is_unsettled(loop.turnovers) else None
 
 
 def _failure_at_end(method: ActiveSetMethod[S], start: Start, loop: LoopState[S]) -> Failure | None:

@@ -74,10 +74,11 @@ class FrictionOptions:
     least_share
         Smallest share of a change that is taken. A wedge with the slope 0.1 and μ = 0.5, whose
         limits turn about by 5, is not certified by active sets with 0.3.
-    aligned, remains
-        Least cosine of the angle between two changes of the limits on one set, and least share of
-        the former that the latter has along it, from which on limits are extrapolated. A bar in a
-        vee, whose changes fall to 0.68 in each set, took 301 operator applications without.
+    aligned
+        Least cosine of the angle between two changes of the limits on one set, from which on limits
+        are extrapolated. A bar in a vee, whose changes fall to 0.68 in each set, took 301 operator
+        applications without. With 0.9 half a bush under a shaft with μ = 1 takes 172, not 142; with
+        changes of any angle an eye on a pin takes 58, not 48.
     same, many
         Points that slide in two sets in a row, over those that slide in one of them, and their
         number, from which on they may lock: with springs at two points between loose rollers a set
@@ -95,8 +96,7 @@ class FrictionOptions:
     least_slip: float = 0.5
     turns_about: float = 0.5
     least_share: float = 0.1
-    aligned: float = 0.9
-    remains: float = 0.3
+    aligned: float = 0.7
     same: float = 0.75
     many: int = 8
     spring: float = 0.6
@@ -296,10 +296,12 @@ class Friction(Frictionless):
 
         Where the change of the limits turns about from set to set, the next one is a share of it
         that Aitken's formula gives from the last two (B. M. Irons, R. C. Tuck, *A version of the
-        Aitken accelerator for computer iteration*, Int. J. Numer. Methods Eng. 1, 1969). Where the
-        changes fall slowly and keep their direction, the limits are extrapolated by Anderson's
-        method as long as the same points slide. Where they turn about and grow, points lock: a
-        share of their friction becomes a spring, which is halved once changes keep their direction.
+        Aitken accelerator for computer iteration*, Int. J. Numer. Methods Eng. 1, 1969), and at
+        least twice the last share once they do not: where other points slide, the formula says
+        little. Where the changes fall and keep their direction, the limits are extrapolated by
+        Anderson's method as long as the same points slide. Where they turn about and grow, points
+        lock: a share of their friction becomes a spring, which is halved once changes keep their
+        direction.
 
         Parameters
         ----------
@@ -317,7 +319,7 @@ class Friction(Frictionless):
         turns = no < -options.turns_about * oo
         if turns and nn > oo and spring < options.spring and self._locks(before, residual):
             return limit, Relaxation(residual, 1.0, spring=options.spring)
-        aligned = no > max(options.aligned * (oo * nn) ** 0.5, options.remains * oo)
+        aligned = no > options.aligned * (oo * nn) ** 0.5
         if aligned and last.factor == 1.0:
             spring = 0.5 * spring if spring > options.least_spring else 0.0
         falls = nn < oo and (aligned or last.extrapolated)
@@ -327,7 +329,8 @@ class Friction(Frictionless):
             return np.where(follows, best, limit), relaxation
         change = oo - 2.0 * no + nn
         if change > 0.0 and (turns or last.factor < 1.0):
-            factor = min(max(last.factor * (oo - no) / change, options.least_share), 1.0)
+            least = options.least_share if turns else 2.0 * last.factor
+            factor = min(max(last.factor * (oo - no) / change, least), 1.0)
         relaxed = np.where(follows, carried + factor * residual, limit)
         return relaxed, Relaxation(residual, factor, history, spring=spring)
 

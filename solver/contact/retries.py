@@ -1,9 +1,9 @@
 """Active sets that begin anew with other rules where they do not settle.
 
-With friction sets may not settle because each has other contact; the loop then begins from the
-contact without friction. If they do not settle then either, multigrid goes on without sets. Where
-points were released before a state showed that they slide, the loop begins again without such
-releases.
+With friction sets may not settle because each has other contact; multigrid then goes on without
+sets. In Total FETI, and where contact peels off row by row, the loop begins from the contact
+without friction. Where points were released before a state showed that they slide, the loop begins
+again without such releases.
 """
 
 from __future__ import annotations
@@ -25,7 +25,9 @@ def solve_with_retries(method: ActiveSetMethod[S], start: Start) -> Outcome[S]:
     The last outcome, with the work of all runs; its reason is None where the sets do not settle.
     """
     outcome, failure = active_set_loop(method, start)
-    if failure is Failure.UNSETTLED:
+    if failure is Failure.UNSETTLED and not method.options.insists:
+        return replace(outcome, reason=None)
+    if failure in (Failure.UNSETTLED, Failure.PEELS):
         outcome, statuses = _contact_without_friction(method.after(outcome), start)
         if statuses is None and not method.options.insists:
             return replace(outcome, reason=None)

@@ -77,17 +77,14 @@ def test_sets_that_do_not_settle_where_friction_alone_holds_a_body(
 
 @pytest.mark.ratchet
 def test_rollers_with_friction_are_solved_by_multigrid(tmp_path: Path) -> None:
-    """Two of three rollers carry nothing; active sets do not settle, SMALBE-M takes 510.
-
-    The way is chaotic: rounding errors of multigrid change the count from 141 to 182.
-    """
+    """Two of three rollers carry nothing; active sets do not settle, SMALBE-M takes 510."""
     made = half_bearing(tmp_path, "quadrilateral", 3, (12, 10))
     for contact in made["contacts"]:
         contact["friction"] = {"coulomb": 0.2}
     summary = solve(made, None, tolerance=1e-6, method="primal").summary
     assert summary["certificate"]["passed"]
     assert summary["solver"]["method"] == "primal"
-    assert summary["solver"]["hessian_multiplications"] <= 250
+    assert summary["solver"]["hessian_multiplications"] <= 120
     other = solve(made, None, tolerance=1e-6, method="smalbe").summary
     assert summary["solution"]["energy"] == pytest.approx(other["solution"]["energy"], rel=1e-5)
 
@@ -106,7 +103,7 @@ def strip(path: Path, corners: list[tuple[float, float]], cells: tuple[int, int]
 
 @pytest.mark.ratchet
 def test_a_wedge_that_locks_in_elastic_jaws_is_solved_by_multigrid(tmp_path: Path) -> None:
-    """With μ = 0.8 and a slope of 0.14 active sets do not settle; friction carries the load."""
+    """With μ = 0.8 and a slope of 0.14 limits turn about; friction carries the load."""
     t, load = 0.14, 500.0
     shapes = {
         "wedge": ([(-1, 0), (1, 0), (1 + 10 * t, 10), (-1 - 10 * t, 10)], (4, 14)),
@@ -146,7 +143,7 @@ def test_a_wedge_that_locks_in_elastic_jaws_is_solved_by_multigrid(tmp_path: Pat
     summary = solve(made, None, tolerance=1e-6, method="primal").summary
     assert summary["certificate"]["passed"]
     assert summary["solver"]["method"] == "primal"
-    assert summary["solver"]["hessian_multiplications"] <= 500
+    assert summary["solver"]["hessian_multiplications"] <= 100
     forces = np.array([contact["force"][:2] for contact in summary["contacts"]])
     assert forces[:, 1] == pytest.approx(load / 2, rel=1e-3)
     assert forces[0, 0] == pytest.approx(-forces[1, 0], rel=1e-3)
@@ -203,7 +200,7 @@ def test_a_hook_that_slides_on_a_peg_is_solved_by_multigrid(
     summary = solve(made, None, tolerance=1e-6, method="primal").summary
     assert summary["certificate"]["passed"]
     assert summary["solver"]["method"] == "primal"
-    assert summary["solver"]["hessian_multiplications"] <= 350
+    assert summary["solver"]["hessian_multiplications"] <= 250
     width = 16.0 - 8.05
     assert summary["contacts"][0]["force"][1] == pytest.approx(20 * width, rel=1e-3)
 
