@@ -54,7 +54,7 @@ def pair(cell: str, law: dict[str, float], degree: int = 1) -> scenes.Config:
     )
 
 
-def check(made: scenes.Config, subdomains: Any, part: float = 1e-8, **options: Any) -> Any:
+def check(made: scenes.Config, subdomains: Any, part: float = 1e-7, **options: Any) -> Any:
     """Solve a scene and compare energy, displacements and friction with the reference.
 
     Displacements may differ by a part of the largest one.
