@@ -76,9 +76,8 @@ class FrictionOptions:
         limits turn about by 5, is not certified by active sets with 0.3.
     aligned
         Least cosine of the angle between two changes of the limits on one set, from which on limits
-        are extrapolated. A bar in a vee, whose changes fall to 0.68 in each set, took 301 operator
-        applications without. With 0.9 half a bush under a shaft with μ = 1 takes 172, not 142; with
-        changes of any angle an eye on a pin takes 58, not 48.
+        are extrapolated. With 0.9 half a bush under a shaft with μ = 1 takes 172 operator
+        applications, not 143; with changes of any angle an eye on a pin takes 58, not 48.
     same, many
         Points that slide in two sets in a row, over those that slide in one of them, and their
         number, from which on they may lock: with springs at two points between loose rollers a set
@@ -297,11 +296,10 @@ class Friction(Frictionless):
         Where the change of the limits turns about from set to set, the next one is a share of it
         that Aitken's formula gives from the last two (B. M. Irons, R. C. Tuck, *A version of the
         Aitken accelerator for computer iteration*, Int. J. Numer. Methods Eng. 1, 1969), and at
-        least twice the last share once they do not: where other points slide, the formula says
-        little. Where the changes fall and keep their direction, the limits are extrapolated by
-        Anderson's method as long as the same points slide. Where they turn about and grow, points
-        lock: a share of their friction becomes a spring, which is halved once changes keep their
-        direction.
+        least twice the last share once they do not. Where they fall and keep their direction, the
+        limits are extrapolated by Anderson's method as long as the same points slide. Where they
+        turn about and grow, points lock: a share of their friction becomes a spring, which is
+        halved once changes keep their direction.
 
         Parameters
         ----------
