@@ -50,6 +50,12 @@ PAIRS = 2_000_000
 STRIPS = 4096
 """Largest number of strips along an axis: places along all of them are exact enough."""
 
+FEW = 10_000
+"""Pairs, over those with a box of like size, that take less time than another search.
+
+With 0, 3,000, 8,000, 16,000 and 32,000 the check of a hub on a shaft (29,811 unknowns) takes 97,
+90, 85, 83 and 84 ms of CPU time, that of a ball between two grooves 74, 65, 59, 59 and 61."""
+
 SOME = 200
 """Number of boxes from which the number of pairs is estimated."""
 
@@ -146,10 +152,20 @@ def points_in_boxes(x: Array, boxes: Boxes) -> Iterator[Pairs]:
 
 
 def _of_one_size(boxes: Boxes, rows: Ints) -> list[Ints]:
-    """Some rows of boxes, divided by size in powers of two, the smallest first."""
+    """Some rows of boxes, divided by size in powers of two, the smallest first.
+
+    Few smaller boxes stay with larger ones: a box of half the size meets four times as many.
+    """
     size = (boxes.upper[rows] - boxes.lower[rows]).max(axis=1)
     unit = max(float(size.max(initial=0.0)), np.finfo(float).tiny)
     level = np.frexp(np.maximum(size / unit, 2.0**-40))[1]
+    largest, found = 1, 0.0
+    for k in range(1, int(level.min(initial=1)) - 1, -1):
+        some = level == k
+        found += 4.0 ** (largest - k) * some.sum()
+        if found > FEW:
+            largest, found = k, some.sum()
+        level[some] = largest
     return [rows[level == k] for k in np.unique(level)]
 
 

@@ -17,6 +17,10 @@ LOOSE = 0.5
 """Relative error of distances by which empty balls are found. About the centre of a round surface
 all its facets are equally near, and an exact distance is that from each of them."""
 
+SHORT = 2.0
+"""Reach over the distance of neighbouring balls up to which one ball covers the whole line: the
+same pairs of a hub on a shaft in two thirds of the time."""
+
 
 def facets_along_normals(
     on: Surface, against: Surface, chosen: Ints, reach: Array | None = None
@@ -106,15 +110,17 @@ def _filled(
 
     Neighbouring balls are `across` (facets,) apart, with a radius of 1.2 times that, from -`reach`
     (facets,) to `reach`. If the centre of a ball is far from all points, the next balls are empty,
-    too, and are left out.
+    too, and are left out. Lines of short reach have one ball.
 
     Returns
     -------
     The facet of each ball, its centre and its radius.
     """
     last = np.ceil(2.0 * reach / across).astype(np.int64)
-    results: list[tuple[Ints, Array]] = []
-    facets, nth = np.arange(len(last)), np.zeros(len(last), np.int64)
+    short = reach <= SHORT * across
+    results = [(np.flatnonzero(short), centres[short])]
+    facets = np.flatnonzero(~short)
+    nth = np.zeros(len(facets), np.int64)
     while len(facets):
         along = nth * across[facets] - reach[facets]
         middles = centres[facets] + along[:, None] * normals[facets]
@@ -125,4 +131,4 @@ def _filled(
         going = nth <= last[facets]
         facets, nth = facets[going], nth[going]
     which, queried = (np.concatenate(part) for part in zip(*results, strict=True))
-    return which, queried, 1.2 * across[which]
+    return which, queried, np.where(short, np.hypot(reach, across), 1.2 * across)[which]

@@ -14,6 +14,7 @@ import contextlib
 import io
 import re
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -98,6 +99,36 @@ class FileContent:
     def second_order(self) -> bool:
         """Whether cells have nodes besides their corners."""
         return any(block.shape[1] > self.kind.corners for block in self.nodes)
+
+    @cached_property
+    def distinct(self) -> tuple[Ints, Ints, int]:
+        """`distinct_cells`, once for all bodies of the file."""
+        return distinct_cells(self.cells)
+
+
+def distinct_cells(cells: Ints) -> tuple[Ints, Ints, int]:
+    """Cells without repetitions, the row of each given cell, the number of repetitions."""
+    if _all_differ(cells):
+        return cells, np.arange(len(cells)), 0
+    ordered = np.sort(cells, axis=1)
+    order = np.lexsort(ordered.T[::-1])
+    new = np.ones(len(cells), bool)
+    new[1:] = (ordered[order][1:] != ordered[order][:-1]).any(axis=1)
+    leader = np.empty(len(cells), np.int64)
+    leader[order] = order[np.flatnonzero(new)][np.cumsum(new) - 1]  # lexsort is stable
+    distinct = np.unique(leader)
+    return cells[distinct], np.searchsorted(distinct, leader), len(cells) - len(distinct)
+
+
+def _all_differ(cells: Ints) -> bool:
+    """Whether all cells differ in their nodes; may be False for some that do.
+
+    Cells with the same nodes have the same sum of random numbers of the nodes.
+    """
+    count = int(cells.max(initial=0)) + 1
+    drawn = np.random.default_rng(0).integers(0, 2**63, count, np.uint64)
+    sums = np.sort(drawn[cells].sum(axis=1))
+    return not bool((sums[1:] == sums[:-1]).any())
 
 
 def read_file(path: Path, dimension: int) -> FileContent:

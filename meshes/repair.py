@@ -40,7 +40,7 @@ from meshes.quadratic import (
     reordering,
     with_middles,
 )
-from meshes.read import FileContent, read_file
+from meshes.read import FileContent, distinct_cells, read_file
 from meshes.unstructured import CellMesh, MeshError, Topology, first_of, row_places
 
 FLAT = 1e-9
@@ -134,7 +134,7 @@ def load_mesh(
     """
     content, comm = read(path, dimension), comm or MPI.COMM_SELF
     notes, groups, cell = list(content.notes), tuple(groups), content.kind.name
-    distinct, row, _ = _distinct(content.cells)  # Gmsh 2.2 repeats a cell for each of its groups
+    distinct, row, _ = content.distinct  # Gmsh 2.2 repeats a cell for each of its groups
     members = {name: np.unique(row[rows]) for name, rows in content.cell_groups.items()}
     chosen = _chosen(members, groups) if groups else np.arange(len(distinct))
     cells = distinct[chosen]
@@ -147,7 +147,7 @@ def load_mesh(
     idle_is_usual = bool(groups) or content.second_order
     masks = {} if groups else {name: np.isin(chosen, rows) for name, rows in members.items()}
     points, rename = nodes_of(points, cells, cell, notes, idle_is_usual, masks)
-    cells, rows, doubled = _distinct(rename[cells])
+    cells, rows, doubled = distinct_cells(rename[cells])
     number = number[np.unique(rows, return_index=True)[1]]
     doubled += 0 if content.cell_groups else len(content.cells) - len(distinct)
     if doubled:
@@ -251,31 +251,6 @@ def _in_the_plane(points: Array, cells: Ints, notes: list[str]) -> Array:
     flat = points.copy()
     flat[:, 2] = 0.0
     return flat
-
-
-def _distinct(cells: Ints) -> tuple[Ints, Ints, int]:
-    """Cells without repetitions, the row of each given cell, the number of repetitions."""
-    if _all_differ(cells):
-        return cells, np.arange(len(cells)), 0
-    ordered = np.sort(cells, axis=1)
-    order = np.lexsort(ordered.T[::-1])
-    new = np.ones(len(cells), bool)
-    new[1:] = (ordered[order][1:] != ordered[order][:-1]).any(axis=1)
-    leader = np.empty(len(cells), np.int64)
-    leader[order] = order[np.flatnonzero(new)][np.cumsum(new) - 1]  # lexsort is stable
-    distinct = np.unique(leader)
-    return cells[distinct], np.searchsorted(distinct, leader), len(cells) - len(distinct)
-
-
-def _all_differ(cells: Ints) -> bool:
-    """Whether all cells differ in their nodes; may be False for some that do.
-
-    Cells with the same nodes have the same sum of random numbers of the nodes.
-    """
-    count = int(cells.max(initial=0)) + 1
-    drawn = np.random.default_rng(0).integers(0, 2**63, count, np.uint64)
-    sums = np.sort(drawn[cells].sum(axis=1))
-    return not bool((sums[1:] == sums[:-1]).any())
 
 
 def _turn(points: Array, cells: Ints, cell: str, number: Ints) -> Mask:

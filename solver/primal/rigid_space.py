@@ -147,9 +147,12 @@ class FloatingMotions:
         result.lifts_means = True
         return result
 
-    def image(self, lifted: Array) -> Array:
-        """K v of a displacement v (unknowns,) of unknowns in contact rows alone (collective)."""
-        return multiply(self._columns, lifted[self._in_rows])
+    def images_left(self, W: Array) -> Array:
+        """(K W)ᵀ of W (unknowns, motions), which differs in contact rows alone (collective)."""
+        lifted, images = self.motions[:, self._in_rows] - W[self._in_rows].T, self.images.copy()
+        for image, values in zip(images, lifted, strict=True):
+            image -= multiply(self._columns, values)
+        return images
 
 
 def lifts_of_means(cycle: Cycle | CycleOnSets, projector: Projector) -> list[Array]:
@@ -198,12 +201,11 @@ class RigidSpace:
             return
         if floating.lifts_means:
             projector = projector.narrow
-        W, images = projector.apply(motions.T), floating.images.copy()
+        W = projector.apply(motions.T)
         W = W.copy() if projector.empty else W  # not the motions themselves: W is scaled in place
-        for k, motion in enumerate(motions):
-            images[k] -= floating.image(motion - W[:, k])
-            if not springs.empty:
-                images[k] += springs.forces(W[:, k])
+        images = floating.images_left(W)
+        if not springs.empty:
+            images += np.stack([springs.forces(motion) for motion in W.T])
         norms = [np.einsum("i,ij,ij->j", system.diagonal, R, R) for R in (motions.T, W)]
         before, after = self._comm.allreduce(np.stack(norms))
         some = after > SINGULAR * before

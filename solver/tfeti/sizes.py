@@ -180,12 +180,12 @@ class MeasuredAnswer:
         unit = float(np.finfo(np.float64).eps)
         parts = []
         for cls, u, body in zip(problem.classes, self.displacements, bodies.members, strict=True):
-            stiff = cls.stiffness.diagonal()[cls.free]
+            stiff = 0.0 if cls.rigid else float(cls.resistance[cls.free].sum())
             size, free = np.maximum(u.max(axis=0), -u.min(axis=0)), problem.free_lengths[body]
             moved = np.where(size > MOTIONLESS * free, size, free)
             squares = float(np.sum(cls.row_sums[cls.free] ** 2)) * (ROUNDED * unit * moved) ** 2
             size = np.maximum(size, free)
-            parts.append(np.stack([squares, float(stiff.sum()) * (unit * size) ** 2]))
+            parts.append(np.stack([squares, stiff * (unit * size) ** 2]))
         sums = np.array([bodies.sum_members([part[k] for part in parts]) for k in range(2)])
         squares, energies = problem.comm.allreduce(sums)
         return np.sqrt(squares), energies

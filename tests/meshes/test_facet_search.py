@@ -19,22 +19,27 @@ def small_facets(centres: NDArray[np.float64], size: float, seed: int) -> Surfac
     return Surface.of(3, np.arange(3 * len(centres)).reshape(-1, 3), points, inside)
 
 
-@pytest.mark.parametrize("seed", range(3))
-def test_the_search_finds_all_facets_along_the_normals_inside_a_sphere(seed: int) -> None:
-    """About the centre of a sphere all of its facets are nearly equally near."""
+@pytest.mark.parametrize(("seed", "far"), [(0, 1.5), (1, 1.5), (2, 1.5), (3, 0.2), (4, 0.1)])
+def test_the_search_finds_all_facets_along_the_normals_inside_a_sphere(
+    seed: int, far: float
+) -> None:
+    """About the centre of a sphere all of its facets are nearly equally near.
+
+    Lines as short as a few facets have one ball.
+    """
     rng = np.random.default_rng(seed)
     shell = rng.normal(size=(4000, 3))
     shell /= np.linalg.norm(shell, axis=1, keepdims=True)
     on = small_facets(0.5 * rng.normal(size=(300, 3)), 0.02, seed)
     against = small_facets(shell, 0.01, seed)
-    chosen, reach = np.arange(len(on.nodes)), np.full(len(on.nodes), 1.5)
+    chosen, reach = np.arange(len(on.nodes)), np.full(len(on.nodes), far)
     away = against.centres[None] - on.centres[:, None]
     along = np.einsum("ijk,ik->ij", away, on.normals)
     across = np.linalg.norm(away - along[..., None] * on.normals[:, None], axis=2)
     near = across <= on.radii[:, None] + against.radii
-    expected = set(zip(*np.nonzero(near & (np.abs(along) <= 1.5)), strict=True))
+    expected = set(zip(*np.nonzero(near & (np.abs(along) <= far)), strict=True))
     found = set(zip(*facets_along_normals(on, against, chosen, reach), strict=True))
-    assert len(expected) > 500
+    assert len(expected) > (500 if far > 1.0 else 20)
     assert expected <= found <= set(zip(*np.nonzero(near), strict=True))
 
 
