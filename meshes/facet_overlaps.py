@@ -306,29 +306,31 @@ def clip(window: Array, subject: Array) -> tuple[Array, Ints]:
     Vertices (n, k, 2), of which the first `count` (n,) are valid. Rounding errors may repeat
     some, so that a polygon can have more than v + w.
     """
-    (n, v), polygon, chosen = window.shape[:2], subject, np.arange(len(window))
+    (n, v), chosen = window.shape[:2], np.arange(len(window))
+    # complex numbers: half as many arrays as with two coordinates
+    corners, polygon = (np.ascontiguousarray(x).view(complex)[..., 0] for x in (window, subject))
     count = np.full(n, subject.shape[1])
     for edge in range(v):
-        start, end = window[chosen, edge, None], window[chosen, (edge + 1) % v, None]
-        along = end - start
-        away = polygon - start
-        side = along[..., 0] * away[..., 1] - along[..., 1] * away[..., 0]
-        place, line = np.arange(polygon.shape[1]), np.arange(len(chosen))[:, None]
-        valid = place < count[chosen, None]
-        following = np.where(place + 1 < count[chosen, None], place + 1, 0)
-        next_side, next_point = side[line, following], polygon[line, following]
+        start, end = corners[chosen, edge], corners[chosen, (edge + 1) % v]
+        along, away = (end - start)[:, None], polygon - start[:, None]
+        side = along.real * away.imag - along.imag * away.real
+        place, some = np.arange(polygon.shape[1]), count[chosen, None]
+        valid, ends = place < some, place + 1 >= some
+        next_side, next_point = (
+            np.where(ends, x[:, :1], np.roll(x, -1, axis=1)) for x in (side, polygon)
+        )
         inside = side >= 0.0
         crossing = valid & (inside != (next_side >= 0.0))
         share = side / np.where(crossing, side - next_side, 1.0)
-        cut = polygon + share[..., None] * (next_point - polygon)
+        cut = polygon + share * (next_point - polygon)
         keep = np.stack([valid & inside, crossing], axis=2)
         count[chosen] = made = keep.sum(axis=(1, 2))
         points = np.stack([polygon, cut], axis=2)[keep]
         chosen, made = chosen[made > 0], made[made > 0]  # others have no part in common
-        polygon = np.zeros((len(chosen), max(made.max(initial=0), 3), 2))
+        polygon = np.zeros((len(chosen), max(made.max(initial=0), 3)), complex)
         polygon[np.arange(polygon.shape[1]) < made[:, None]] = points
-    result = np.zeros((n, *polygon.shape[1:]))
-    result[chosen] = polygon
+    result = np.zeros((n, polygon.shape[1], 2))
+    result[chosen] = polygon[..., None].view(float)
     return result, count
 
 

@@ -24,7 +24,7 @@ from scipy import sparse
 from scipy.sparse.csgraph import connected_components
 
 from meshes import dolfinx_compat
-from meshes.arrays import Array, Ints, Mask
+from meshes.arrays import Array, Ints, Mask, distinct_numbers, in_order
 from meshes.cells import Cells
 from meshes.quadratic import STRAIGHT, VERTICES, bulges
 from meshes.subdomains import VTK_ORDER, Reference, Subdomain, vtk_order
@@ -227,7 +227,7 @@ def pieces_of(cells: Cells, rows: Rows) -> dict[int, Piece]:
     for part, (a, b) in zip(parts, bounds, strict=True):
         members = order[a:b]
         nodes = cells.nodes_at(rows[part])
-        used = np.unique(nodes)
+        used = distinct_numbers(nodes)
         place[used] = np.arange(len(used))
         result[part] = Piece(
             cell=cells.cell,
@@ -236,7 +236,7 @@ def pieces_of(cells: Cells, rows: Rows) -> dict[int, Piece]:
             tags=cells.tags_at(rows[part]),
             points=cells.points_at(used),
             nodes=used,
-            exterior=np.sort(place[skin.facets[members]], axis=1).astype(np.int64),
+            exterior=in_order(place[skin.facets[members]]).astype(np.int64),
             boundaries={name: np.flatnonzero(on[members]) for name, on in skin.sides.items()},
         )
     return result
@@ -282,7 +282,7 @@ def place_piece(
     node_of[reference.cells] = piece.cells[dolfinx_compat.original_cells(reference.mesh)]
     translation = np.zeros(3)
     translation[: len(origin)] = origin
-    table = np.sort(node_of[reference.facets], axis=1)
+    table = in_order(node_of[reference.facets])
     exterior = matching_rows(table, piece.exterior).astype(np.int32)
     return Subdomain(
         number=number,

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from mpi4py import MPI
 
-from meshes.arrays import Array, Mask
+from meshes.arrays import Array, Mask, distinct_numbers
 from meshes.crossing import Boxes, points_in_boxes
 from meshes.shares import joined, share
 from meshes.unstructured import MeshError, Topology
@@ -17,7 +17,7 @@ HANGING = 1e-6
 def refuse_hanging(points: Array, topology: Topology, comm: MPI.Intracomm) -> None:
     """Refuse nodes that lie on a facet of the surface without being one of its corners."""
     facets = topology.facets
-    surface = np.unique(facets)
+    surface = distinct_numbers(facets)
     axis = np.argmax(np.ptp(points[surface], axis=0))
     surface = surface[np.argsort(points[surface, axis])[share(comm, len(surface))]]
     corners = points[facets]

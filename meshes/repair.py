@@ -22,7 +22,7 @@ import numpy as np
 from mpi4py import MPI
 from numpy.typing import NDArray
 
-from meshes.arrays import Array, Ints, Mask
+from meshes.arrays import Array, Ints, Mask, distinct_numbers, in_order
 from meshes.cell_shape import at_vertices, corner_jacobians, edge_lengths, folded_inside, warped
 from meshes.connected import connected
 from meshes.hanging import refuse_hanging
@@ -335,23 +335,24 @@ def _sides(
 
     Groups without facets are left out.
     """
-    surface = np.sort(topology.facets, axis=1)
+    surface = in_order(topology.facets)
     sides, inner = {}, {}
     for name, facets in content.facet_groups.items():
-        nodes = np.sort(rename[facets], axis=1)
-        nodes = np.unique(nodes[nodes[:, 0] >= 0], axis=0)
+        nodes = in_order(rename[facets])
+        nodes = nodes[nodes[:, 0] >= 0]
         rows = row_places(surface, nodes)
-        inside = nodes[rows < 0]
+        inside, on_surface = np.unique(nodes[rows < 0], axis=0), distinct_numbers(rows[rows >= 0])
+        total = len(inside) + len(on_surface)
         side = sides_of_facets(inside, cells, content.kind.name, topology)
         if side is not None:
             inner[name] = np.flatnonzero(side)
         elif len(inside):
             notes.append(
-                f"{len(inside)} of {len(nodes)} facets of the group {name!r} are not "
+                f"{len(inside)} of {total} facets of the group {name!r} are not "
                 "on the surface of the body: left out"
             )
-        if len(inside) < len(nodes):
-            sides[name] = np.sort(rows[rows >= 0]).astype(np.int32)
+        if len(on_surface):
+            sides[name] = on_surface.astype(np.int32)
     for name, nodes in content.point_groups.items():
         if name in sides or name in inner:
             continue
