@@ -159,12 +159,12 @@ def _of_one_size(boxes: Boxes, rows: Ints) -> list[Ints]:
     size = (boxes.upper[rows] - boxes.lower[rows]).max(axis=1)
     unit = max(float(size.max(initial=0.0)), np.finfo(float).tiny)
     level = np.frexp(np.maximum(size / unit, 2.0**-40))[1]
-    largest, found = 1, 0.0
+    largest, pairs = 1, 0.0
     for k in range(1, int(level.min(initial=1)) - 1, -1):
         some = level == k
-        found += 4.0 ** (largest - k) * some.sum()
-        if found > FEW:
-            largest, found = k, some.sum()
+        pairs += 4.0 ** (largest - k) * some.sum()
+        if pairs > FEW:
+            largest, pairs = k, some.sum()
         level[some] = largest
     return [rows[level == k] for k in np.unique(level)]
 
