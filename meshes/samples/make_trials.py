@@ -83,7 +83,7 @@ def leaf_spring(size: float) -> Trial:
     radius = (length**2 / 4 + rise**2) / (2 * rise)
     angle = (points[:, 0] / length - 0.5) * 2 * np.arcsin(0.5 * length / radius)
     across = radius + points[:, 2] - 0.5 * thick
-    lowest = (radius - 0.5 * thick) * np.cos(np.arcsin(0.5 * length / radius))
+    lowest = float((radius - 0.5 * thick) * np.cos(np.arcsin(0.5 * length / radius)))
     bent = np.column_stack([across * np.sin(angle), points[:, 1], across * np.cos(angle) - lowest])
     inner, outer = radius - 0.5 * thick, radius + 0.5 * thick
     from_centre = f"sqrt(x**2 + (z + {lowest!r})**2)"
