@@ -8,8 +8,9 @@ as stiff as K is against each row, beside the contact forces λ of the last iter
     L(u) = ½ uᵀ K u - fᵀ u + ½ Σ max(0, λ_i + W_i (C u - c)_i)² / W_i.
 
 1. The rows that press, λ + W (C u - c) > 0, are the set of a Newton step, active with a compliance
-   1/W and a traction λ. Faint springs hold the other rows where they are (Levenberg and
-   Marquardt). Every step of its conjugate gradients is a direction of descent of L.
+   1/W and a traction λ. Faint springs hold the other rows where they are, stiffer ones after short
+   steps (Levenberg and Marquardt). Every step of its conjugate gradients is a direction of descent
+   of L.
 2. An exact line search goes to the least sum of L and the energy of the faint springs along it, so
    that a body stops where it meets others. Along a free motion L alone has no least value but that
    of its rounding errors. L is convex and bounded below if the problem has an equilibrium, so the
@@ -60,16 +61,27 @@ class AugmentedOptions:
         more slowly.
     reduction
         Reduction of the residual in a Newton step.
-    faint
-        Stiffness over W of the springs that hold open rows in their last position: a proximal term.
-        Without it steps along nearly free motions are so long that they leave no digits. Half a
-        bearing of seven rollers in the plane was not certified by line searches without them.
+    faint, stiffest
+        Least and largest stiffness over W of the springs that hold open rows in their last
+        position: a proximal term. Without it steps along nearly free motions are so long that they
+        leave no digits; with stiffer springs bodies need many steps to their places. Half a bearing
+        of seven rollers in the plane was not certified by line searches without them.
+    short, long
+        Step lengths below and above which these springs become ten times as stiff or as soft.
     first, balanced, least_gradient
         Gradient of L, over the load, up to which the first forces are kept; later gradients, over
         that after a change of the forces; and gradient, over the load, that is always small enough.
         Half a bearing of three rollers, of three balls and of four balls (`tests/bearings.py`) had
         no answer by multigrid if the set had to settle, and takes 137, 50 and 45 operator
         applications now.
+    far
+        Gradient of L, over the load, down to which the limits of Coulomb's law follow the forces in
+        each step, and no set is tried with equality. Half a bearing of three rollers takes 58
+        operator applications; with limits that follow until λ changes first it takes 66.
+    most_far
+        Number of steps after which the limits follow λ alone: a hook that all points of a peg let
+        slide was as far after 300 steps, since limits that change lower nothing. With 12 and 20
+        steps it takes the same.
     full
         Largest distance of a step length from one at which the set of the step counts as settled.
     least
@@ -84,9 +96,14 @@ class AugmentedOptions:
     stiffness: float = 1.0
     reduction: float = 0.3
     faint: float = 1e-8
+    stiffest: float = 0.1
+    short: float = 0.1
+    long: float = 0.5
     first: float = 1e-3
     balanced: float = 0.1
     least_gradient: float = 1e-10
+    far: float = 0.1
+    most_far: int = 20
     full: float = 1e-2
     least: float = 1e-12
     most_stuck: int = 4
@@ -135,7 +152,7 @@ class AugmentedLagrangian:
         update = ActiveSetUpdate(backend, levels, sets.law, sets.options, looks_ahead=False)
         self._rules = SetRules(update, sets.options.first_reduction, coarsened=True)
         self._tied = Projector(self.system, self.system.equality)
-        self._counts, self._steps = Counts(), 0
+        self._counts, self._steps, self._faint = Counts(), 0, self.options.faint
 
     def solve(self, u: Array) -> Outcome[PrimalState]:
         """Take Newton steps from a displacement until an answer is accepted (collective).
@@ -152,7 +169,7 @@ class AugmentedLagrangian:
         u = u - tied.lifting((multiply(self.system.C, u) - self.system.c)[tied.rows])
         backend.begin_at(u)
         now = self._iterate(u, backend.left(), np.zeros(len(self.system.rows)))
-        rows = self.rows
+        rows, far = self.rows, self.rows.moves
         rows.begin(rows.forces(self._p(now)))
         outcome: Outcome[PrimalState] = Outcome(None, None, self._statuses(now), self._counts)
         load, stuck = self._norm(self.system.load), 0
@@ -165,14 +182,18 @@ class AugmentedLagrangian:
                 return solved
             outcome, length = solved, self._length(now, solved.state)
             now = self._moved(now, solved.state, length)
+            self._damp(length)
             stuck = stuck + 1 if length <= self.options.least else 0
             full = abs(length - 1.0) <= self.options.full
             settled = full and not self._differ(firm, rows.firm(self._p(now)))
             forces, exact, gradient = rows.forces(self._p(now)), None, self._gradient(now)
+            far = far and gradient > self.options.far * load and number < self.options.most_far
+            if far:
+                rows.begin(forces)
             if not stuck and not settled and gradient > limit:
                 continue
-            state = self._last.state_at(now.u, now.left, forces)
-            if settled:
+            state = self._last.state_at(now.u, now.left, rows.admissible(forces))
+            if settled and not far:
                 solved, exact = self._with_equality(now)
                 if solved.reason is not None:
                     return solved
@@ -196,6 +217,14 @@ class AugmentedLagrangian:
         forces = multiply_transposed(self.system.C, self.rows.forces(self._p(now)))
         return self._norm(self._tied.apply_transpose(now.left - forces))
 
+    def _damp(self, length: float) -> None:
+        """Choose the faint springs of the next step by the length of the last one."""
+        options = self.options
+        if length < options.short:
+            self._faint = min(10.0 * self._faint, options.stiffest)
+        elif length > options.long:
+            self._faint = max(0.1 * self._faint, options.faint)
+
     def _iterate(self, u: Array, left: Array, forces: Array) -> _Iterate:
         return _Iterate(u, left, multiply(self.system.C, u) - self.system.c, forces)
 
@@ -211,7 +240,7 @@ class AugmentedLagrangian:
         """Rows with a compliance; those without a spring hold their last position (collective)."""
         on_all_rows, rows, jumps = self.system.on_all_rows, self.rows, now.jumps
         forces, springs, turn = rows.springs(self._p(now))
-        springs = np.maximum(springs, self.options.faint * rows.W)
+        springs = np.maximum(springs, self._faint * rows.W)
         if turn is not None:
             jumps = turn.turned(on_all_rows(jumps))[self.system.rows]
         compliance = np.divide(1.0, springs, out=np.zeros_like(springs), where=rows.rows)
@@ -285,7 +314,7 @@ class AugmentedLagrangian:
         comm, step, normal, p = self.system.comm, state.u - now.u, self.rows.normal, self._p(now)
         image = multiply(self.system.C, state.u) - self.system.c - now.jumps
         rates = self.rows.W * image
-        faint = self.options.faint * float(np.where(self.rows.firm(p), 0.0, rates) @ image)
+        faint = self._faint * float(np.where(self.rows.firm(p), 0.0, rates) @ image)
         slope = -float(step @ now.left)
         curvature = float(step @ (now.left - self.backend.left())) + faint
         friction = self.rows.along(p, rates)

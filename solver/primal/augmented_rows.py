@@ -10,8 +10,8 @@ P the projection onto the disc of radius s. Its force is P(p): a spring of stiff
 point sticks, |p| ≤ s. A sliding point has the force s d along d = p / |p|, and across d, in a
 turned frame, a spring of stiffness W s / |p|.
 
-The limits of Coulomb's law follow the contact forces by Anderson's acceleration
-(`solver.contact.slip_limits`).
+The limits of Coulomb's law follow the contact forces in each step while L is far from its least
+value, and then by Anderson's acceleration (`solver.contact.slip_limits`).
 """
 
 from __future__ import annotations
@@ -23,6 +23,7 @@ import numpy as np
 
 from solver.backend import Turn
 from solver.contact.friction_law import Friction
+from solver.contact.friction_points import AT_LIMIT
 from solver.contact.law import ContactLaw
 from solver.contact.slip_limits import SlipLimits
 from solver.primal.friction_springs import FrictionSprings
@@ -79,6 +80,10 @@ class OneSidedRows:
 
     def advance(self, forces: Array, accurate: bool) -> None:
         """Take the next law from forces (rows,), if they are accurate or settled (collective)."""
+
+    def admissible(self, forces: Array) -> Array:
+        """Forces (rows,) that the law itself admits, near those of the springs."""
+        return forces
 
 
 class FrictionRows(OneSidedRows):
@@ -176,6 +181,17 @@ class FrictionRows(OneSidedRows):
             return float(soft @ (share * slope)), float(soft @ (share * (square - radial**2)))
 
         return derivatives
+
+    def admissible(self, forces: Array) -> Array:
+        """Forces with friction at Coulomb's limit where it is at that of the present law."""
+        points, multiplier = self._points, self.system.on_all_rows(forces)
+        limit = points.slip_limits(multiplier) / points.spread[points.first]
+        size = points.sizes(forces[self._tangential])
+        slides = (size >= (1.0 - AT_LIMIT) * self._largest) | (size > limit)
+        share = np.divide(limit, size, out=np.ones(len(size)), where=slides & (size > 0.0))
+        result = forces.copy()
+        result[self._tangential] *= share[self._point]
+        return result
 
 
 def rows_of(system: MergedSystem, stiffness: Array, law: ContactLaw) -> OneSidedRows:
