@@ -126,12 +126,11 @@ def _separated(task: Task, solution: Solution) -> Solution:
     problem, tolerance, u = task.problem, task.rule.tolerance, solution.displacements
     if solution.converged or solution.reason is Reason.STOPPED or not problem.factored:
         return solution
-    multiplier = np.where(problem.conditional, 0.0, solution.multiplier)
-    scales = certify(problem, multiplier, u, tolerance)[1].scales
-    if scales.all():
+    strained = solution.measures.scales[problem.bodies.rows[:, 0]] > 0.0
+    if (solution.measures.scales > 0.0).all():
         return solution
-    strained = scales[problem.bodies.rows[:, 0]] > 0.0
-    multiplier = np.where(strained, solution.multiplier, multiplier)
+    dropped = problem.conditional & ~strained
+    multiplier = np.where(dropped, 0.0, solution.multiplier)
     certificate, measures = certify(problem, multiplier, u, tolerance)
     separated = replace(solution, multiplier=multiplier, certificate=certificate, measures=measures)
     separated = task.rule.judge(replace(separated, reason=Reason.CONVERGED))
