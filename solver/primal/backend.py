@@ -153,7 +153,10 @@ class Multigrid:
         if self.matrices.peels and self.matrices.direct:
             return FirstSet(np.ones(len(self.system.rows), bool), self.u)
         if self._first_set is None:
-            self._first_set = find_first_set(self.system, self.matrices.hierarchy)
+            first = find_first_set(self.system, self.matrices.hierarchy)
+            if self._cycle is None and first.cycle is not None and not self.direct:
+                self._cycle = CycleOnSets(self.system, self.matrices.hierarchy, first.cycle)
+            self._first_set = replace(first, cycle=None)  # the cycle changes with the sets
             self.release()
         return self._first_set
 

@@ -19,6 +19,7 @@ a cycle follows the active set at little cost. For rows with a compliance C
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from petsc4py import PETSc
@@ -98,13 +99,41 @@ class Cycle:
             made.destroy()
 
 
+@dataclass(frozen=True, eq=False)
+class CycleWithSprings:
+    """The cycle of the level below the finest one with springs on contact rows.
+
+    Attributes
+    ----------
+    cycle
+    operators
+        Stiffness of its levels with springs.
+    springs : (rows,)
+        Stiffness of each spring; zero for open rows.
+    rows
+        C on each of its levels.
+    """
+
+    cycle: Cycle
+    operators: Sequence[BlockRows]
+    springs: Array
+    rows: Sequence[PETSc.Mat]
+
+
 class CycleOnSets:
     """One V-cycle that leaves the active rows alone and follows the active set.
 
     Without active rows it is `Cycle` on all levels of the hierarchy, which has at least two.
+
+    Parameters
+    ----------
+    made
+        The cycle of the coarser levels of the first set, to begin with.
     """
 
-    def __init__(self, system: MergedSystem, hierarchy: Hierarchy) -> None:
+    def __init__(
+        self, system: MergedSystem, hierarchy: Hierarchy, made: CycleWithSprings | None = None
+    ) -> None:
         K, self._P = hierarchy.operators[0], hierarchy.prolongations[0]
         self._K = in_blocks(K)
         steps = hierarchy.options.smoothing
@@ -114,9 +143,13 @@ class CycleOnSets:
         self._unturned = self._system = system
         self._stiffness = row_stiffness(system)
         self._coarse: Cycle | None = None
-        self._operators = [rows_in_blocks(operator) for operator in hierarchy.operators[1:]]
-        self._springs = np.zeros(len(self._stiffness))
-        self._rows = self._in_blocks(rows_on_levels(system.C, self._prolongations))
+        if made is None:
+            self._operators = [rows_in_blocks(operator) for operator in hierarchy.operators[1:]]
+            self._springs = np.zeros(len(self._stiffness))
+            self._rows = self._in_blocks(rows_on_levels(system.C, self._prolongations))
+        else:
+            self._coarse, self._operators = made.cycle, list(made.operators)
+            self._springs, self._rows = made.springs, self._in_blocks(made.rows)
 
     def _cycle(self) -> Cycle:
         operators = [petsc_blocks(rows) for rows in self._operators]

@@ -19,7 +19,7 @@ import numpy as np
 from petsc4py import PETSc
 
 from solver.primal.blocks import petsc_blocks, rows_in_blocks
-from solver.primal.cycle import Cycle, rows_on_levels
+from solver.primal.cycle import Cycle, CycleWithSprings, rows_on_levels
 from solver.primal.factor import diagonal_below, row_stiffness, spread_means, squared_rows
 from solver.primal.friction_springs import FrictionSprings
 from solver.primal.hierarchy import Hierarchy
@@ -47,11 +47,14 @@ class FirstSet:
     u : (unknowns,)
     tensions : (rows,)
         Forces of the springs, as multipliers; None where no springs were used.
+    cycle
+        The cycle of the level below the finest one with springs on contact rows, if there is one.
     """
 
     active: Mask
     u: Array
     tensions: Array | None = None
+    cycle: CycleWithSprings | None = None
 
 
 def find_first_set(
@@ -74,19 +77,21 @@ def find_first_set(
     Q, loads = rows_on_levels(system.C, P), [system.load - multiply(system.K, start)]
     for prolongation in P:
         loads.append(multiply_transposed(prolongation, loads[-1]))
-    x, pressed, tensions = np.zeros(len(loads[-1])), system.equality, None
+    x, pressed, tensions, cycle = np.zeros(len(loads[-1])), system.equality, None, None
     for k in range(len(P), 0, -1):
         below = replace(hierarchy, prolongations=P[k:], operators=tuple(A[k:]))
-        level = CycleLevel(rows, below, Q[k - 1], loads[k], options)
+        level = CycleLevel(rows, below, Q[k - 1 :], loads[k], options)
         if A[k].getSize()[0] <= options.largest:
             x = _on_every_rank(level, x, k == len(P))
         elif k == len(P):  # bodies may have no place yet
             x = level.minimise(x, options.steps)
         else:
             x = level.proximal_step(x, options.steps, options.settled)
-        pressed, tensions = level.pressed(x), level.tensions(x)
+        pressed, tensions, cycle = level.pressed(x), level.tensions(x), level.made
         x = multiply(P[k - 1], x)
-    return FirstSet(pressed | system.equality, start + x, tensions)
+    if system.has_rigid_bodies:  # this cycle has unknowns of rigid bodies
+        cycle = None
+    return FirstSet(pressed | system.equality, start + x, tensions, cycle)
 
 
 def corrected_set(
@@ -114,7 +119,7 @@ def corrected_set(
     rows = Rows(system.comm, reach, system.normal, system.equality, stiff, friction)
     of_means = multiply_transposed(system.C, np.where(stiff > 0.0, 0.0, forces))
     load, options = multiply_transposed(P[0], begin.left - of_means), FirstSetOptions()
-    level = CycleLevel(rows, below, rows_on_levels(system.C, P[:1])[0], load, options, cycle)
+    level = CycleLevel(rows, below, rows_on_levels(system.C, P[:1]), load, options, cycle)
     x = level.proximal_step(np.zeros(len(load)), options.steps, options.settled)
     return FirstSet(level.pressed(x) | system.equality, begin.u + multiply(P[0], x))
 

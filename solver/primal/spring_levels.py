@@ -14,6 +14,7 @@ every rank, or by a few conjugate gradients with a V-cycle.
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -25,7 +26,7 @@ from scipy.linalg import LinAlgError, cho_factor, cho_solve
 from solver.primal.block_rows import BlockRows
 from solver.primal.blocks import petsc_blocks, rows_in_blocks
 from solver.primal.cholesky import factored
-from solver.primal.cycle import Cycle
+from solver.primal.cycle import Cycle, CycleWithSprings
 from solver.primal.factor import diagonal_below, spring_matrix, squared, with_springs
 from solver.primal.friction_springs import FrictionSprings
 from solver.primal.hierarchy import Hierarchy
@@ -312,18 +313,23 @@ class CycleLevel(SharedLevel):
     hierarchy
         This level and those below.
     Q
-        C on this level.
+        C on each of these.
     cycle
         A cycle to use; None to make one.
+
+    Attributes
+    ----------
+    made
+        The cycle that was made, from the first Newton step on.
     """
 
     def __init__(
-        self, rows: Rows, hierarchy: Hierarchy, Q: PETSc.Mat, load: Array,
+        self, rows: Rows, hierarchy: Hierarchy, Q: Sequence[PETSc.Mat], load: Array,
         options: FirstSetOptions, cycle: Cycle | None = None,
     ) -> None:  # fmt: skip
-        super().__init__(rows, hierarchy.operators[0], Q, load, options)
-        self._hierarchy = hierarchy
-        self._cycle = cycle
+        super().__init__(rows, hierarchy.operators[0], Q[0], load, options)
+        self._hierarchy, self._below, self._cycle = hierarchy, Q, cycle
+        self.made: CycleWithSprings | None = None
 
     def newton_step(self, weights: Array, residual: Array) -> Array:
         """A few conjugate gradients from zero; in the norm of the preconditioner (collective)."""
@@ -368,6 +374,7 @@ class CycleLevel(SharedLevel):
                 operators.append(rows_in_blocks(A).plus(springs.plus_diagonal(shift + faint)))
             matrices = [*map(petsc_blocks, operators)]
             self._cycle = Cycle(matrices, levels.prolongations, levels.options)
+            self.made = CycleWithSprings(self._cycle, operators, stiff, self._below)
         return self._cycle
 
 

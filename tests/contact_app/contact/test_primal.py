@@ -26,6 +26,7 @@ from solver.primal.blocks import in_blocks
 from solver.primal.by_active_sets import solve_by_multigrid
 from solver.primal.cycle import CycleOnSets
 from solver.primal.factor import FactorOptions, diagonal_below
+from solver.primal.first_set import find_first_set
 from solver.primal.hierarchy import build_hierarchy
 from solver.primal.lanczos import largest_eigenvalue
 from solver.primal.merged import merge
@@ -249,6 +250,24 @@ def test_the_cycle_that_has_followed_sets_is_that_of_the_last_one() -> None:
     moved = [np.abs(last.C @ z).max() for z in expected]
     sizes = [(last.C.power(2) @ z**2).max() ** 0.5 for z in expected]
     assert max(moved) < 1e-9 * min(sizes)
+
+
+def test_the_cycle_goes_on_from_that_of_the_first_set() -> None:
+    """Its springs follow the set; open rows have the faint springs of the first set besides."""
+    scene = build_scene(load(CONFIGS / "pin_in_lug.yaml", ["solver.method=primal"]))
+    system = merge(build_model(scene, MPI.COMM_SELF, needed="distinct").problem)
+    hierarchy = build_hierarchy(system)
+    made = find_first_set(system, hierarchy).cycle
+    assert made is not None
+    projector = Projector(system, np.arange(len(system.rows)) % 3 > 0)
+    residual = projector.apply_transpose(np.random.default_rng(0).standard_normal(system.size))
+    found = []
+    for cycle in (CycleOnSets(system, hierarchy, made), CycleOnSets(system, hierarchy)):
+        cycle.adapt_to(projector)
+        found.append(np.empty(system.size))
+        cycle.apply(residual, found[-1])
+    begun, fresh = found
+    assert np.linalg.norm(begun - fresh) < 1e-3 * np.linalg.norm(fresh)
 
 
 def test_springs_on_few_unknowns_go_down_a_level() -> None:
