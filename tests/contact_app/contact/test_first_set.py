@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
+import pytest
 from mpi4py import MPI
 from scipy import sparse
 from scipy.sparse.linalg import spsolve
@@ -19,8 +20,9 @@ NO_POINTS, NO_VALUES = np.zeros(0, np.int64), np.zeros(0)
 NO_FRICTION = FrictionSprings(*(NO_POINTS,) * 3, *(NO_VALUES,) * 3, acts=False)
 
 
-def test_a_dense_level_is_solved_to_its_minimum() -> None:
-    """Half of the rows start closed."""
+@pytest.mark.parametrize("full", [0.0, 1.0])
+def test_a_dense_level_is_solved_to_its_minimum(full: float) -> None:
+    """Rows multiplied as a full matrix and as a sparse one; half of them start closed."""
     rng, n, m = np.random.default_rng(1), 30, 40
     root = rng.standard_normal((n, n))
     A = sparse.csr_matrix(root @ root.T + np.eye(n))
@@ -28,7 +30,7 @@ def test_a_dense_level_is_solved_to_its_minimum() -> None:
     c = np.where(np.arange(m) % 2, 0.0, 0.02)
     stiff, equality = rng.uniform(50.0, 100.0, m), np.arange(m) < 3
     rows = Rows(MPI.COMM_SELF, c, ~equality, equality, stiff, NO_FRICTION)
-    load, options = 10.0 * rng.standard_normal(n), FirstSetOptions()
+    load, options = 10.0 * rng.standard_normal(n), replace(FirstSetOptions(), full=full)
     level = DenseLevel(rows, A, Q, load, options)
     x = level.minimise(np.zeros(n), options.exact_steps)
     jump = Q @ x - c
