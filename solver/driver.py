@@ -126,10 +126,10 @@ def _separated(task: Task, solution: Solution) -> Solution:
     problem, tolerance, u = task.problem, task.rule.tolerance, solution.displacements
     if solution.converged or solution.reason is Reason.STOPPED or not problem.factored:
         return solution
-    strained = solution.measures.scales[problem.bodies.rows[:, 0]] > 0.0
-    if (solution.measures.scales > 0.0).all():
+    at_rest = solution.measures.scales == 0.0
+    if not at_rest.any():
         return solution
-    dropped = problem.conditional & ~strained
+    dropped = problem.conditional & at_rest[problem.bodies.rows[:, 0]]
     multiplier = np.where(dropped, 0.0, solution.multiplier)
     certificate, measures = certify(problem, multiplier, u, tolerance)
     separated = replace(solution, multiplier=multiplier, certificate=certificate, measures=measures)

@@ -139,7 +139,7 @@ class Multigrid:
             return None
         begin = Position(self.u, self.left(), multiply(system.C, self.u) - system.c)
         levels, forces = self.matrices.hierarchy, multiplier[system.rows]
-        first = corrected_set(system, levels, cycle.coarse, begin, forces)
+        first = corrected_set(system, levels, cycle.coarse, self.stiffness, begin, forces)
         self.begin_at(first.u)
         self.release()
         return self.closed_in(first)

@@ -95,8 +95,9 @@ def find_first_set(
 
 
 def corrected_set(
-    system: MergedSystem, hierarchy: Hierarchy, cycle: Cycle, begin: Position, forces: Array
-) -> FirstSet:
+    system: MergedSystem, hierarchy: Hierarchy, cycle: Cycle, stiff: Array, begin: Position,
+    forces: Array,
+) -> FirstSet:  # fmt: skip
     """The set and the displacement after a correction on the level below the finest (collective).
 
     The forces of the springs begin with those of a set (`solver.primal.augmented` has the same
@@ -106,12 +107,14 @@ def corrected_set(
     ----------
     cycle
         From the level below the finest one down.
+    stiff : (rows,)
+        `row_stiffness`.
     begin
         The displacement that is corrected.
     forces : (rows,)
         λ of the set.
     """
-    stiff, P = row_stiffness(system), hierarchy.prolongations
+    P = hierarchy.prolongations
     below = replace(hierarchy, prolongations=P[1:], operators=hierarchy.operators[1:])
     friction = FrictionSprings.of(system, stiff)
     penetration = np.divide(forces, stiff, out=np.zeros_like(forces), where=stiff > 0.0)

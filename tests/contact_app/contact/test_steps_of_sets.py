@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import importlib.util
-import sys
 from pathlib import Path
 
 import numpy as np
@@ -13,6 +11,7 @@ from mpi4py import MPI
 from contact_app.model.model import build_model
 from contact_app.scene.build import build_scene
 from contact_app.scene.configuration import load
+from meshes.samples.make_trials import write
 from solver.backend import Statuses
 from solver.contact.stopping import StoppingRule
 from solver.primal.backend import Multigrid
@@ -24,7 +23,6 @@ from solver.tfeti.methods.task import Task
 from solver.vectors import Mask
 from tests.contact_app.contact.test_primal import MULTIGRID_ALWAYS
 
-SCRIPT = Path(__file__).parents[3] / "meshes" / "samples" / "make_trials.py"
 INNER = MPRGP(rtol=1e-10, max_iterations=2000)
 
 
@@ -68,13 +66,7 @@ def test_rows_that_a_step_leaves_do_not_hold_it_back() -> None:
 
 def trial(name: str, path: Path) -> DualProblem:
     """A coarse trial part of `make_trials.py`."""
-    spec = importlib.util.spec_from_file_location("make_trials", SCRIPT)
-    assert spec is not None
-    assert spec.loader is not None
-    trials = importlib.util.module_from_spec(spec)
-    sys.modules["make_trials"] = trials
-    spec.loader.exec_module(trials)
-    scene = build_scene(load(trials.write(name, 1.8, path), ["solver.method=primal"]))
+    scene = build_scene(load(write(name, 1.8, path), ["solver.method=primal"]))
     return build_model(scene, MPI.COMM_SELF, needed="distinct").problem
 
 

@@ -2,34 +2,19 @@
 
 from __future__ import annotations
 
-import importlib.util
-import sys
 from pathlib import Path
-from types import ModuleType
 
 import pytest
 
 from contact_app.run.solve import solve_scene
 from contact_app.scene.build import build_scene
 from contact_app.scene.configuration import load
-
-SCRIPT = Path(__file__).parents[3] / "meshes" / "samples" / "make_trials.py"
-
-
-@pytest.fixture(scope="module")
-def trials() -> ModuleType:
-    spec = importlib.util.spec_from_file_location("make_trials", SCRIPT)
-    assert spec is not None
-    assert spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    sys.modules["make_trials"] = module
-    spec.loader.exec_module(module)
-    return module
+from meshes.samples import make_trials as trials
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("degree", [1, 2])
-def test_trial_parts_are_scenes(trials: ModuleType, tmp_path: Path, degree: int) -> None:
+def test_trial_parts_are_scenes(tmp_path: Path, degree: int) -> None:
     """Coarse ones: every boundary has facets, and every tetrahedron a volume."""
     for name in trials.TRIALS:
         path = trials.write(name, 1.8, tmp_path)
@@ -39,7 +24,7 @@ def test_trial_parts_are_scenes(trials: ModuleType, tmp_path: Path, degree: int)
 
 
 def test_a_trial_part_is_solved_to_a_certificate_with_some_of_its_nodes_open(
-    trials: ModuleType, tmp_path: Path
+    tmp_path: Path,
 ) -> None:
     for friction in (None, 0.3):
         scene = build_scene(load(trials.write("eye_on_pin", 2.5, tmp_path, friction)))
@@ -52,9 +37,7 @@ def test_a_trial_part_is_solved_to_a_certificate_with_some_of_its_nodes_open(
 
 
 @pytest.mark.parametrize("size", [3.0, 4.0])
-def test_a_load_on_one_side_does_not_turn_the_ring(
-    trials: ModuleType, tmp_path: Path, size: float
-) -> None:
+def test_a_load_on_one_side_does_not_turn_the_ring(tmp_path: Path, size: float) -> None:
     """Nothing resists its turn on the shaft; 76 facets around make 25 and 19 of these sizes."""
     scene = build_scene(load(trials.write("ring_on_shaft", size, tmp_path)))
     assert solve_scene(scene).summary["certificate"]["passed"]
