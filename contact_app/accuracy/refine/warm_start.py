@@ -42,7 +42,8 @@ class LastLevel:
     Attributes
     ----------
     contacts : (n, 3) and (n,) each
-        Nodes of each contact, in the order of `Scene.touching`, and the pressure there.
+        Nodes of each contact with a contact row, in the order of `Scene.touching`, and the
+        pressure there: held nodes have no row, and their pressure is not known to be zero.
     """
 
     contacts: list[tuple[Array, Array]]
@@ -52,7 +53,9 @@ class LastLevel:
         """The contacts of an answer."""
         nodes, contacts = solved.nodes, []
         for contact in nodes.contacts:
-            of_rank = nodes.points[contact.nodes - nodes.first], contact.pressure
+            at = contact.nodes - nodes.first
+            known = ~np.isnan(nodes.gap[at])
+            of_rank = nodes.points[at[known]], contact.pressure[known]
             parts = zip(*solved.model.comm.allgather(of_rank), strict=True)
             points, pressure = (np.concatenate(part) for part in parts)
             contacts.append((points, pressure))

@@ -43,7 +43,8 @@ def products(solved: SolvedScene) -> int:
 def test_a_level_begins_with_the_answer_of_the_last(cell: str, subdomains: Any) -> None:
     """The same answer for any decomposition; undecomposed bodies take half the products.
 
-    Forces between subdomains begin at zero, so that decomposed bodies may take a few more."""
+    Forces between subdomains begin at zero, so that decomposed bodies may take a few more. The
+    foot is held: its nodes have no contact rows and tell nothing of the pressure beside it."""
     wanted = [f"bodies.0.mesh.box.cell={cell}", "solver.tolerance=1e-3"]
     start = LastLevel.of(solve_scene(cube(6, *wanted, subdomains=3)))
     fine = cube(10, *wanted, subdomains=subdomains)
@@ -52,7 +53,7 @@ def test_a_level_begins_with_the_answer_of_the_last(cell: str, subdomains: Any) 
     assert not cold.solution.warm
     energies = [s.summary["solution"]["energy"] for s in (warm, cold)]
     assert energies[0] == pytest.approx(energies[1], rel=1e-4)
-    most = 0.7 if subdomains == 1 else 1.3
+    most = 0.6 if subdomains == 1 else 1.3
     assert products(warm) <= most * products(cold)
 
 
