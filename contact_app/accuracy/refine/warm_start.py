@@ -54,8 +54,8 @@ class LastLevel:
         nodes, contacts = solved.nodes, []
         for contact in nodes.contacts:
             at = contact.nodes - nodes.first
-            known = ~np.isnan(nodes.gap[at])
-            of_rank = nodes.points[at[known]], contact.pressure[known]
+            with_row = ~np.isnan(nodes.gap[at])
+            of_rank = nodes.points[at[with_row]], contact.pressure[with_row]
             parts = zip(*solved.model.comm.allgather(of_rank), strict=True)
             points, pressure = (np.concatenate(part) for part in parts)
             contacts.append((points, pressure))
