@@ -257,11 +257,7 @@ def _all_pairs(cells: Cells) -> Ints:
 
 
 def place_piece(
-    piece: Piece,
-    body: int,
-    number: int,
-    first_node: int,
-    references: dict[Any, Reference],
+    piece: Piece, body: int, number: int, first_node: int, references: dict[Any, Reference]
 ) -> Subdomain:
     """Build the subdomain of a piece, on a reference that congruent pieces share."""
     origin = piece.origin

@@ -17,7 +17,6 @@ from dataclasses import dataclass, field
 
 import numpy as np
 from mpi4py import MPI
-from numpy.typing import NDArray
 
 from contact_app.errors import ConfigurationError
 from contact_app.model.averaged_rows import GapAndNormal, has_averaged_rows
@@ -30,6 +29,7 @@ from contact_app.results.rigid import placements_of
 from contact_app.results.smoothed_pressure import symmetry_planes
 from contact_app.scene.conditions import Contact, RigidTie
 from contact_app.scene.rigid import Placement
+from meshes.arrays import Array
 from meshes.quadratic import FACETS
 from solver.contact.solution import Solution
 
@@ -145,10 +145,7 @@ def entered_beside(model: Model, solution: Solution, number: int, other: int) ->
 
 
 def entered_points(
-    points: NDArray[np.float64],
-    moved: NDArray[np.float64],
-    gaps_and_normals: tuple[GapAndNormal, GapAndNormal],
-    least: float,
+    points: Array, moved: Array, gaps_and_normals: tuple[GapAndNormal, GapAndNormal], least: float
 ) -> tuple[int, float]:
     """Number of points that enter an obstacle by some depth at least, and the largest depth.
 
@@ -194,9 +191,7 @@ def entered_between(model: Model, solution: Solution, number: int) -> float:
     return float(comm.allreduce(depth, op=MPI.MAX))
 
 
-def depth_between(
-    points: NDArray[np.float64], moved: NDArray[np.float64], gap_and_normal: GapAndNormal
-) -> float:
+def depth_between(points: Array, moved: Array, gap_and_normal: GapAndNormal) -> float:
     """Depth to which an obstacle enters facets between their nodes.
 
     Parameters
@@ -219,7 +214,7 @@ def depth_between(
     return float(-left[counted].min(initial=0.0))
 
 
-def _flat(points: NDArray[np.float64]) -> bool:
+def _flat(points: Array) -> bool:
     """Whether facets (n, nodes, d) lie in one plane across an axis."""
     size = np.ptp(points, axis=(0, 1))
     return bool(size.min() <= LIMITS.flat * size.max())
@@ -329,9 +324,9 @@ class PressedFacets:
         Axis and place of planes of symmetry that the contact may reach.
     """
 
-    corners: NDArray[np.float64]
-    areas: NDArray[np.float64]
-    pressure: NDArray[np.float64]
+    corners: Array
+    areas: Array
+    pressure: Array
     planes: Sequence[tuple[int, float]] = ()
 
     def across(self, comm: MPI.Intracomm, dimension: int) -> float:
@@ -381,9 +376,7 @@ class PressedFacets:
         return min(abs(least), abs(most)) <= near and np.isfinite(least)
 
 
-def carries_force(
-    comm: MPI.Intracomm, pressure: NDArray[np.float64], shares: NDArray[np.float64], least: float
-) -> bool:
+def carries_force(comm: MPI.Intracomm, pressure: Array, shares: Array, least: float) -> bool:
     """Whether the force of a contact is larger than the solver's error (collective).
 
     Parameters
@@ -462,10 +455,7 @@ def pressed_facets(model: Model, nodes: NodeFields) -> list[PressedFacets]:
 
 
 def _along_axes(
-    comm: MPI.Intracomm,
-    corners: NDArray[np.float64],
-    forces: NDArray[np.float64],
-    planes: Sequence[tuple[int, float]],
+    comm: MPI.Intracomm, corners: Array, forces: Array, planes: Sequence[tuple[int, float]]
 ) -> tuple[float, ...]:
     """Facets (facets, vertices, 3) with forces along the two longer principal axes (collective).
 

@@ -14,7 +14,6 @@ from itertools import combinations
 
 import numpy as np
 from mpi4py import MPI
-from numpy.typing import NDArray
 
 from contact_app.accuracy.contact_limits import entered_beside
 from contact_app.model.boundaries import surface_facets
@@ -24,6 +23,7 @@ from contact_app.results.fields import NodeFields
 from contact_app.results.percent import percent
 from contact_app.scene.conditions import BodyContact, Tie
 from meshes import Reference
+from meshes.arrays import Array, Ints, Mask
 from meshes.contact_surface import Surface, is_curved
 from meshes.facet_overlaps import on_facets
 from meshes.facet_search import points_along_normals
@@ -38,8 +38,6 @@ NOT_JOINED = "no entry of `contacts` joins them"
 
 OUTSIDE = 1e-6
 """Depth of a vertex, over the radius of a facet, up to which it counts as outside."""
-
-Array = NDArray[np.float64]
 
 
 def entered_pairs(model: Model, solution: Solution, nodes: NodeFields) -> list[str]:
@@ -150,7 +148,7 @@ def near_each_other(one: Surface, two: Surface, reach: float) -> tuple[Surface, 
     return near(one), near(two)
 
 
-def _some(surface: Surface, facets: NDArray[np.bool_]) -> Surface:
+def _some(surface: Surface, facets: Mask) -> Surface:
     """Some facets of a surface."""
     parts = (surface.nodes[facets], surface.points[facets], surface.normals[facets])
     return Surface(surface.dimension, *parts)
@@ -209,10 +207,7 @@ def entered(model: Model, nodes: NodeFields, pair: BodyContact) -> float:
 
 
 def depth_in_each_other(
-    comm: MPI.Intracomm,
-    sides: Sequence[Surface],
-    displaced: Sequence[Array],
-    is_round: bool,
+    comm: MPI.Intracomm, sides: Sequence[Surface], displaced: Sequence[Array], is_round: bool
 ) -> float:
     """Largest depth of a vertex of one side in the other one, a length (collective).
 
@@ -295,9 +290,7 @@ def _reach(on: Surface, u_on: Array, u_of: Array) -> Array:
     return np.maximum(inwards + outwards, 0.0) + 2.0 * height + OUTSIDE * on.radii
 
 
-def _pairs_with_facets(
-    chosen: NDArray[np.int64], vertex: NDArray[np.int64], corners: int
-) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+def _pairs_with_facets(chosen: Ints, vertex: Ints, corners: int) -> tuple[Ints, Ints]:
     """Places in a list of vertices, each with every facet that has the vertex there.
 
     Parameters

@@ -14,7 +14,6 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from contact_app.model.model import Model
@@ -24,6 +23,7 @@ from contact_app.results.percent import percent
 from contact_app.scene.bodies import Body
 from contact_app.scene.finer_meshes import facets_on
 from meshes import CellMesh
+from meshes.arrays import Array, Ints
 from meshes.contact_surface import Surface
 from solver.contact.solution import Solution
 
@@ -47,7 +47,7 @@ facets. Rings with 8 and 12 facets on a quarter that overlap by 1/48, 1/16, 1/5 
 sagitta have peaks of the smoothed pressure that are 61, 20, 6 and 2 % too large; with 16 and 24
 facets half as much (`tests/contact_app/run/test_model_warnings.py` has the rings)."""
 
-Watched = tuple[NDArray[np.float64], NDArray[np.float64]]
+Watched = tuple[Array, Array]
 
 FLAT = 1e-6
 """Angle below which facets lie in one plane."""
@@ -181,7 +181,7 @@ def pair_distances(model: Model, nodes: NodeFields) -> list[Distances]:
     return of_pairs
 
 
-def facets_match(on: Surface, against: Surface, closing: NDArray[np.float64]) -> bool:
+def facets_match(on: Surface, against: Surface, closing: Array) -> bool:
     """Whether vertices of both sides near contact lie opposite each other.
 
     Parameters
@@ -194,7 +194,7 @@ def facets_match(on: Surface, against: Surface, closing: NDArray[np.float64]) ->
     return _vertices_match(on, against, closing) and _vertices_match(against, on, closing)
 
 
-def _vertices_match(side: Surface, other: Surface, closing: NDArray[np.float64]) -> bool:
+def _vertices_match(side: Surface, other: Surface, closing: Array) -> bool:
     """Whether vertices of one side near contact have vertices of the other one opposite."""
     if len(closing) == 0:
         return False
@@ -271,9 +271,7 @@ def largest_distances(skin: Surface, watched: Watched, is_round: bool) -> Distan
     return Distances(largest, max(SMOOTH_SURFACE * largest, float(changes.max())))
 
 
-def curvature_changes(
-    smooth: Surface, facets: NDArray[np.int64], neighbours: NDArray[np.int64]
-) -> NDArray[np.float64]:
+def curvature_changes(smooth: Surface, facets: Ints, neighbours: Ints) -> Array:
     """Change of the height of a smooth surface over facets by the curvature of neighbours, (n,).
 
     The curvature of cylinders and balls is constant. On other surfaces the parabolas of two facets
@@ -301,9 +299,7 @@ def curvature_changes(
     return changes
 
 
-def _neighbours(
-    facets: NDArray[np.int64], dimension: int
-) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+def _neighbours(facets: Ints, dimension: int) -> tuple[Ints, Ints]:
     """Pairs of facets that share a node (in the plane) or an edge (in space)."""
     v = facets.shape[1]
     joints = facets[:, :, None]

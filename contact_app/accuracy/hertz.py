@@ -20,7 +20,6 @@ from collections.abc import Sequence
 
 import numpy as np
 from mpi4py import MPI
-from numpy.typing import NDArray
 from scipy.optimize import brentq
 from scipy.special import ellipe, ellipk
 
@@ -28,8 +27,7 @@ from contact_app.accuracy.contact_limits import PressedFacets
 from contact_app.model.model import Model
 from contact_app.results.fields import NodeFields
 from contact_app.scene.conditions import BodyContact
-
-Array = NDArray[np.float64]
+from meshes.arrays import Array
 
 REACH = 3.0
 """Radius about the middle of the contact within which gaps are fitted, over a facet's longest edge.

@@ -24,9 +24,8 @@ from contact_app.accuracy.estimate.error_estimate import ErrorEstimator
 from contact_app.model.model import Model
 from contact_app.results.fields import NODAL_FIELDS
 from contact_app.scene.material import Material, von_mises
+from meshes.arrays import Array
 from solver.contact.solution import Solution
-
-Array = NDArray[np.float64]
 
 DETERMINED = 0.15
 """Smallest determinant of a patch's moments (1 for a symmetric patch) for its own linear

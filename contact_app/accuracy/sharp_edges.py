@@ -23,16 +23,14 @@ from itertools import compress
 
 import numpy as np
 from mpi4py import MPI
-from numpy.typing import NDArray
 
 from contact_app.model.boundaries import boundary_facets, surface_facets
 from contact_app.model.model import Model
 from contact_app.results.fields import NodeFields
 from contact_app.scene.conditions import BodyContact, Contact
 from meshes import Reference
+from meshes.arrays import Array, Mask
 from meshes.contact_surface import Surface
-
-Array = NDArray[np.float64]
 
 SHARP = np.radians(40.0)
 """Angle between the normals of two facets from which on their edge is sharp. Round surfaces with
@@ -74,10 +72,10 @@ class _Joints:
 
     turns: Array
     ends: Array
-    pressed: NDArray[np.bool_]
+    pressed: Mask
 
     @property
-    def sharp(self) -> NDArray[np.bool_]:
+    def sharp(self) -> Mask:
         """Mask (joints,) of the sharp edges of the contact boundary."""
         return np.asarray((self.turns > SHARP) & self.pressed.any(axis=1))
 
@@ -231,7 +229,7 @@ def sharp_edge(point: Array, sides: Sequence[Skin | None], end: str) -> str:
     return f"at a sharp edge of {pressing.name}{hint}"
 
 
-def _together(one: Array, two: Array, reach: float) -> NDArray[np.bool_]:
+def _together(one: Array, two: Array, reach: float) -> Mask:
     """Mask (n, m) of pairs of edges with ends (n, d - 1, 3) and (m, d - 1, 3) that go together.
 
     They are parallel, which points in the plane are, and their lines lie within a distance.
@@ -285,13 +283,13 @@ def _extent(reference: Reference) -> tuple[Array, Array, float]:
     return points.min(axis=0), points.max(axis=0), float(sizes.max(initial=0.0))
 
 
-def within(facets: Array, point: Array, reach: float) -> NDArray[np.bool_]:
+def within(facets: Array, point: Array, reach: float) -> Mask:
     """Mask of the facets (n, nodes, 3) with a part within some distance of a point."""
     away = np.linalg.norm(facets - point, axis=2).min(axis=1, initial=np.inf)
     return np.asarray(away <= reach + np.linalg.norm(np.ptp(facets, axis=1), axis=1))
 
 
-def _joints(surface: Surface, pressed: NDArray[np.bool_]) -> _Joints:
+def _joints(surface: Surface, pressed: Mask) -> _Joints:
     """The edges that two facets of a surface share, with the angle between the facets."""
     v, d = surface.vertices.shape[1], surface.dimension
     ends = surface.nodes[:, :v, None]

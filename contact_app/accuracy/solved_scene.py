@@ -6,15 +6,13 @@ from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
-from numpy.typing import NDArray
-
 from contact_app.accuracy.estimate.error_estimate import ErrorEstimator
 from contact_app.machine.timings import Timings
 from contact_app.model.model import Model
 from contact_app.results.fields import CellFields, NodeFields
 from contact_app.results.output import Fields
 from contact_app.results.overcome_friction import overcome_friction
+from meshes.arrays import Array
 from solver.contact.solution import Accuracy, Solution
 from solver.qp.result import Reason
 
@@ -36,7 +34,7 @@ class SolvedScene:
     cells: CellFields
     accuracy: Accuracy
     timings: Timings
-    nodal: dict[str, NDArray[np.float64]] = field(default_factory=dict)
+    nodal: dict[str, Array] = field(default_factory=dict)
     communication: dict[str, float] | None = None
     summary: dict[str, Any] = field(default_factory=dict)
     guaranteed: Guarantee | None = None

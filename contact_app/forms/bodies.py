@@ -18,7 +18,6 @@ from itertools import product
 
 import numpy as np
 from mpi4py import MPI
-from numpy.typing import NDArray
 from scipy import linalg, sparse
 
 from contact_app.errors import NoEquilibriumError
@@ -29,6 +28,7 @@ from contact_app.model.equilibrium import (
     entries_on_motions,
     leaving,
 )
+from meshes.arrays import Array, Ints, Mask
 from meshes.connected import connected
 from solver.contact.equilibrium import BodyBalance, slide
 from solver.contact.group_balance import GroupRows
@@ -37,8 +37,6 @@ from solver.tfeti.constraints.exchange import NodeExchange
 from solver.tfeti.constraints.friction import FrictionRows
 from solver.tfeti.free_motions import LooseBodies
 from solver.tfeti.subdomain.kernels import MOTIONS, orthonormal_kernel, rigid_motions
-
-Array = NDArray[np.float64]
 
 RESISTED = 1e-12
 """Stiffness against a motion over the largest entry of K, from which on the form resists it."""
@@ -64,10 +62,10 @@ class Bodies:
         Half the sides of the box about each body.
     """
 
-    of_subdomain: NDArray[np.int64]
-    of_node: NDArray[np.int64]
-    first: NDArray[np.int64]
-    sizes: NDArray[np.int64]
+    of_subdomain: Ints
+    of_node: Ints
+    first: Ints
+    sizes: Ints
     centres: Array
     lengths: Array
     halves: Array
@@ -125,7 +123,7 @@ def bodies_of(subdomains: Subdomains, exchange: NodeExchange) -> Bodies:
     )  # fmt: skip
 
 
-def groups_of(bodies: Bodies, exchange: NodeExchange, rows: ContactRows) -> NDArray[np.int64]:
+def groups_of(bodies: Bodies, exchange: NodeExchange, rows: ContactRows) -> Ints:
     """The group of each body, (bodies,): bodies that rows connect (collective)."""
     body = _of_entries(bodies, exchange, rows)
     lowest = np.full(len(rows.nodes), bodies.count)
@@ -134,13 +132,13 @@ def groups_of(bodies: Bodies, exchange: NodeExchange, rows: ContactRows) -> NDAr
     return _connected(exchange.comm, np.unique(links, axis=0), bodies.count)
 
 
-def _connected(comm: MPI.Intracomm, links: NDArray[np.int64], count: int) -> NDArray[np.int64]:
+def _connected(comm: MPI.Intracomm, links: Ints, count: int) -> Ints:
     """Connected component of each vertex of the graph of all ranks' links (n, 2) (collective)."""
     links = np.concatenate(comm.allgather(np.unique(links, axis=0).reshape(-1, 2)))
     return connected(links.T, count)
 
 
-def _of_entries(bodies: Bodies, exchange: NodeExchange, rows: ContactRows) -> NDArray[np.int64]:
+def _of_entries(bodies: Bodies, exchange: NodeExchange, rows: ContactRows) -> Ints:
     """The body of each entry of contact rows, (entries,) (collective)."""
     query = NodeExchange(exchange.comm, rows.entries.node, exchange.total)
     return query.from_owners(bodies.of_node[query.nodes - exchange.first])
@@ -165,7 +163,7 @@ def kernel_of(K: sparse.csr_matrix, points: Array, d: int) -> Array:
 
 def resisted(
     subdomains: Subdomains, bodies: Bodies, stiffness: list[sparse.csr_matrix]
-) -> list[NDArray[np.float64]]:
+) -> list[Array]:
     """Motions that the form resists in each body, (resisted, motions) (collective).
 
     The motions are rows: orthonormal, and perpendicular to motions that the form does not resist.
@@ -214,7 +212,7 @@ class Holding:
     """
 
     free_motions: list[Array]
-    held: NDArray[np.bool_]
+    held: Mask
     without_contact: bool
     loose: LooseBodies
 
@@ -237,7 +235,7 @@ class Resisting:
 
     held: HeldRows
     contact: ContactRows
-    groups: NDArray[np.int64]
+    groups: Ints
     friction: FrictionRows
     contacts: int
 
@@ -356,7 +354,7 @@ def contact_motions(
     return sparse.csr_matrix((value, (row, column)), shape=shape)
 
 
-def _leaving(bodies: Bodies, group: NDArray[np.int64], escape: Array, rough: bool) -> str:
+def _leaving(bodies: Bodies, group: Ints, escape: Array, rough: bool) -> str:
     """Phrase with the bodies that leave, and their directions, for an error."""
     which = leaving(bodies.name, group, escape)
     friction = ", not even friction at its limit" if rough else ""

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from contact_app.forms.parts import Parts
 from meshes import dolfinx_compat
+from meshes.arrays import Array, Ints, Mask
 from meshes.contact_surface import Surface
 from meshes.quadratic import FACETS
 
@@ -30,16 +31,16 @@ class Facets:
         Middle of the cell behind each facet.
     """
 
-    copies: NDArray[np.int64]
-    numbers: NDArray[np.int64]
-    points: NDArray[np.float64]
-    inside: NDArray[np.float64]
+    copies: Ints
+    numbers: Ints
+    points: Array
+    inside: Array
 
-    def vertices(self, dimension: int) -> NDArray[np.int64]:
+    def vertices(self, dimension: int) -> Ints:
         """Copies of the vertices, (facets, vertices)."""
         return self.copies[:, : FACETS[dimension, self.copies.shape[1]].vertices]
 
-    def chosen(self, mask: NDArray[np.bool_]) -> Facets:
+    def chosen(self, mask: Mask) -> Facets:
         """Some of them."""
         return Facets(self.copies[mask], self.numbers[mask], self.points[mask], self.inside[mask])
 

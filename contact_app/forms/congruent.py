@@ -10,12 +10,10 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import sparse
 
 from contact_app.forms.subdomains import Subdomains
-
-Array = NDArray[np.float64]
+from meshes.arrays import Array, Ints
 
 EQUAL = 1e-12
 """Difference of entries of two matrices, over the largest, that counts as round-off."""
@@ -36,7 +34,7 @@ class Congruent:
         Number of the class among the classes of all ranks.
     """
 
-    members: NDArray[np.int64]
+    members: Ints
     stiffness: sparse.csr_matrix
     points: Array
     number: int

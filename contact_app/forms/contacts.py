@@ -15,14 +15,12 @@ from dataclasses import dataclass, fields, replace
 from typing import Any, ClassVar
 
 import numpy as np
-from numpy.typing import NDArray
 
 from contact_app.errors import ConfigurationError
 from contact_app.model.facets import moments
 from contact_app.scene.conditions import FRICTIONLESS, Friction
 from contact_app.scene.obstacles import SHAPES, Cylinder, Obstacle, Plane, Sphere
-
-Array = NDArray[np.float64]
+from meshes.arrays import Array
 
 STEP = 1e-5
 """Step of difference quotients over the size of the mesh, accurate to half the digits."""

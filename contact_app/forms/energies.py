@@ -11,12 +11,10 @@ from typing import Any
 import numpy as np
 import ufl
 from dolfinx import fem
-from numpy.typing import NDArray
 
 from contact_app.forms.uniform import EqualCells
 from meshes import dolfinx_compat
-
-Array = NDArray[np.float64]
+from meshes.arrays import Array
 
 
 class CellEnergies:

@@ -4,9 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-import numpy as np
-from numpy.typing import NDArray
-
 from contact_app.forms.boundary import Facets
 from contact_app.forms.contacts import Contact
 from contact_app.forms.parts import Parts
@@ -19,12 +16,11 @@ from contact_app.model.tangential_rows import (
     tangential_rows,
 )
 from contact_app.model.ties import decided_by
+from meshes.arrays import Array, Ints, Mask
 from meshes.ties import MeanJumps, mean_jumps
 from solver.tfeti.constraints.conditions import ContactRows, HeldRows
 from solver.tfeti.constraints.exchange import NodeExchange
 from solver.tfeti.constraints.friction import FrictionRows
-
-Array = NDArray[np.float64]
 
 
 def jumps_of(
@@ -78,12 +74,12 @@ def _rough(
     """One contact with friction."""
     contact, facets, jumps = touching
 
-    def slips(contact_rows: ContactRows) -> tuple[ContactRows, NDArray[np.bool_]]:
+    def slips(contact_rows: ContactRows) -> tuple[ContactRows, Mask]:
         if jumps is None:
             return slips_at_obstacle(contact_rows, held)
         return slips_between(exchange, contact_rows, jumps, number)
 
-    def shares(nodes: NDArray[np.int64]) -> Array:
+    def shares(nodes: Ints) -> Array:
         values = contact.shares(facets.points, parts.dimension)
         return summed_at(exchange, facets.numbers.ravel(), values.ravel(), nodes)
 

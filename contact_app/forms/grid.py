@@ -18,10 +18,9 @@ from numpy.typing import NDArray
 
 from contact_app.model.decomposition import choose_split
 from meshes import dolfinx_compat
+from meshes.arrays import Array, Ints, Mask
 from meshes.box import BoxShape
 from meshes.connected import connected
-
-Array = NDArray[np.float64]
 
 EQUAL = 1e-9
 """Distance of a node from its place in the lattice, over the spacing, that is round-off."""
@@ -49,11 +48,11 @@ class Grid:
         Body of each sub-box; the cells of one body are equal boxes.
     """
 
-    of_cell: NDArray[np.int64]
-    lattice: NDArray[np.int64]
-    cells: NDArray[np.int64]
+    of_cell: Ints
+    lattice: Ints
+    cells: Ints
     degree: int
-    bodies: NDArray[np.int64]
+    bodies: Ints
 
     @property
     def count(self) -> int:
@@ -92,7 +91,7 @@ def grid_of(space: Any) -> Grid | None:
     return Grid(of_cell, lattice, cells, grids[0].degree, bodies)
 
 
-def _of_body(space: Any, every: NDArray, chosen: NDArray[np.bool_]) -> Grid | None:
+def _of_body(space: Any, every: NDArray, chosen: Mask) -> Grid | None:
     """The cut of a body by its cells of this rank, with lattice numbers at its nodes (collective).
 
     Parameters
@@ -145,7 +144,7 @@ def _extent(comm: MPI.Intracomm, points: Array, first: Array) -> tuple[Array, Ar
     return lower, upper, counts.astype(np.int64)
 
 
-def pieces(mesh: Any) -> NDArray[np.int64]:
+def pieces(mesh: Any) -> Ints:
     """Number of the facet-connected piece of each cell that this rank owns."""
     d = mesh.topology.dim
     mesh.topology.create_connectivity(d, d - 1)

@@ -9,7 +9,6 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from contact_app.forms.model import FormModel
 from contact_app.forms.results import Owners
@@ -18,13 +17,12 @@ from contact_app.run.coarse_increments import UNFINISHED
 from contact_app.run.fallback import FAILURES
 from contact_app.run.other_increments import change_to, loosely
 from contact_app.run.path_dependence import CLOSING
+from meshes.arrays import Array
 from solver.contact.options import SolverOptions
 from solver.contact.solution import Solution
 from solver.driver import solve
 from solver.qp.result import Monitor
 from solver.tfeti.dual import DualProblem
-
-Array = NDArray[np.float64]
 
 
 def following(model: FormModel, displacement: Array) -> FormModel:

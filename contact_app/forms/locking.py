@@ -26,14 +26,12 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from contact_app.forms.energies import CellEnergies
 from contact_app.forms.parts import Parts
 from contact_app.forms.uniform import EqualCells
 from meshes import dolfinx_compat
-
-Array = NDArray[np.float64]
+from meshes.arrays import Array, Ints
 
 SHAPE = {2: [[1.0, 1.0], [1.0, -1.0]], 3: [[1.0, 1.0, 1.0], [1.0, -0.5, 1.0], [1.0, 1.0, -0.5]]}
 """A change of shape in all components, by dimension."""
@@ -124,12 +122,7 @@ def affine_fit(parts: Parts, u: Array) -> Fit:
     return np.swapaxes(gradient, 1, 2), middle, value
 
 
-def locking(
-    parts: Parts,
-    moduli: Moduli,
-    u: tuple[Array, Fit],
-    body: tuple[NDArray[np.int64], int],
-) -> Locking:
+def locking(parts: Parts, moduli: Moduli, u: tuple[Array, Fit], body: tuple[Ints, int]) -> Locking:
     """Signs of locking of a space of degree 1 (collective).
 
     Parameters
@@ -179,7 +172,7 @@ def _off_means(parts: Parts, moduli: Moduli, strain: Array) -> Array:
     return np.asarray(total / ((d + 1) * (d + 2)))
 
 
-def _stiffness_levels(parts: Parts, moduli: Moduli) -> NDArray[np.int64]:
+def _stiffness_levels(parts: Parts, moduli: Moduli) -> Ints:
     """Number (cells,) from 0 on that is equal where moduli differ by less than a half."""
     d, x = parts.dimension, parts.points[parts.cells]
     size = np.abs(np.linalg.det(x[:, 1 : d + 1, :d] - x[:, :1, :d]))

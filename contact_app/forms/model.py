@@ -9,7 +9,6 @@ from typing import Any
 
 import numpy as np
 from mpi4py import MPI
-from numpy.typing import NDArray
 
 from contact_app.forms.bodies import (
     Bodies,
@@ -33,6 +32,7 @@ from contact_app.forms.sides import Sides, sides_of
 from contact_app.forms.stress_loads import stress_loads
 from contact_app.forms.subdomains import Subdomains, subdomains_of
 from contact_app.forms.uniform import EqualCells, in_cylindrical_coordinates
+from meshes.arrays import Array, Ints, Mask
 from meshes.contact_surface import Surface
 from meshes.ties import MeanJumps
 from solver.tfeti.build import CongruentSubdomains, ConstraintRows, build_system
@@ -45,8 +45,6 @@ from solver.tfeti.dual import DualProblem
 from solver.tfeti.options import TotalFetiOptions
 from solver.tfeti.subdomain.kernels import MOTIONS, fixing_nodes
 from solver.tfeti.system import NodePlaces
-
-Array = NDArray[np.float64]
 
 
 class NotCongruentError(ArithmeticError):
@@ -89,7 +87,7 @@ class FormModel:
     problem: DualProblem
     merged: ContactRows
     notes: tuple[str, ...]
-    place: NDArray[np.int64]
+    place: Ints
     moduli: Moduli | None
     form: Any
     of_form: bytes
@@ -212,7 +210,7 @@ def build_model(
     )  # fmt: skip
 
 
-def _places(classes: Sequence[Congruent], count: int) -> NDArray[np.int64]:
+def _places(classes: Sequence[Congruent], count: int) -> Ints:
     """Class and column of each subdomain, (subdomains, 2)."""
     place = np.empty((count, 2), np.int64)
     for number, cls in enumerate(classes):
@@ -269,7 +267,7 @@ def with_new_loads(
     return replace(model, problem=case, merged=merged)
 
 
-def _lifted(exchange: NodeExchange, held: HeldRows) -> tuple[NDArray[np.bool_], Array]:
+def _lifted(exchange: NodeExchange, held: HeldRows) -> tuple[Mask, Array]:
     """Mask of the held components of the copies, and their values, (copies, d) (collective)."""
     count, d = exchange.last - exchange.first, held.held.shape[1]
     mask, value = np.zeros((count, d), bool), np.zeros((count, d))
@@ -282,9 +280,9 @@ def _lifted(exchange: NodeExchange, held: HeldRows) -> tuple[NDArray[np.bool_], 
 def _subdomain(
     subdomains: Subdomains,
     bodies: Bodies,
-    eliminated: NDArray[np.bool_],
+    eliminated: Mask,
     acting: _Loads,
-    lifted: tuple[NDArray[np.bool_], Array],
+    lifted: tuple[Mask, Array],
     alike: Congruent,
     levels: bool,
 ) -> CongruentSubdomains:

@@ -17,11 +17,11 @@ import ufl
 from dolfinx import fem
 from dolfinx.fem.petsc import assemble_matrix, create_matrix
 from mpi4py import MPI
-from numpy.typing import NDArray
 from scipy import sparse
 
 from contact_app.forms.grid import Grid, pieces
 from meshes import dolfinx_compat
+from meshes.arrays import Array, Ints
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,12 +47,12 @@ class Parts:
 
     space: Any
     torn: Any
-    of_cell: NDArray[np.int64]
-    cells: NDArray[np.int64]
-    starts: NDArray[np.int64]
-    blocks: NDArray[np.int64]
-    numbers: NDArray[np.int64]
-    points: NDArray[np.float64]
+    of_cell: Ints
+    cells: Ints
+    starts: Ints
+    blocks: Ints
+    numbers: Ints
+    points: Array
 
     @property
     def comm(self) -> MPI.Intracomm:
@@ -108,7 +108,7 @@ class Parts:
         parts = [self.unknowns(part) for part in range(self.count)]
         return [whole[part, part].sorted_indices() for part in parts]
 
-    def loads(self, form: Any) -> list[NDArray[np.float64]]:
+    def loads(self, form: Any) -> list[Array]:
         """f of each part, (n,) (collective)."""
         (test,) = form.arguments()
         compiled = dolfinx_compat.compile_form(

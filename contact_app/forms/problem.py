@@ -10,7 +10,6 @@ from typing import Any
 
 import numpy as np
 from dolfinx import fem
-from numpy.typing import NDArray
 
 from contact_app.errors import CouldNotRunError
 from contact_app.forms.checks import (
@@ -48,6 +47,7 @@ from contact_app.model.normal_forces import NormalForces
 from contact_app.results.division import loads_of_rows
 from contact_app.run.fallback import FAILURES, failure_text
 from meshes import dolfinx_compat
+from meshes.arrays import Array, Ints
 from solver.contact.certificate import Certificate
 from solver.contact.options import Method, SolverOptions
 from solver.contact.solution import Solution
@@ -142,7 +142,7 @@ class ContactProblem:
         self.u = fem.Function(self._space, name="displacement") if u is None else u
         self._functions: dict[str, Any] = {}
         self._answer: _Answer | None = None
-        self._begin: NDArray[np.float64] | None = None
+        self._begin: Array | None = None
         self._pressed: NormalForces | None = None
         self._in_halves: str | None = None
         self._model: tuple[bool, bool, FormModel] | None = None
@@ -294,7 +294,7 @@ class ContactProblem:
             scalars, of_space = self._scalars
             fields: dict[str, Any] = {}
 
-            def function(values: NDArray[np.float64], name: str) -> None:
+            def function(values: Array, name: str) -> None:
                 space, at_nodes = self._space, on_space.values(values)
                 if values.ndim == 1:
                     space, at_nodes = scalars, at_nodes[of_space]
@@ -319,7 +319,7 @@ class ContactProblem:
         return _Answer(solution, fields, summary)
 
     @cached_property
-    def _scalars(self) -> tuple[Any, NDArray[np.int64]]:
+    def _scalars(self) -> tuple[Any, Ints]:
         """The space of one component, and the node of the forms' space of each of its nodes."""
         space, unknowns = self._space.sub(0).collapse()
         return space, np.asarray(unknowns) // self._space.dofmap.index_map_bs

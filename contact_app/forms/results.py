@@ -7,7 +7,6 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from contact_app.forms.model import FormModel
 from contact_app.forms.parts import Parts
@@ -26,9 +25,7 @@ from contact_app.run.summary import decomposition_record, solver_record
 from meshes.quadratic import FACETS
 from solver.contact.solution import Solution
 from solver.tfeti.constraints.exchange import NodeExchange
-from solver.vectors import largest_magnitude
-
-Array = NDArray[np.float64]
+from solver.vectors import Array, Ints, Mask, largest_magnitude
 
 
 class Owners:
@@ -67,7 +64,7 @@ class Owners:
         count = np.maximum(self.sums(np.ones(len(copies))), 1.0)
         return self.sums(copies) / count.reshape(-1, *(1,) * (copies.ndim - 1))
 
-    def on(self, some: NDArray[np.int64], count: int) -> NDArray[np.bool_]:
+    def on(self, some: Ints, count: int) -> Mask:
         """Mask (owned,) of the nodes that have some of the copies, of all that there are."""
         marks = np.zeros(count)
         marks[some.ravel()] = 1.0
@@ -295,7 +292,7 @@ def summary_of(
 
 def friction_fields(
     contacts: list[ContactAtNodes], count: int, d: int
-) -> tuple[Array, Array, NDArray[np.int64]]:
+) -> tuple[Array, Array, Ints]:
     """Friction traction and slip, (owned, d), and status, (owned,), of all contacts."""
     pieces = []
     for nodes in contacts:

@@ -18,6 +18,7 @@ from contact_app.forms.sides import Sides
 from contact_app.model.averaged_rows import rows_about_vertices
 from contact_app.model.pairs import owned_rows
 from meshes import dolfinx_compat
+from meshes.arrays import Array, Ints, Mask
 from solver.tfeti.constraints.conditions import (
     ContactRows,
     ContradictionError,
@@ -26,8 +27,6 @@ from solver.tfeti.constraints.conditions import (
 )
 from solver.tfeti.constraints.exchange import NodeExchange
 from solver.tfeti.constraints.merge import merge_contact, merge_held
-
-Array = NDArray[np.float64]
 
 
 def rows_of(
@@ -77,7 +76,7 @@ def _size(parts: Parts) -> float:
     return float(sides.max())
 
 
-_AtNodes = tuple[NDArray[np.int64], Array, Array, Array, NDArray[np.int64]]
+_AtNodes = tuple[Ints, Array, Array, Array, Ints]
 """Fields of `NodeConditions` on contacts."""
 
 
@@ -131,7 +130,7 @@ def _held(parts: Parts, bcs: Sequence[Any]) -> tuple[NDArray, Array, NDArray, Ar
     )  # fmt: skip
 
 
-def held_values(parts: Parts, bcs: Sequence[Any]) -> tuple[NDArray[np.bool_], Array]:
+def held_values(parts: Parts, bcs: Sequence[Any]) -> tuple[Mask, Array]:
     """Mask and values (copies, d) of the components held by Dirichlet conditions."""
     d, dofmap = parts.dimension, parts.space.dofmap
     value = np.zeros(d * (dofmap.index_map.size_local + dofmap.index_map.num_ghosts))
@@ -139,7 +138,7 @@ def held_values(parts: Parts, bcs: Sequence[Any]) -> tuple[NDArray[np.bool_], Ar
     return held_components(parts, bcs), value.reshape(-1, d)[parts.blocks]
 
 
-def held_components(parts: Parts, bcs: Sequence[Any]) -> NDArray[np.bool_]:
+def held_components(parts: Parts, bcs: Sequence[Any]) -> Mask:
     """Mask (copies, d) of the components held by Dirichlet conditions."""
     d, dofmap = parts.dimension, parts.space.dofmap
     mask = np.zeros(d * (dofmap.index_map.size_local + dofmap.index_map.num_ghosts), bool)

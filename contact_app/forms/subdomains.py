@@ -12,14 +12,13 @@ from typing import Any, TypeVar
 
 import numpy as np
 from mpi4py import MPI
-from numpy.typing import NDArray
 from scipy import sparse
 
 from contact_app.forms.grid import Grid
 from contact_app.forms.parts import Parts
 from contact_app.forms.uniform import EqualCells, added, box_stiffness
+from meshes.arrays import Array, Ints
 
-Array = NDArray[np.float64]
 Value = TypeVar("Value")
 
 
@@ -45,12 +44,12 @@ class Subdomains:
     """
 
     parts: Parts
-    starts: NDArray[np.int64]
-    numbers: NDArray[np.int64]
+    starts: Ints
+    numbers: Ints
     points: Array
     moved: Moved | None = None
     grid: Grid | None = None
-    boxes: NDArray[np.int64] | None = None
+    boxes: Ints | None = None
 
     @property
     def comm(self) -> MPI.Intracomm:
@@ -104,7 +103,7 @@ class Subdomains:
             result.append(self._sum(n, pieces))
         return result
 
-    def _sum(self, n: int, pieces: list[tuple[Any, NDArray[np.int64]]]) -> sparse.csr_matrix:
+    def _sum(self, n: int, pieces: list[tuple[Any, Ints]]) -> sparse.csr_matrix:
         """Matrices of pieces, added at the nodes of their subdomain."""
         if len(pieces) == 1 and self.dimension * len(pieces[0][1]) == n:
             (pointers, columns, values), _ = pieces[0]
@@ -132,7 +131,7 @@ class Subdomains:
             result.append(f)
         return result
 
-    def _unknowns_at(self, nodes: NDArray[np.int64]) -> NDArray[np.int64]:
+    def _unknowns_at(self, nodes: Ints) -> Ints:
         return (nodes[:, None] * self.dimension + np.arange(self.dimension)).ravel()
 
 
@@ -154,9 +153,9 @@ class Moved:
     """
 
     comm: MPI.Intracomm
-    rank: NDArray[np.int64]
-    subdomain: NDArray[np.int64]
-    nodes: list[NDArray[np.int64]]
+    rank: Ints
+    subdomain: Ints
+    nodes: list[Ints]
     count: int
 
     def exchange(self, values: list[Value]) -> list[Value]:
@@ -165,15 +164,15 @@ class Moved:
 
     def of_subdomains(
         self, arrived: list[Value]
-    ) -> list[list[tuple[Value, NDArray[np.int64]]]]:  # fmt: skip
+    ) -> list[list[tuple[Value, Ints]]]:  # fmt: skip
         """Arrived data of each subdomain, with the nodes of the parts."""
-        result: list[list[tuple[Value, NDArray[np.int64]]]] = [[] for _ in range(self.count)]
+        result: list[list[tuple[Value, Ints]]] = [[] for _ in range(self.count)]
         for number, value, nodes in zip(self.subdomain, arrived, self.nodes, strict=True):
             result[number].append((value, nodes))
         return result
 
 
-def _exchanged(comm: MPI.Intracomm, rank: NDArray[np.int64], values: list[Value]) -> list[Value]:
+def _exchanged(comm: MPI.Intracomm, rank: Ints, values: list[Value]) -> list[Value]:
     """Values that go to a rank each; ordered by the rank they come from (collective)."""
     here = [value for value, to in zip(values, rank, strict=True) if to == comm.rank]
     leaving = [
@@ -202,7 +201,7 @@ def subdomains_of(parts: Parts, grid: Grid | None) -> Subdomains:
     arrived = _exchanged(comm, rank, parts_of_rank)
     of_rank, subdomain = np.unique([box for box, *_ in arrived], return_inverse=True)
     starts, numbers, points = [0], [np.zeros(0, np.int64)], [np.zeros((0, 3))]
-    nodes: dict[int, NDArray[np.int64]] = {}
+    nodes: dict[int, Ints] = {}
     for number in range(len(of_rank)):
         pieces = np.flatnonzero(subdomain == number)
         places, ids, at = (
@@ -220,7 +219,7 @@ def subdomains_of(parts: Parts, grid: Grid | None) -> Subdomains:
     )  # fmt: skip
 
 
-def ranks_of(comm: MPI.Intracomm, grid: Grid) -> NDArray[np.int64]:
+def ranks_of(comm: MPI.Intracomm, grid: Grid) -> Ints:
     """The rank that has each sub-box, (sub-boxes,): one with many of its cells (collective).
 
     All ranks have as many, but for one more or less.

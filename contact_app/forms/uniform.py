@@ -14,7 +14,6 @@ from typing import Any
 import numpy as np
 import ufl
 from mpi4py import MPI
-from numpy.typing import NDArray
 from scipy import sparse
 from ufl.algorithms.analysis import extract_type
 
@@ -22,8 +21,7 @@ from contact_app.forms.grid import Grid
 from contact_app.forms.parts import Parts, assembled
 from contact_app.model.equal_cells import sum_of_copies
 from meshes import dolfinx_compat
-
-Array = NDArray[np.float64]
+from meshes.arrays import Array, Ints
 
 
 def split_form(form: Any, mesh: Any) -> tuple[Any, Any]:
@@ -110,8 +108,8 @@ class EqualCells:
 
     matrices: list[Array]
     others: Any
-    nodes: NDArray[np.int64]
-    body: NDArray[np.int64]
+    nodes: Ints
+    body: Ints
 
     @classmethod
     def of(cls, parts: Parts, grid: Grid | None, form: Any) -> EqualCells | None:

@@ -13,7 +13,6 @@ from itertools import combinations
 
 import numpy as np
 from mpi4py import MPI
-from numpy.typing import NDArray
 
 from contact_app.accuracy.contact_limits import (
     LIMITS,
@@ -58,9 +57,7 @@ from meshes import dolfinx_compat
 from meshes.contact_surface import Surface, is_curved
 from solver.contact.solution import Solution
 from solver.tfeti.sizes import STRAINLESS
-from solver.vectors import largest_magnitude
-
-Array = NDArray[np.float64]
+from solver.vectors import Array, largest_magnitude
 
 
 @dataclass(frozen=True, eq=False)

@@ -28,9 +28,8 @@ from scipy import sparse
 from contact_app.model.equal_cells import has_equal_cells, stiffness_of_equal_cells
 from contact_app.scene.material import CellMaterials, Material
 from meshes import Reference, dolfinx_compat
+from meshes.arrays import Array, Ints
 from meshes.subdomains import vtk_order, vtk_shapes
-
-Array = NDArray[np.float64]
 
 CURVED = {"triangle": 4, "quadrilateral": 5, "tetrahedron": 5, "hexahedron": 7}
 """Degree of the shape functions of second order times the Jacobian of curved cells."""
@@ -82,7 +81,7 @@ class Element:
         return dx(1, subdomain_data=tags)
 
     @cached_property
-    def unknowns(self) -> NDArray[np.int64]:
+    def unknowns(self) -> Ints:
         """dolfinx's number of each unknown of the module's order, (nodes · dimension,)."""
         reference = self.reference
         order = list(vtk_order(reference.cell, reference.degree))

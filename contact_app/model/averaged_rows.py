@@ -26,6 +26,7 @@ from contact_app.model.facets import MIDDLES, moments
 from contact_app.scene.bodies import Body
 from contact_app.scene.conditions import Contact
 from meshes import Partition
+from meshes.arrays import Array, Ints
 from meshes.facet_overlaps import smallest
 from meshes.mortar import POINTED
 from solver.tfeti.constraints.conditions import ContactEntries, ContactRows
@@ -34,7 +35,7 @@ from solver.tfeti.constraints.exchange import NodeExchange
 LEVEL = 0.1
 """Slope over an obstacle from which on an edge rises from it."""
 
-GapAndNormal = Callable[[NDArray[np.float64]], tuple[NDArray[np.float64], NDArray[np.float64]]]
+GapAndNormal = Callable[[Array], tuple[Array, Array]]
 """Gap (n,) and normal (n, 3) of an obstacle at points (n, 3)."""
 
 
@@ -77,7 +78,7 @@ def averaged_rows(
 def rows_about_vertices(
     exchange: NodeExchange,
     d: int,
-    facets: Iterable[tuple[NDArray[np.int64], NDArray[np.float64]]],
+    facets: Iterable[tuple[Ints, Array]],
     gap_and_normal: GapAndNormal,
     source: int,
 ) -> ContactRows:
@@ -152,9 +153,7 @@ def rows_about_vertices(
     )
 
 
-def _rises(
-    integrals: NDArray[np.float64], x: NDArray[np.float64], gap_and_normal: GapAndNormal
-) -> NDArray[np.float64]:
+def _rises(integrals: Array, x: Array, gap_and_normal: GapAndNormal) -> Array:
     """How steeply facets, and edges to their middles, rise from their vertices.
 
     Returns

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from contact_app.errors import ConfigurationError
 from contact_app.scene.bodies import Body
 from meshes import Subdomain
+from meshes.arrays import Ints
 
 
 def boundary_facets(subdomain: Subdomain, body: Body, boundary: str) -> NDArray[np.int32]:
@@ -38,7 +39,7 @@ def surface_facets(subdomain: Subdomain, body: Body) -> NDArray[np.int32]:
     return np.setdiff1d(subdomain.exterior, np.concatenate(cuts)) if cuts else subdomain.exterior
 
 
-def boundary_nodes(subdomain: Subdomain, body: Body, boundary: str) -> NDArray[np.int64]:
+def boundary_nodes(subdomain: Subdomain, body: Body, boundary: str) -> Ints:
     """Local surface nodes on a boundary."""
     facets = subdomain.reference.facets
     if boundary not in body.boundaries:

@@ -14,19 +14,19 @@ from __future__ import annotations
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
+from meshes.arrays import Array, Mask
 from solver.tfeti.constraints.conditions import ContactRows, pairs_at_nodes
 from solver.tfeti.constraints.exchange import NodeExchange
 
 NEARLY_PARALLEL = 1e-2
 """Distance of two unit directions at a node below which only the nearer row remains."""
 
-Needed = Literal["all", "distinct"] | NDArray[np.bool_]
+Needed = Literal["all", "distinct"] | Mask
 """Choice of candidate rows: all, `distinct` ones, or a mask of this rank's candidates."""
 
 
-def distinct(rows: ContactRows, held: NDArray[np.bool_]) -> NDArray[np.bool_]:
+def distinct(rows: ContactRows, held: Mask) -> Mask:
     """Mask (rows,) of candidate rows that no nearer row nearly repeats.
 
     Parameters
@@ -50,9 +50,7 @@ def distinct(rows: ContactRows, held: NDArray[np.bool_]) -> NDArray[np.bool_]:
     return needed
 
 
-def slack_of(
-    rows: ContactRows, exchange: NodeExchange, displacement: NDArray[np.float64]
-) -> NDArray[np.float64]:
+def slack_of(rows: ContactRows, exchange: NodeExchange, displacement: Array) -> Array:
     """Remaining gap along each row, (rows,) (collective).
 
     Parameters

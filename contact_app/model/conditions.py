@@ -6,7 +6,6 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from contact_app.errors import ConfigurationError, ContactError, NoEquilibriumError
 from contact_app.machine.ranks import agreed
@@ -15,6 +14,7 @@ from contact_app.model.boundaries import boundary_nodes
 from contact_app.model.geometry import Geometry
 from contact_app.model.pairs import of_what_is_solved, owned_rows, sides_of
 from contact_app.scene.conditions import BodyContact, Contact, DisplacementCondition
+from meshes.arrays import Ints
 from meshes.facing import SurfacesApartError
 from meshes.mortar import mean_gaps
 from solver.tfeti.constraints.conditions import ContactRows, ContradictionError, NodeConditions
@@ -101,12 +101,10 @@ def mortar_rows(
 
 
 def refuse_empty_boundaries(
-    geometry: Geometry,
-    displacements: Sequence[DisplacementCondition],
-    conditions: NodeConditions,
+    geometry: Geometry, displacements: Sequence[DisplacementCondition], conditions: NodeConditions
 ) -> None:
     """Refuse conditions and contacts whose boundary has no node (collective)."""
-    groups: tuple[tuple[Sequence[DisplacementCondition | Contact], NDArray[np.int64]], ...] = (
+    groups: tuple[tuple[Sequence[DisplacementCondition | Contact], Ints], ...] = (
         (displacements, conditions.held_source),
         (geometry.contacts, conditions.contact_source),
     )

@@ -12,7 +12,6 @@ from itertools import product
 
 import numpy as np
 from mpi4py import MPI
-from numpy.typing import NDArray
 from scipy import sparse
 from scipy.linalg import block_diag
 
@@ -22,6 +21,7 @@ from contact_app.model.obstacle_hints import obstacle_hints
 from contact_app.model.rigid import RigidUnknowns
 from contact_app.scene.bodies import MOTION_NAMES, Body
 from contact_app.scene.conditions import BodyContact, Contact, RigidTie, Tie
+from meshes.arrays import Array, Ints, Mask
 from meshes.connected import connected
 from solver.contact.equilibrium import (
     BodyBalance,
@@ -35,8 +35,6 @@ from solver.tfeti.constraints.conditions import ContactEntries, ContactRows, Hel
 from solver.tfeti.constraints.friction import FrictionRows
 from solver.tfeti.free_motions import LooseBodies
 from solver.tfeti.subdomain.kernels import MOTIONS, rigid_motions
-
-Array = NDArray[np.float64]
 
 CLOSES = 1e-6
 """Speed at which a gap closes, over the largest relative motion, that is no rounding error."""
@@ -120,12 +118,7 @@ def _work_of_loads(geometry: Geometry, loads: Iterable[Array | None]) -> tuple[A
 
 
 def _no_equilibrium(
-    geometry: Geometry,
-    group: NDArray[np.int64],
-    rows: GroupRows,
-    load: Array,
-    escape: Array,
-    in_step: bool,
+    geometry: Geometry, group: Ints, rows: GroupRows, load: Array, escape: Array, in_step: bool
 ) -> str:
     """The error for a group that a load drives away along an escape (collective).
 
@@ -147,7 +140,7 @@ def _no_equilibrium(
 def averaged_gap_hints(
     names: Sequence[str],
     contact: ContactRows,
-    chosen: NDArray[np.bool_],
+    chosen: Mask,
     rows: GroupRows,
     state_of: Callable[[GroupRows], BodyBalance],
     comm: MPI.Intracomm,
@@ -195,9 +188,7 @@ def loose_bodies(bodies: Sequence[Body], balances: list[BodyBalance]) -> LooseBo
     )
 
 
-def _holding(
-    geometry: Geometry, held: HeldRows, group: NDArray[np.int64]
-) -> tuple[list[Array], list[Array]]:
+def _holding(geometry: Geometry, held: HeldRows, group: Ints) -> tuple[list[Array], list[Array]]:
     """Held rows of each body of a group on its rigid motions, and motions held on request."""
     d, comm, bodies = geometry.dimension, geometry.comm, geometry.bodies
     rigid, first_node = geometry.rigid, geometry.partition.first_node
@@ -250,10 +241,10 @@ class ContactPoints:
     """
 
     friction: FrictionRows
-    normal: NDArray[np.int64]
+    normal: Ints
     slips: sparse.csr_matrix
 
-    def cones(self, chosen: NDArray[np.bool_], columns: NDArray[np.int64]) -> FrictionCones:
+    def cones(self, chosen: Mask, columns: Ints) -> FrictionCones:
         """The cones of some contact rows (rows,), on the motions of some columns."""
         of_normal = chosen[self.normal]
         normal = (np.cumsum(chosen) - 1)[self.normal[of_normal]]
@@ -264,7 +255,7 @@ class ContactPoints:
         )  # fmt: skip
 
 
-def group_numbers(geometry: Geometry) -> NDArray[np.int64]:
+def group_numbers(geometry: Geometry) -> Ints:
     """The group of each body, (bodies,): elastic ones first, then moving rigid ones.
 
     Bodies of a group may touch or hold together, directly or through others.
@@ -279,7 +270,7 @@ def group_numbers(geometry: Geometry) -> NDArray[np.int64]:
     return connected(ends.T, elastic + len(moving))
 
 
-def groups_in_contact(geometry: Geometry) -> list[NDArray[np.int64]]:
+def groups_in_contact(geometry: Geometry) -> list[Ints]:
     """Bodies that may touch each other, directly or through others."""
     label = group_numbers(geometry)
     return [np.flatnonzero(label == k) for k in np.unique(label)]
@@ -306,11 +297,8 @@ def contact_motions(geometry: Geometry, contact: ContactRows) -> sparse.csr_matr
 
 
 def entries_on_motions(
-    entries: ContactEntries,
-    body: NDArray[np.int64],
-    motions_of: Callable[[int, Array], Array],
-    d: int,
-) -> tuple[Array, NDArray[np.int64], NDArray[np.int64]]:
+    entries: ContactEntries, body: Ints, motions_of: Callable[[int, Array], Array], d: int
+) -> tuple[Array, Ints, Ints]:
     """Values, rows and columns of the matrix of rows applied to rigid motions of bodies.
 
     Parameters
@@ -336,7 +324,7 @@ def entries_on_motions(
     return value, row, column
 
 
-def _moved_by_contact(geometry: Geometry, contact: ContactRows, group: NDArray[np.int64]) -> Array:
+def _moved_by_contact(geometry: Geometry, contact: ContactRows, group: Ints) -> Array:
     """Relative motion of the sides of the contact rows of a group under its rigid motions.
 
     (rows · dimension, bodies · motions).
@@ -357,7 +345,7 @@ def _moved_by_contact(geometry: Geometry, contact: ContactRows, group: NDArray[n
     return moved.reshape(-1, len(group) * MOTIONS[d])
 
 
-def leaving(name_of: Callable[[int], str], group: NDArray[np.int64], escape: Array) -> str:
+def leaving(name_of: Callable[[int], str], group: Ints, escape: Array) -> str:
     """Phrase with the bodies of a group that leave, and their directions."""
     motions = escape.reshape(len(group), -1)
     size = np.abs(motions).max(axis=1)

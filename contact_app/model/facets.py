@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from meshes import dolfinx_compat
+from meshes.arrays import Array
 from meshes.quadratic import FACETS
 
 LATTICE, INSIDE = 12, 8
@@ -33,7 +34,7 @@ def _tables(dimension: int, nodes: int) -> tuple[NDArray, NDArray, NDArray, NDAr
 
 
 @cache
-def shapes_on_lattice(dimension: int, nodes: int, inside: bool = False) -> NDArray[np.float64]:
+def shapes_on_lattice(dimension: int, nodes: int, inside: bool = False) -> Array:
     """Values of the shape functions at points all over a facet, (points, nodes).
 
     Parameters
@@ -53,13 +54,13 @@ def shapes_on_lattice(dimension: int, nodes: int, inside: bool = False) -> NDArr
 
 
 @cache
-def hats_at_nodes(dimension: int, nodes: int) -> NDArray[np.float64]:
+def hats_at_nodes(dimension: int, nodes: int) -> Array:
     """Values of the linear shape functions at the nodes of a facet, (vertices, nodes)."""
     name, _, order = FACETS[dimension, nodes]
     return dolfinx_compat.lagrange_values(name, 1, dolfinx_compat.lagrange_nodes(name, order)[0]).T
 
 
-def moments(x: NDArray[np.float64], dimension: int) -> NDArray[np.float64]:
+def moments(x: Array, dimension: int) -> Array:
     """∫ ψ_j φ_k ds over each facet, (facets, vertices, nodes).
 
     Parameters
@@ -84,7 +85,7 @@ MIDDLES: dict[int, tuple[tuple[int, ...], ...]] = {
 """Vertices around each further node of a facet, in dolfinx's order, by number of nodes."""
 
 
-def between_vertices(facets: NDArray[np.integer], values: NDArray[np.float64]) -> None:
+def between_vertices(facets: NDArray[np.integer], values: Array) -> None:
     """Interpolate values at the vertices of facets (facets, 3, 6 or 9) to the middles, in place."""
     middles = MIDDLES[facets.shape[1]]
     for place, amid in enumerate(middles, facets.shape[1] - len(middles)):

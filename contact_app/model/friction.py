@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
 from contact_app.model.facets import moments
 from contact_app.model.geometry import Geometry
@@ -19,12 +18,11 @@ from contact_app.model.tangential_rows import (
 )
 from contact_app.model.ties import decided_by
 from contact_app.scene.conditions import BodyContact, Contact
+from meshes.arrays import Array, Ints, Mask
 from meshes.ties import MeanJumps, mean_jumps
 from solver.tfeti.constraints.conditions import ContactRows, HeldRows
 from solver.tfeti.constraints.exchange import NodeExchange
 from solver.tfeti.constraints.friction import FrictionRows
-
-Array = NDArray[np.float64]
 
 
 def rough_contacts(
@@ -38,9 +36,7 @@ def rough_contacts(
     ]
 
 
-def always_rough(
-    touching: Sequence[Contact | BodyContact], contact: ContactRows
-) -> NDArray[np.bool_]:
+def always_rough(touching: Sequence[Contact | BodyContact], contact: ContactRows) -> Mask:
     """Mask of contact rows whose friction acts also while they are open, (rows,)."""
     return np.array([*(c.law.limit > 0.0 for c in touching), False])[contact.sources]
 
@@ -71,7 +67,7 @@ def _rough(
 ) -> RoughContact:
     """One contact with friction."""
 
-    def slips(contact: ContactRows) -> tuple[ContactRows, NDArray[np.bool_]]:
+    def slips(contact: ContactRows) -> tuple[ContactRows, Mask]:
         if isinstance(touching, BodyContact):
             jumps = _jumps(geometry, exchange, touching, held)
             return slips_between(exchange, contact, jumps, number)
@@ -82,7 +78,7 @@ def _rough(
             rows = with_body(rows, unknowns, rigid, unknowns.placed_center(rigid))
         return rows, is_free
 
-    def shares(nodes: NDArray[np.int64]) -> Array:
+    def shares(nodes: Ints) -> Array:
         return _shares(geometry, exchange, touching, nodes)
 
     return RoughContact(number, touching.law, shares, slips)
@@ -97,10 +93,7 @@ def _jumps(
 
 
 def _shares(
-    geometry: Geometry,
-    exchange: NodeExchange,
-    touching: Contact | BodyContact,
-    nodes: NDArray[np.int64],
+    geometry: Geometry, exchange: NodeExchange, touching: Contact | BodyContact, nodes: Ints
 ) -> Array:
     """∫ φ_k over the boundary of a contact at some nodes this rank owns, (n,) (collective)."""
     every, values = [np.zeros(0, np.int64)], [np.zeros(0)]

@@ -14,14 +14,12 @@ from collections.abc import Sequence
 from functools import partial
 
 import numpy as np
-from numpy.typing import NDArray
 
 from contact_app.errors import ConfigurationError
 from contact_app.model.assembly import Element
 from contact_app.model.geometry import Geometry
 from contact_app.scene.conditions import Temperature
-
-Array = NDArray[np.float64]
+from meshes.arrays import Array
 
 
 def node_temperatures(

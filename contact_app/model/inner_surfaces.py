@@ -12,7 +12,6 @@ from typing import NoReturn
 
 import numpy as np
 from mpi4py import MPI
-from numpy.typing import NDArray
 
 from contact_app.errors import ConfigurationError
 from contact_app.model.facets import moments
@@ -20,13 +19,11 @@ from contact_app.model.geometry import Geometry
 from contact_app.model.probes import OUTSIDE, in_cell
 from contact_app.scene.scene import InnerSection
 from meshes import CellMesh, Partition, dolfinx_compat
+from meshes.arrays import Array, Ints, Mask
 from meshes.inner_surface import sides_where
 from meshes.quadratic import VERTICES
 from meshes.subdomains import vtk_order
 from meshes.unstructured import FACETS, row_places
-
-Array = NDArray[np.float64]
-Bools = NDArray[np.bool_]
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,7 +41,7 @@ class InnerSurface:
         Centroid.
     """
 
-    behind: tuple[Bools | None, ...]
+    behind: tuple[Mask | None, ...]
     area: float
     centre: Array
 
@@ -85,12 +82,12 @@ def _refuse(place: str, section: InnerSection, key: str, why: str) -> NoReturn:
 
 
 def _of_subdomains(
-    partition: Partition, body: int, mesh: CellMesh, side: Bools
-) -> tuple[Bools | None, ...]:
+    partition: Partition, body: int, mesh: CellMesh, side: Mask
+) -> tuple[Mask | None, ...]:
     """The mask of the cells of a body for those of each subdomain of this rank."""
     corners = VERTICES[mesh.cell]
     cells_of_body = np.sort(partition.first_node[body] + mesh.cells[:, :corners], axis=1)
-    masks: list[Bools | None] = []
+    masks: list[Mask | None] = []
     for s in partition.subdomains:
         if s.body == body:
             cells = np.sort(s.nodes[s.reference.cells[:, :corners]], axis=1)
@@ -100,7 +97,7 @@ def _of_subdomains(
     return tuple(masks)
 
 
-def _is_behind(geometry: Geometry, section: InnerSection, masks: tuple[Bools | None, ...]) -> bool:
+def _is_behind(geometry: Geometry, section: InnerSection, masks: tuple[Mask | None, ...]) -> bool:
     """Whether the point of a section lies on the side of the masks (collective)."""
     point, comm, d = np.array(section.behind), geometry.comm, geometry.dimension
     best: tuple[float, bool] = np.inf, False
@@ -122,7 +119,7 @@ def _is_behind(geometry: Geometry, section: InnerSection, masks: tuple[Bools | N
     return bool(comm.bcast(best[1], root=rank))
 
 
-def _area_and_centre(mesh: CellMesh, side: Bools) -> tuple[float, Array]:
+def _area_and_centre(mesh: CellMesh, side: Mask) -> tuple[float, Array]:
     """Area and centroid of the facets between the two sides of a mesh."""
     topology = mesh.topology
     across = side[topology.pairs[:, 0]] != side[topology.pairs[:, 1]]
@@ -134,7 +131,7 @@ def _area_and_centre(mesh: CellMesh, side: Bools) -> tuple[float, Array]:
     return area, np.einsum("fk,fki->i", weights, x) / area
 
 
-def _facet_nodes(cell: str, degree: int) -> NDArray[np.int64]:
+def _facet_nodes(cell: str, degree: int) -> Ints:
     """Nodes of each facet of a cell in VTK order, in dolfinx's order of the facet."""
     closures = dolfinx_compat.lagrange_nodes(cell, degree)[2]
     table = np.argsort(vtk_order(cell, degree))[closures]

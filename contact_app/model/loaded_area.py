@@ -17,6 +17,7 @@ from contact_app.model.facets import moments, shapes_on_lattice
 from contact_app.scene.bodies import Body
 from contact_app.scene.conditions import Pressure, Traction
 from meshes import Partition, Subdomain
+from meshes.arrays import Array
 
 
 def loaded_facets(
@@ -56,7 +57,7 @@ def _points(
     partition: Partition,
     load: Traction | Pressure,
     facets_of: Callable[[Subdomain], NDArray[np.int32]],
-) -> NDArray[np.float64]:
+) -> Array:
     """Nodes of some facets of the loaded body's subdomains on this rank, (facets, nodes, 3).
 
     Areas and expressions are evaluated once on all of them: with 216 subdomains a call for each

@@ -17,6 +17,7 @@ from contact_app.scene.bodies import Body
 from contact_app.scene.conditions import BodyForce, Pressure, Temperature, TotalLoad, Traction
 from contact_app.scene.scene import Scene
 from meshes import Subdomain
+from meshes.arrays import Array
 
 FacetLoad = Traction | Pressure
 
@@ -57,7 +58,7 @@ def load_vectors(
     loads: Loads,
     elements: dict[int, Element],
     linear: Sequence[LinearTraction] = (),
-) -> list[NDArray[np.float64] | None]:
+) -> list[Array | None]:
     """Load vector of each subdomain of this rank; None without loads (collective).
 
     Parameters
@@ -72,7 +73,7 @@ def load_vectors(
     """
     bodies = geometry.bodies
     has_facets = np.zeros(len(loads.on_facets), bool)
-    cache: dict[Hashable, NDArray[np.float64]] = {}
+    cache: dict[Hashable, Array] = {}
     vectors = []
     for s in geometry.partition.subdomains:
         for i, load in enumerate(loads.on_facets):
@@ -92,8 +93,8 @@ def subdomain_load(
     element: Element,
     loads: Loads,
     linear: Sequence[LinearTraction] = (),
-    cache: dict[Hashable, NDArray[np.float64]] | None = None,
-) -> NDArray[np.float64] | None:
+    cache: dict[Hashable, Array] | None = None,
+) -> Array | None:
     """Load vector of a subdomain; None without loads.
 
     Parameters
@@ -103,7 +104,7 @@ def subdomain_load(
     """
     cache, parts = {} if cache is None else cache, []
 
-    def reused(key: Hashable, make: Callable[[], NDArray[np.float64]]) -> NDArray[np.float64]:
+    def reused(key: Hashable, make: Callable[[], Array]) -> Array:
         if key not in cache:
             cache[key] = make()
         return cache[key]
@@ -133,7 +134,7 @@ def _facets(body: Body, s: Subdomain, load: FacetLoad) -> NDArray[np.int32]:
     return boundary_facets(s, body, load.boundary)
 
 
-def _on_facets(element: Element, rows: NDArray[np.int32], load: FacetLoad) -> NDArray[np.float64]:
+def _on_facets(element: Element, rows: NDArray[np.int32], load: FacetLoad) -> Array:
     if isinstance(load, Traction):
         return element.traction(rows, np.array(load.vector))
     return element.pressure(rows, load.value)

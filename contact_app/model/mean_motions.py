@@ -15,18 +15,16 @@ from __future__ import annotations
 
 import numpy as np
 from mpi4py import MPI
-from numpy.typing import NDArray
 
 from contact_app.model.assembly import Element
 from contact_app.model.boundaries import surface_facets
 from contact_app.model.equilibrium import body_frame
 from contact_app.model.geometry import Geometry
+from meshes.arrays import Array, Ints
 from solver.tfeti.constraints.conditions import ContactEntries, ContactRows, HeldRows
 from solver.tfeti.constraints.exchange import NodeExchange
 from solver.tfeti.constraints.merge import cut_held
 from solver.tfeti.subdomain.kernels import MOTIONS, rigid_motions
-
-Array = NDArray[np.float64]
 
 
 def mean_motion_rows(
@@ -47,9 +45,7 @@ def mean_motion_rows(
     return cut_held(exchange, ContactRows.join(parts), held, geometry.length, sides=0)
 
 
-def _weights(
-    geometry: Geometry, elements: dict[int, Element], b: int
-) -> tuple[Array, Array, NDArray[np.int64]]:
+def _weights(geometry: Geometry, elements: dict[int, Element], b: int) -> tuple[Array, Array, Ints]:
     """Surface nodes of a body on this rank, their weights in the held m_k, their numbers.
 
     (k, 3), (k, dimension, held) and (k,); a node occurs once per subdomain (collective).
@@ -74,11 +70,7 @@ def _weights(
 
 
 def _rows(
-    source: int,
-    place: tuple[int, Array],
-    nodes: NDArray[np.int64],
-    arms: Array,
-    weights: Array,
+    source: int, place: tuple[int, Array], nodes: Ints, arms: Array, weights: Array
 ) -> ContactRows:
     """Orthonormal rows of one body; the weights of a repeated node are summed.
 

@@ -17,7 +17,6 @@ from typing import TypeVar
 
 import numpy as np
 from mpi4py import MPI
-from numpy.typing import NDArray
 
 from contact_app.machine.memory import give_back
 from contact_app.machine.timings import Timings
@@ -47,6 +46,7 @@ from contact_app.scene.material import Material
 from contact_app.scene.rigid import idle_loads
 from contact_app.scene.scene import Scene
 from meshes import Partition
+from meshes.arrays import Array, Ints, Mask
 from solver.tfeti.build import CongruentSubdomains, ConstraintRows, build_system
 from solver.tfeti.constraints.conditions import ContactRows
 from solver.tfeti.constraints.exchange import NodeExchange
@@ -98,16 +98,16 @@ class Model:
     scene: Scene
     geometry: Geometry
     problem: DualProblem
-    place: NDArray[np.int64]
+    place: Ints
     elements: tuple[Element, ...]
     materials: tuple[tuple[Material, ...], ...]
-    needed: NDArray[np.bool_]
+    needed: Mask
     left_out: ContactRows
     merged: ContactRows
     node_exchange: NodeExchange
     linear: tuple[LinearTraction, ...] = ()
     probes: tuple[Probe, ...] = ()
-    temperatures: tuple[NDArray[np.float64] | None, ...] = ()
+    temperatures: tuple[Array | None, ...] = ()
     sections: tuple[SectionPiece, ...] = ()
     notes: tuple[str, ...] = ()
     cautions: tuple[str, ...] = ()
@@ -355,7 +355,7 @@ def _assembled(
 
 def _vectors(
     outline: Outline, members: list[int], lifting: Sequence[Lifting | None]
-) -> tuple[NDArray[np.float64], NDArray[np.float64] | None, NDArray[np.float64]]:
+) -> tuple[Array, Array | None, Array]:
     """Loads, their thermal part if any, and lifting of a class, (unknowns, members) each."""
     nodes = outline.partition.subdomains[members[0]].nodes
     forces, thermal, lifted = (
@@ -385,7 +385,7 @@ def _places(partition: Partition, members: list[int], levels: bool) -> NodePlace
     )
 
 
-def _temperatures(outline: Outline, members: list[int]) -> NDArray[np.float64] | None:
+def _temperatures(outline: Outline, members: list[int]) -> Array | None:
     """Temperatures of a class, (nodes, members); None without heat."""
     temperatures = [outline.acting.temperatures[local] for local in members]
     if all(t is None for t in temperatures):
@@ -394,7 +394,7 @@ def _temperatures(outline: Outline, members: list[int]) -> NDArray[np.float64] |
     return np.stack([np.zeros(count) if t is None else t for t in temperatures], axis=1)
 
 
-Lifting = tuple[NDArray[np.int64], NDArray[np.float64]]
+Lifting = tuple[Ints, Array]
 """Eliminated unknowns of a subdomain and their displacements."""
 
 

@@ -6,8 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 from mpi4py import MPI
-from numpy.typing import NDArray
 
+from meshes.arrays import Array, Ints
 from solver.contact.solution import Solution
 from solver.tfeti.constraints.conditions import ContactRows
 from solver.tfeti.dual import DualProblem
@@ -26,9 +26,9 @@ class NormalForces:
         Node, contact and force, sorted by node and then by contact.
     """
 
-    nodes: NDArray[np.int64]
-    sources: NDArray[np.int64]
-    forces: NDArray[np.float64]
+    nodes: Ints
+    sources: Ints
+    forces: Array
 
     @classmethod
     def of(cls, problem: DualProblem, solution: Solution) -> NormalForces:
@@ -38,7 +38,7 @@ class NormalForces:
         presses = forces > 0.0
         return cls(rows.nodes[presses], rows.sources[presses], forces[presses])
 
-    def at(self, rows: ContactRows) -> NDArray[np.float64]:
+    def at(self, rows: ContactRows) -> Array:
         """The force at each of some contact rows, (rows,); zero where nothing pressed."""
         both = [np.stack([part.nodes, part.sources]) for part in (self, rows)]
         keys, place = np.unique(np.hstack(both), axis=1, return_inverse=True)

@@ -9,9 +9,9 @@ from __future__ import annotations
 
 import numpy as np
 from mpi4py import MPI
-from numpy.typing import NDArray
 
 from contact_app.model.geometry import Geometry
+from meshes.arrays import Array
 from solver.tfeti.constraints.conditions import ContactRows
 
 SAME_WAY = 0.5
@@ -25,7 +25,7 @@ def obstacle_hints(geometry: Geometry, rows: ContactRows) -> list[str]:
     return far_obstacle_hints(geometry, rows) + away
 
 
-def faces_away(boundary: NDArray[np.float64], obstacle: NDArray[np.float64]) -> bool:
+def faces_away(boundary: Array, obstacle: Array) -> bool:
     """Whether a boundary is on the far side of its body, or its obstacle is turned round.
 
     Parameters

@@ -13,7 +13,6 @@ from functools import cached_property, partial
 
 import numpy as np
 from mpi4py import MPI
-from numpy.typing import NDArray
 
 from contact_app.errors import ConfigurationError
 from contact_app.machine.ranks import agreed
@@ -51,6 +50,7 @@ from contact_app.model.total_loads import LinearTraction, linear_tractions
 from contact_app.scene.conditions import DisplacementCondition
 from contact_app.scene.scene import Scene
 from meshes import Partition, decompose
+from meshes.arrays import Array, Mask
 from solver.contact.equilibrium import BodyBalance
 from solver.tfeti.constraints.conditions import (
     ContactRows,
@@ -119,9 +119,9 @@ class ActingLoads:
     """
 
     linear: tuple[LinearTraction, ...]
-    vectors: list[NDArray[np.float64] | None]
-    temperatures: list[NDArray[np.float64] | None]
-    thermal: list[NDArray[np.float64] | None]
+    vectors: list[Array | None]
+    temperatures: list[Array | None]
+    thermal: list[Array | None]
 
 
 @dataclass(frozen=True, eq=False)
@@ -153,7 +153,7 @@ class Outline:
     exchange: NodeExchange
     uncut: tuple[ContactRows, ...]
     rows: CandidateRows
-    needed: NDArray[np.bool_]
+    needed: Mask
     elements: dict[int, Element]
     acting: ActingLoads
     probes: tuple[Probe, ...]
@@ -188,7 +188,7 @@ class Outline:
         return SharedRows(self.contact, self.tangential, self.rows.tied.rows, self.means)
 
     @property
-    def eliminated(self) -> NDArray[np.bool_]:
+    def eliminated(self) -> Mask:
         """Mask (bodies,) of bodies that are one held subdomain: no gluing, no coarse problem.
 
         With friction all bodies float, as its active sets need a coarse problem.
@@ -326,7 +326,7 @@ def _friction_and_balances(
     geometry: Geometry,
     exchange: NodeExchange,
     rows: CandidateRows,
-    loads: Sequence[NDArray[np.float64] | None],
+    loads: Sequence[Array | None],
     in_step: bool,
 ) -> tuple[FrictionRows, list[BodyBalance]]:
     """Tangential rows and the equilibrium of each body (collective)."""
@@ -355,9 +355,7 @@ def _same_rows(one: ContactRows, other: ContactRows) -> bool:
     return np.array_equal(one.nodes, other.nodes) and np.array_equal(one.sources, other.sources)
 
 
-def _distinct(
-    geometry: Geometry, contact: ContactRows, balances: Sequence[BodyBalance]
-) -> NDArray[np.bool_]:
+def _distinct(geometry: Geometry, contact: ContactRows, balances: Sequence[BodyBalance]) -> Mask:
     """Mask of the candidate rows that become contact rows, (rows,)."""
     touching = geometry.touching
     steady, held = np.array([b.steady for b in balances]), np.zeros(len(balances), bool)

@@ -6,18 +6,16 @@ from collections.abc import Iterator, Sequence
 from itertools import combinations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from contact_app.scene.bodies import Body
 from contact_app.scene.scene import Mirror
+from meshes.arrays import Array, Mask
 
 ON_PLANE = 1e-9
 """Distance from a plane, over the size of the scene, up to which a node lies on it."""
 
 
-def on_planes(
-    bodies: Sequence[Body], mirrors: Sequence[Mirror], points: NDArray[np.float64]
-) -> NDArray[np.bool_]:
+def on_planes(bodies: Sequence[Body], mirrors: Sequence[Mirror], points: Array) -> Mask:
     """Masks (planes, …) of the points (…, 3) on each plane of a scene."""
     ends = np.array([(b.mesh.lower, b.mesh.upper) for b in bodies])
     tolerance = ON_PLANE * float(np.ptp(ends, axis=(0, 1)).max())

@@ -7,7 +7,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from mpi4py import MPI
-from numpy.typing import NDArray
 
 from contact_app.errors import ConfigurationError
 from contact_app.model.geometry import Geometry
@@ -15,10 +14,9 @@ from contact_app.model.planes import subsets
 from contact_app.scene.conditions import Tie
 from contact_app.scene.scene import Mirror
 from meshes import Reference, Subdomain
+from meshes.arrays import Array, Ints
 from meshes.crossing import Boxes
 from meshes.point_location import locate_in
-
-Array = NDArray[np.float64]
 
 OUTSIDE = 1e-6
 """Distance from a cell, over its size, up to which a point belongs to it."""
@@ -45,7 +43,7 @@ class Probe:
 
     name: str
     subdomain: int | None
-    nodes: NDArray[np.int64]
+    nodes: Ints
     shares: Array
     mirrors: tuple[Mirror, ...]
     bodies: tuple[int, ...] = ()
@@ -105,7 +103,7 @@ def shared_probes(geometry: Geometry, probes: Sequence[Probe]) -> list[str]:
     ]
 
 
-def in_cell(subdomain: Subdomain, point: Array, d: int) -> tuple[float, NDArray[np.int64], Array]:
+def in_cell(subdomain: Subdomain, point: Array, d: int) -> tuple[float, Ints, Array]:
     """Distance of the point from the nearest cell, over its size.
 
     Nodes and shape functions there.
@@ -129,7 +127,7 @@ def in_cell(subdomain: Subdomain, point: Array, d: int) -> tuple[float, NDArray[
     return best
 
 
-def _near(reference: Reference, point: Array) -> NDArray[np.int64]:
+def _near(reference: Reference, point: Array) -> Ints:
     """Cells with the point near their nodes; curved edges may reach beyond the nodes."""
     boxes = Boxes.of(reference.points, reference.cells)
     room = ROOM * (boxes.upper - boxes.lower)

@@ -21,7 +21,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from contact_app.errors import NoEquilibriumError
 from contact_app.model.averaged_rows import has_averaged_rows
@@ -32,6 +31,7 @@ from contact_app.model.surface_copies import SurfaceCopies
 from contact_app.scene.conditions import Contact
 from contact_app.scene.rigid import RigidBodies
 from meshes import Partition
+from meshes.arrays import Array, Ints, Mask
 from solver.tfeti.build import CongruentSubdomains
 from solver.tfeti.constraints.conditions import (
     ContactEntries,
@@ -44,8 +44,6 @@ from solver.tfeti.constraints.merge import contact_rows, cut_held, tightest_of_e
 from solver.tfeti.subdomain.kernels import MOTIONS
 from solver.tfeti.subdomain.rigid import zero_stiffness
 from solver.tfeti.system import NodePlaces
-
-Array = NDArray[np.float64]
 
 NODES = 2
 """Number of nodes that represent a rigid body: one for its displacement, one for its rotation."""
@@ -124,7 +122,7 @@ class RigidUnknowns:
         placement = self.bodies.placements[self.moving[nth]]
         return placement.components(self.dimension) * self.units
 
-    def held(self, number: int) -> tuple[NDArray[np.bool_], Array]:
+    def held(self, number: int) -> tuple[Mask, Array]:
         """Held components of a body (mask) and their values, as displacements.
 
         By its number among all rigid ones.
@@ -142,13 +140,11 @@ class RigidUnknowns:
                 result += np.array([*load.force[:d], *moment]) / self.units
         return result
 
-    def body_of(self, nodes: NDArray[np.int64]) -> NDArray[np.int64]:
+    def body_of(self, nodes: Ints) -> Ints:
         """Number of the moving body of each node."""
         return (nodes - self.first) // NODES
 
-    def motion_of(
-        self, nodes: NDArray[np.int64], component: NDArray[np.int64]
-    ) -> NDArray[np.int64]:
+    def motion_of(self, nodes: Ints, component: Ints) -> Ints:
         """Component of the rigid motion (displacement, then rotation) of components of nodes."""
         return (nodes - self.first) % NODES * self.dimension + component
 
@@ -167,9 +163,7 @@ def exchange_with(surface: SurfaceCopies, partition: Partition, unknowns: int) -
     return NodeExchange(comm, nodes, total + extra, starts)
 
 
-def subdomains_of_copies(
-    surface: SurfaceCopies, partition: Partition, unknowns: int
-) -> NDArray[np.int64]:
+def subdomains_of_copies(surface: SurfaceCopies, partition: Partition, unknowns: int) -> Ints:
     """Number of the subdomain of each copy of `exchange_with`."""
     numbers = surface.subdomains
     if partition.comm.rank == partition.comm.size - 1:
@@ -177,7 +171,7 @@ def subdomains_of_copies(
     return numbers
 
 
-def moving_contacts(geometry: Geometry) -> NDArray[np.int64]:
+def moving_contacts(geometry: Geometry) -> Ints:
     """Numbers of the contacts with rigid bodies that are free in some component."""
     moving = geometry.rigid.moving
     numbers = [i for i, c in enumerate(geometry.contacts) if c.rigid in moving]
@@ -216,7 +210,7 @@ def moving_rows(
 
 def tightest_on_motions(
     geometry: Geometry, rows: ContactRows, tied: ContactRows | None = None
-) -> NDArray[np.bool_]:
+) -> Mask:
     """Mask (rows,) of rows to keep: of parallel rows of rigid bodies alone, the tightest.
 
     No node moves there: a second closed row would have a gap that no force can change.
@@ -258,14 +252,12 @@ def tightest_on_motions(
     return result
 
 
-def rows_without_nodes(rows: ContactRows) -> NDArray[np.bool_]:
+def rows_without_nodes(rows: ContactRows) -> Mask:
     """Mask (rows,) of the rows without entries at nodes of elastic bodies."""
     return np.asarray(np.bincount(rows.entries.row, minlength=len(rows.nodes)) == 0)
 
 
-def motions_of_rows(
-    rows: ContactRows, unknowns: RigidUnknowns, alone: NDArray[np.bool_]
-) -> HeldNodes:
+def motions_of_rows(rows: ContactRows, unknowns: RigidUnknowns, alone: Mask) -> HeldNodes:
     """Chosen rows (mask) as rows on the motions of the rigid bodies."""
     count, entries = len(rows.nodes), rows.rigid
     body = np.zeros(count, np.int64)
@@ -301,7 +293,7 @@ def with_motions(
 
 
 def _entries(
-    unknowns: RigidUnknowns, rows: ContactRows, body: NDArray[np.int64], values: Array
+    unknowns: RigidUnknowns, rows: ContactRows, body: Ints, values: Array
 ) -> ContactEntries:
     """Entries of rows for components (rows, components) of one moving body each, (rows,)."""
     row, component = np.nonzero(values)
@@ -359,7 +351,7 @@ def slips_of_held(
 
 
 def on_tied_bodies(
-    rows: ContactRows, unknowns: RigidUnknowns, number: int, nodes: NDArray[np.int64]
+    rows: ContactRows, unknowns: RigidUnknowns, number: int, nodes: Ints
 ) -> ContactRows:
     """Contact rows with entries at nodes that are tied to a rigid body, with those of its motion.
 

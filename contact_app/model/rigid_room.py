@@ -17,10 +17,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.optimize import linprog
 
-Array = NDArray[np.float64]
+from meshes.arrays import Array, Ints
 
 ENTERS = 1e-9
 """Penetration over the length of the scene that counts as a rounding error, as of held nodes that
@@ -41,8 +40,8 @@ class HeldNodes:
         g, in units of length.
     """
 
-    body: NDArray[np.int64]
-    sources: NDArray[np.int64]
+    body: Ints
+    sources: Ints
     vectors: Array
     gaps: Array
 
@@ -65,8 +64,8 @@ class NoRoom:
         The least penetration that remains.
     """
 
-    bodies: NDArray[np.int64]
-    sources: NDArray[np.int64]
+    bodies: Ints
+    sources: Ints
     depth: float
 
     def message(self, names: Sequence[str], sources: Sequence[str]) -> str:

@@ -17,7 +17,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.linalg import qr
 
 from contact_app.errors import ConfigurationError, NoEquilibriumError
@@ -30,10 +29,9 @@ from contact_app.model.rigid import (
     with_body,
 )
 from contact_app.scene.conditions import RigidTie, Tie
+from meshes.arrays import Array, Ints, Mask
 from solver.tfeti.constraints.conditions import ContactEntries, ContactRows
 from solver.tfeti.constraints.exchange import NodeExchange
-
-Array = NDArray[np.float64]
 
 SAME = 1e-9
 """Rounding errors of rows on rigid motions, and of displacements over the length of the scene."""
@@ -53,11 +51,11 @@ class ContactsAndTies:
     contact: ContactRows
     tied: ContactRows
 
-    def of(self, some: NDArray[np.bool_]) -> ContactsAndTies:
+    def of(self, some: Mask) -> ContactsAndTies:
         """The same with some of the contact rows, (rows,)."""
         return replace(self, contact=self.contact.of(some))
 
-    def nodes_tied_to_moving(self) -> list[tuple[RigidTie, NDArray[np.int64]]]:
+    def nodes_tied_to_moving(self) -> list[tuple[RigidTie, Ints]]:
         """Ties to rigid bodies that may move, each with its nodes on all ranks (collective)."""
         moving, comm = self.geometry.rigid.moving, self.geometry.comm
         return [
@@ -67,9 +65,7 @@ class ContactsAndTies:
         ]
 
 
-def rigidly_tied_rows(
-    geometry: Geometry, exchange: NodeExchange
-) -> tuple[list[ContactRows], NDArray[np.int64]]:
+def rigidly_tied_rows(geometry: Geometry, exchange: NodeExchange) -> tuple[list[ContactRows], Ints]:
     """Rows of the boundaries tied to rigid bodies, and all their nodes (collective).
 
     `sources` counts all ties. Nodes of two boundaries that are tied to the
@@ -105,7 +101,7 @@ def of_rigid_bodies(ties: Sequence[Tie | RigidTie]) -> list[tuple[int, RigidTie]
     return [(number, tie) for number, tie in enumerate(ties) if isinstance(tie, RigidTie)]
 
 
-def _nodes(geometry: Geometry, tie: RigidTie) -> tuple[NDArray[np.int64], Array]:
+def _nodes(geometry: Geometry, tie: RigidTie) -> tuple[Ints, Array]:
     """Nodes of the facets of a boundary, ascending, and their coordinates (collective)."""
     side = geometry.boundary_surface(tie.body, tie.boundary)
     if side is None:
@@ -118,7 +114,7 @@ def _nodes(geometry: Geometry, tie: RigidTie) -> tuple[NDArray[np.int64], Array]
     return nodes, side.points.reshape(-1, 3)[first]
 
 
-def _at_nodes(nodes: NDArray[np.int64], points: Array, d: int, number: int) -> ContactRows:
+def _at_nodes(nodes: Ints, points: Array, d: int, number: int) -> ContactRows:
     """A row for each component of each node; areas are the shares of the nodes."""
     count = len(nodes)
     component = np.tile(np.arange(d), count)

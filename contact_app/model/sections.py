@@ -13,7 +13,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from contact_app.errors import ConfigurationError
 from contact_app.model.geometry import Geometry
@@ -22,10 +21,9 @@ from contact_app.model.planes import subsets
 from contact_app.scene.bodies import Body
 from contact_app.scene.scene import InnerSection, Mirror, Section
 from meshes import Subdomain
+from meshes.arrays import Array, Ints, Mask
 from meshes.plane_cut import ON_PLANE, cut, simplices
 from meshes.quadratic import VERTICES
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)
@@ -51,7 +49,7 @@ class SectionPiece:
     name: str
     body: int
     mirrors: tuple[Mirror, ...]
-    behind: tuple[NDArray[np.bool_] | None, ...]
+    behind: tuple[Mask | None, ...]
     area: float
     centre: Array
 
@@ -119,16 +117,13 @@ def _images(
 
 
 def _piece(
-    geometry: Geometry,
-    section: Section,
-    mirrors: tuple[Mirror, ...],
-    plane: tuple[Array, Array],
-) -> tuple[SectionPiece, NDArray[np.int64]]:
+    geometry: Geometry, section: Section, mirrors: tuple[Mirror, ...], plane: tuple[Array, Array]
+) -> tuple[SectionPiece, Ints]:
     """A piece, and the numbers of cells behind and in front of its plane (collective)."""
     point, normal = plane
     partition, mesh = geometry.partition, geometry.bodies[section.body].mesh
     size = float(np.ptp([mesh.lower, mesh.upper], axis=0).max())
-    behind: list[NDArray[np.bool_] | None] = []
+    behind: list[Mask | None] = []
     sums = np.zeros(6)
     for s in partition.subdomains:
         if s.body != section.body:

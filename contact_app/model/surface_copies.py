@@ -3,17 +3,17 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from meshes import Partition
+from meshes.arrays import Ints
 
 
 class SurfaceCopies:
     """Copies of surface nodes of this rank's subdomains, one after another."""
 
     def __init__(self, partition: Partition) -> None:
-        self.local: list[NDArray[np.int64]] = []
-        cache: dict[int, NDArray[np.int64]] = {}
+        self.local: list[Ints] = []
+        cache: dict[int, Ints] = {}
         for s in partition.subdomains:
             key = id(s.reference)
             if key not in cache:
@@ -21,7 +21,7 @@ class SurfaceCopies:
             self.local.append(cache[key])
         self.starts = np.cumsum([0, *(len(n) for n in self.local)])
         parts = [s.nodes[local] for s, local in zip(partition.subdomains, self.local, strict=True)]
-        self.nodes: NDArray[np.int64] = np.concatenate(parts)
+        self.nodes: Ints = np.concatenate(parts)
         numbers = np.array([s.number for s in partition.subdomains], np.int64)
         self.subdomains = np.repeat(numbers, np.diff(self.starts))
 

@@ -21,18 +21,16 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from contact_app.model.pairs import owned_rows
 from contact_app.scene.conditions import Friction
+from meshes.arrays import Array, Ints, Mask
 from meshes.ties import MeanJumps
 from solver.tfeti.constraints.conditions import ContactEntries, ContactRows, HeldRows
 from solver.tfeti.constraints.exchange import NodeExchange
 from solver.tfeti.constraints.friction import FrictionRows
 from solver.tfeti.constraints.merge import cut_held
 from solver.tfeti.constraints.ties import undecided
-
-Array = NDArray[np.float64]
 
 PARALLEL = 1e-8
 """Difference of the normals of a contact row and of one that was merged into it."""
@@ -67,8 +65,8 @@ class RoughContact:
 
     number: int
     law: Friction
-    shares: Callable[[NDArray[np.int64]], Array]
-    slips: Callable[[ContactRows], tuple[ContactRows, NDArray[np.bool_]]]
+    shares: Callable[[Ints], Array]
+    slips: Callable[[ContactRows], tuple[ContactRows, Mask]]
 
     def limits(self, rows: ContactRows) -> Array:
         """Given slip limits of contact rows, forces (rows,); zero without any (collective)."""
@@ -117,9 +115,7 @@ def tangential_rows(
     return _without_held(exchange, slip_rows, held, tied)
 
 
-def slips_at_obstacle(
-    contact: ContactRows, held: HeldRows | None
-) -> tuple[ContactRows, NDArray[np.bool_]]:
+def slips_at_obstacle(contact: ContactRows, held: HeldRows | None) -> tuple[ContactRows, Mask]:
     """Slips at the contact rows of an obstacle, and the mask of those that are not held.
 
     Parameters
@@ -134,7 +130,7 @@ def slips_at_obstacle(
 
 def slips_between(
     exchange: NodeExchange, contact: ContactRows, jumps: MeanJumps, number: int
-) -> tuple[ContactRows, NDArray[np.bool_]]:
+) -> tuple[ContactRows, Mask]:
     """Slips at the contact rows of a pair, and the mask of those not held (collective).
 
     Parameters
@@ -149,12 +145,7 @@ def slips_between(
     return _between(contact, tangents, owned), along.ravel() > LEANING
 
 
-def summed_at(
-    exchange: NodeExchange,
-    every: NDArray[np.int64],
-    values: Array,
-    nodes: NDArray[np.int64],
-) -> Array:
+def summed_at(exchange: NodeExchange, every: Ints, values: Array, nodes: Ints) -> Array:
     """Sums over all ranks of values at nodes, at some nodes this rank owns, (n,) (collective).
 
     Parameters
@@ -204,7 +195,7 @@ def _without_held(
     return FrictionRows(rows, slips.coefficients[remaining], slips.limits[remaining])
 
 
-def _held_at(nodes: NDArray[np.int64], held: HeldRows) -> NDArray[np.bool_] | None:
+def _held_at(nodes: Ints, held: HeldRows) -> Mask | None:
     """Mask of the held components of some nodes, (n, d); None if nothing is held."""
     if not len(held.nodes):
         return None
@@ -212,7 +203,7 @@ def _held_at(nodes: NDArray[np.int64], held: HeldRows) -> NDArray[np.bool_] | No
     return np.asarray((held.nodes[at] == nodes)[:, None] & held.held[at])
 
 
-def _tangents(rows: ContactRows, fixed: NDArray[np.bool_] | None) -> tuple[Array, Array]:
+def _tangents(rows: ContactRows, fixed: Mask | None) -> tuple[Array, Array]:
     """Unit tangents of contact rows, and the length that held components leave of each.
 
     (rows, d - 1, d) and (rows, d - 1).

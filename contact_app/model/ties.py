@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from contact_app.errors import ConfigurationError, NoEquilibriumError
 from contact_app.model.geometry import Geometry
@@ -20,6 +19,7 @@ from contact_app.model.rigid_ties import (
     without_repeated,
 )
 from contact_app.scene.conditions import RigidTie
+from meshes.arrays import Mask
 from meshes.facing import SurfacesApartError
 from meshes.ties import Decided, mean_jumps
 from solver.tfeti.constraints.conditions import ContactRows, ContradictionError, HeldRows
@@ -112,7 +112,7 @@ def without_determined(constraints: ContactsAndTies) -> tuple[ContactRows, Conta
     return contact, determined
 
 
-def _undetermined(constraints: ContactsAndTies) -> NDArray[np.bool_]:
+def _undetermined(constraints: ContactsAndTies) -> Mask:
     """Mask (contact rows,) of rows that tied rows do not determine (collective).
 
     Contact with a rigid body is determined at nodes that are tied to it.

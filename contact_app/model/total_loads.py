@@ -23,8 +23,7 @@ from contact_app.model.assembly import Element
 from contact_app.model.boundaries import refuse_without_facet
 from contact_app.model.geometry import Geometry
 from contact_app.scene.conditions import TotalLoad
-
-Array = NDArray[np.float64]
+from meshes.arrays import Array
 
 THIN = 1e-12
 """Smallest eigenvalue of J over the largest at which a boundary takes a moment about every axis."""

@@ -28,8 +28,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
-Numbers = NDArray[np.int64]
+from meshes.arrays import Array, Ints, Mask
 
 LINES = {
     3: ((0, 2, 1),),
@@ -57,12 +56,12 @@ class Lines:
         One over the length.
     """
 
-    nodes: Numbers
+    nodes: Ints
     along: Array
     weight: Array
 
     @classmethod
-    def of(cls, facets: Sequence[Numbers], points: Array) -> Lines:
+    def of(cls, facets: Sequence[Ints], points: Array) -> Lines:
         """Lines of facets (facets, nodes) among copies of nodes at points (copies, 3)."""
         parts = [np.zeros((0, 3), np.int64)]
         parts += [nodes[:, list(line)] for nodes in facets for line in LINES[nodes.shape[1]]]
@@ -71,16 +70,13 @@ class Lines:
         length = np.linalg.norm(along, axis=1)
         return cls(nodes, along / length[:, None], 1.0 / length)
 
-    def chosen(self, rows: NDArray[np.bool_] | Numbers) -> Lines:
+    def chosen(self, rows: Mask | Ints) -> Lines:
         """Some of the lines."""
         return Lines(self.nodes[rows], self.along[rows], self.weight[rows])
 
 
 def alternation(
-    lines: Lines,
-    q: Array,
-    meet: Callable[[Array], Array],
-    folded: NDArray[np.bool_] | None = None,
+    lines: Lines, q: Array, meet: Callable[[Array], Array], folded: Mask | None = None
 ) -> Array:
     """The alternating part of a pressure at copies of nodes, (copies,) (collective).
 
@@ -114,11 +110,7 @@ class _Ends:
     """
 
     def __init__(
-        self,
-        lines: Lines,
-        copies: int,
-        meet: Callable[[Array], Array],
-        folded: NDArray[np.bool_],
+        self, lines: Lines, copies: int, meet: Callable[[Array], Array], folded: Mask
     ) -> None:
         self._nodes = np.concatenate([lines.nodes[:, 0], lines.nodes[:, 2]])
         self._copies, self._meet = copies, meet
@@ -133,12 +125,12 @@ class _Ends:
         return self._meet(_sum(self._nodes, values, self._copies))
 
 
-def _sum(nodes: Numbers, values: NDArray[Any], size: int) -> Array:
+def _sum(nodes: Ints, values: NDArray[Any], size: int) -> Array:
     """Values summed by node, (size,)."""
     return np.bincount(nodes, values, size).astype(np.float64)
 
 
-def _touching(lines: Lines, ends: _Ends, q: Array) -> NDArray[np.bool_]:
+def _touching(lines: Lines, ends: _Ends, q: Array) -> Mask:
     """Mask of the lines along one axis with all nodes in contact."""
     first, middle, last = lines.nodes.T
     touches = (q[middle] > 0.0) | ((q[first] > 0.0) & (q[last] > 0.0))
@@ -148,11 +140,7 @@ def _touching(lines: Lines, ends: _Ends, q: Array) -> NDArray[np.bool_]:
 
 
 def _along(
-    lines: Lines,
-    every: _Ends,
-    q: Array,
-    meet: Callable[[Array], Array],
-    folded: NDArray[np.bool_],
+    lines: Lines, every: _Ends, q: Array, meet: Callable[[Array], Array], folded: Mask
 ) -> Array:
     """The alternation along one axis on lines in contact, among all lines along it."""
     first, middle, last = lines.nodes.T

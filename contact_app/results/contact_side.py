@@ -51,15 +51,13 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
 from contact_app.model.facets import between_vertices, hats_at_nodes
 from contact_app.results.alternation import Lines, alternation
+from meshes.arrays import Array, Ints, Mask
 from meshes.mortar import COVERED
 from solver.tfeti.constraints.conditions import ContactRows
 from solver.tfeti.constraints.exchange import NodeExchange
-
-Array = NDArray[np.float64]
 
 STRIP = {2: 0.27, 3: 0.2}
 """Covered share of the area about a vertex of degree 2 up to which it has the mean where the other
@@ -94,9 +92,9 @@ class ContactSide:
 
     degree: int
     dimension: int
-    facets: Sequence[tuple[NDArray[np.int64], Array]]
+    facets: Sequence[tuple[Ints, Array]]
     points: Array
-    owned: NDArray[np.int64]
+    owned: Ints
     exchange: NodeExchange
     sums: Callable[[Array], Array]
     copies: Callable[[Array], Array]
@@ -129,7 +127,7 @@ class ContactSide:
         forces: Array,
         at_nodes: bool,
         between: bool,
-        folded: NDArray[np.bool_] | None = None,
+        folded: Mask | None = None,
     ) -> tuple[Array, Array, Array]:
         """Pressure (n,), friction traction (n, 3) and covered share of nodes, (n,).
 
@@ -187,7 +185,7 @@ class ContactSide:
         result[partial] = sums[partial, 1:] / sums[partial, :1]
         return np.where(quotients != 0.0, result, 0.0)
 
-    def _beside_covered_facets(self, covered: Array) -> NDArray[np.bool_]:
+    def _beside_covered_facets(self, covered: Array) -> Mask:
         """Mask (n,) of the vertices of facets whose middles the other side may cover completely.
 
         Parameters
@@ -223,7 +221,7 @@ class ContactSide:
         count = self.sums(on)
         return np.divide(summed, count, out=values.copy(), where=count > 0.0)
 
-    def _recovered(self, pressure: Array, folded: NDArray[np.bool_] | None) -> Array:
+    def _recovered(self, pressure: Array, folded: Mask | None) -> Array:
         """The pressure at all nodes from forces over shares (n,), without alternation."""
         q = self.copies(pressure)
         lines = Lines.of([nodes for nodes, _ in self.facets], self.points)

@@ -20,7 +20,6 @@ from typing import Any
 
 import numpy as np
 from mpi4py import MPI
-from numpy.typing import NDArray
 
 from contact_app.model.model import Model
 from contact_app.model.planes import on_planes
@@ -28,9 +27,7 @@ from contact_app.results.fields import NodeFields
 from contact_app.results.mirror import FullMesh, Image, full_mesh
 from contact_app.results.pressure import NodesInContact
 from contact_app.results.resultants import Resultant, joined, summed
-from solver.vectors import largest_magnitude
-
-Array = NDArray[np.float64]
+from solver.vectors import Array, Ints, Mask, largest_magnitude
 
 
 @dataclass(frozen=True, eq=False)
@@ -144,7 +141,7 @@ class ContactsOfWhole:
             for left, stick, slip in self._comm.allreduce(counts)
         ]
 
-    def _carriers(self, image: Image, number: int) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    def _carriers(self, image: Image, number: int) -> tuple[Ints, Ints]:
         """Nodes of a contact in an image that may carry force, and their status, 0 to 2."""
         at, status = np.zeros(0, np.int64), np.zeros(0, np.int64)
         for origin in self.origins(image, number):
@@ -190,7 +187,7 @@ class ContactsOfWhole:
                 result[at[same]] = np.maximum(result[at[same]], values(contact)[same])
         return result
 
-    def _coincide(self, image: Image, other: Image, at: NDArray[np.int64]) -> NDArray[np.bool_]:
+    def _coincide(self, image: Image, other: Image, at: Ints) -> Mask:
         """Mask of the nodes (n,) that have the same place in both images."""
         others = [
             k

@@ -29,12 +29,11 @@ from contact_app.model.candidates import NEARLY_PARALLEL
 from contact_app.model.model import Model
 from contact_app.results.seams import smooth_forces
 from contact_app.results.surface_nodes import SurfaceNodes
+from meshes.arrays import Array, Ints, Mask
 from meshes.connected import connected
 from solver.contact.solution import Solution
 from solver.tfeti.constraints.conditions import ContactRows, pairs_at_nodes, unit_rows
 from solver.tfeti.dual import DualProblem
-
-Array = NDArray[np.float64]
 
 TIED = 1e-9
 """Difference of gaps, over the size of the scene, that counts as zero: as in `merge_contact`."""
@@ -70,16 +69,16 @@ class ContactLoads:
         The contact row of each.
     """
 
-    sources: NDArray[np.int64]
-    nodes: NDArray[np.int64]
+    sources: Ints
+    nodes: Ints
     force: Array
     vectors: Array
     moments: Array
     areas: Array
     friction: Array
     slips: Array
-    sticks: NDArray[np.bool_]
-    rubs: NDArray[np.bool_]
+    sticks: Mask
+    rubs: Mask
     rows: ContactRows
 
 
@@ -153,7 +152,7 @@ def loads_of_rows(problem: DualProblem, solution: Solution, force: Array) -> Con
     )  # fmt: skip
 
 
-def _rigid_bodies(model: Model, rows: ContactRows) -> NDArray[np.int64]:
+def _rigid_bodies(model: Model, rows: ContactRows) -> Ints:
     """The moving rigid body of each row, -1 for none, (rows,)."""
     scene = model.scene
     of_contact = [getattr(item, "rigid", None) for item in scene.touching]
@@ -161,13 +160,7 @@ def _rigid_bodies(model: Model, rows: ContactRows) -> NDArray[np.int64]:
     return number[rows.sources]
 
 
-def _together(
-    rows: ContactRows,
-    touches: NDArray[np.bool_],
-    force: Array,
-    tied: float,
-    rigid: NDArray[np.int64],
-) -> NDArray[np.int64]:
+def _together(rows: ContactRows, touches: Mask, force: Array, tied: float, rigid: Ints) -> Ints:
     """Number of the group of equal rows with a force that each row is in, (rows,); -1 for none.
 
     Parameters
@@ -208,9 +201,7 @@ def _together(
     return label
 
 
-def _divided(
-    model: Model, surface: SurfaceNodes, loads: ContactLoads, label: NDArray[np.int64]
-) -> ContactLoads:
+def _divided(model: Model, surface: SurfaceNodes, loads: ContactLoads, label: Ints) -> ContactLoads:
     """Divide the sum of each group of rows by their areas (collective)."""
     grouped = np.flatnonzero(label >= 0)
     group = label[grouped]
@@ -234,11 +225,7 @@ def _divided(
 
 
 def _weights(
-    model: Model,
-    surface: SurfaceNodes,
-    loads: ContactLoads,
-    grouped: NDArray[np.int64],
-    group: NDArray[np.int64],
+    model: Model, surface: SurfaceNodes, loads: ContactLoads, grouped: Ints, group: Ints
 ) -> Array:
     """Area of the contact of each grouped row about its node, (grouped,) (collective)."""
     weight, sources = loads.areas[grouped].copy(), loads.sources[grouped]
@@ -255,9 +242,7 @@ def _weights(
     return weight
 
 
-def _members(
-    sources: NDArray[np.int64], group: NDArray[np.int64]
-) -> tuple[list[tuple[int, ...]], NDArray[np.int64]]:
+def _members(sources: Ints, group: Ints) -> tuple[list[tuple[int, ...]], Ints]:
     """Sets of contacts of the groups: all different sets, and the number of the set of each row."""
     if len(group) == 0:
         return [], group

@@ -13,15 +13,12 @@ from typing import Any
 
 import numpy as np
 from mpi4py import MPI
-from numpy.typing import NDArray
 
 from contact_app.model.model import Model
 from contact_app.results.fields import CellFields, NodeFields
 from contact_app.results.output import write_grid
 from contact_app.results.result_size import file_names
-
-Array = NDArray[np.float64]
-
+from meshes.arrays import Array, Ints
 
 ROUNDED = 1e-9
 """Distance of equal nodes in two decompositions over the largest coordinate: rounding errors."""
@@ -75,7 +72,7 @@ class Envelope:
             largest.add(number, values if alike else None, comm.allreduce(peak, op=MPI.MAX))
         return alike
 
-    def _places(self, nodes: NodeFields, cells: CellFields) -> NDArray[np.int64] | None:
+    def _places(self, nodes: NodeFields, cells: CellFields) -> Ints | None:
         """Places of the first case's cells among those of another decomposition of the mesh.
 
         None where this rank has other nodes or cells.
@@ -116,9 +113,7 @@ class Envelope:
         return files
 
 
-def _sorted_cells(
-    cells: Sequence[NDArray[np.int64]],
-) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+def _sorted_cells(cells: Sequence[Ints]) -> tuple[Ints, Ints]:
     """The nodes of cells in ascending order, cell by cell in lexical order, and their places."""
     width = max((part.shape[1] for part in cells), default=1)
     rows = np.full((sum(map(len, cells)), width), -1, np.int64)

@@ -12,7 +12,6 @@ from typing import Any
 
 import numpy as np
 from mpi4py import MPI
-from numpy.typing import NDArray
 
 from contact_app.model.candidates import slack_of
 from contact_app.model.model import Model
@@ -20,6 +19,7 @@ from contact_app.results.friction import of_most_pressed
 from contact_app.results.pressure import NodesInContact, contact_forces, node_gaps
 from contact_app.results.surface_nodes import SurfaceNodes
 from contact_app.scene.material import von_mises
+from meshes.arrays import Array, Ints
 from solver.contact.solution import Solution
 
 FRICTION_FIELDS = ("friction_traction", "slip", "contact_status")
@@ -76,19 +76,19 @@ class NodeFields:
     """
 
     first: int
-    points: NDArray[np.float64]
-    displacement: NDArray[np.float64]
-    contact_pressure: NDArray[np.float64]
-    smoothed_contact_pressure: NDArray[np.float64]
+    points: Array
+    displacement: Array
+    contact_pressure: Array
+    smoothed_contact_pressure: Array
     contacts: tuple[NodesInContact, ...]
-    gap: NDArray[np.float64]
-    friction_traction: NDArray[np.float64]
-    slip: NDArray[np.float64]
-    contact_status: NDArray[np.float64]
-    contact_force: NDArray[np.float64]
-    pair_forces: NDArray[np.float64]
+    gap: Array
+    friction_traction: Array
+    slip: Array
+    contact_status: Array
+    contact_force: Array
+    pair_forces: Array
     without_area: int
-    slack: NDArray[np.float64]
+    slack: Array
     surface: SurfaceNodes
 
 
@@ -135,7 +135,7 @@ def node_fields(model: Model, solution: Solution) -> NodeFields:
 
 def _friction(
     contacts: Sequence[NodesInContact], first: int, size: int, d: int
-) -> dict[str, NDArray[np.float64]]:
+) -> dict[str, Array]:
     """The fields of friction at nodes from `first` on."""
     pieces = [(c.nodes - first, c.pressure, c.traction, c.slips, c.status) for c in contacts]
     traction, slip, status = of_most_pressed(pieces, size, d)
@@ -161,10 +161,10 @@ class CellFields:
     """
 
     first: int
-    cells: list[NDArray[np.int64]]
-    stress: NDArray[np.float64]
-    von_mises: NDArray[np.float64]
-    energy_of_means: NDArray[np.float64]
+    cells: list[Ints]
+    stress: Array
+    von_mises: Array
+    energy_of_means: Array
     largest_strain: float
     largest_rotation: float
 

@@ -14,10 +14,10 @@ from functools import partial
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from contact_app.model.equilibrium import directions_in_words, motion_size, upward
 from contact_app.model.model import Model
+from meshes.arrays import Array
 from solver.contact.solution import Solution
 from solver.tfeti.dual import DualProblem
 
@@ -74,7 +74,7 @@ def free_motions(model: Model, solution: Solution) -> list[FreeMotion]:
 
 
 def sliding_bodies(
-    problem: DualProblem, solution: Solution, size_of: Callable[[int, NDArray[np.float64]], float]
+    problem: DualProblem, solution: Solution, size_of: Callable[[int, Array], float]
 ) -> list[FreeMotion]:
     """Motions that make up most of the displacement of their body, rigid or not (collective).
 
@@ -95,7 +95,7 @@ def sliding_bodies(
     return motions
 
 
-def _stopping(motion: NDArray[np.float64], dimension: int) -> tuple[int, ...]:
+def _stopping(motion: Array, dimension: int) -> tuple[int, ...]:
     """Numbers of the rigid motions that have to be held to stop a motion, and no others.
 
     A rotation about another point than the centre of the body moves the centre, too. Without the

@@ -16,23 +16,19 @@ from __future__ import annotations
 from collections.abc import Iterable
 
 import numpy as np
-from numpy.typing import NDArray
 
 from contact_app.model.model import Model
 from contact_app.model.normal_forces import NormalForces
 from contact_app.model.rigid import RigidUnknowns, slips_of_held
 from contact_app.scene.rigid import RigidBodies
+from meshes.arrays import Array, Ints
 from solver.contact.solution import Solution
 from solver.tfeti.dual import DualProblem
 
-Array = NDArray[np.float64]
-
 
 def of_most_pressed(
-    contacts: Iterable[tuple[NDArray[np.int64], Array, Array, Array, NDArray[np.int64]]],
-    count: int,
-    d: int,
-) -> tuple[Array, Array, NDArray[np.int64]]:
+    contacts: Iterable[tuple[Ints, Array, Array, Array, Ints]], count: int, d: int
+) -> tuple[Array, Array, Ints]:
     """Friction traction and slip, (count, d), and status, (count,), of nodes.
 
     Where contacts meet, a node has the values of the contact with the largest pressure.

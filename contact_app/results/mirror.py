@@ -20,6 +20,7 @@ from contact_app.model.planes import on_planes, subsets
 from contact_app.results.fields import NodeFields
 from contact_app.scene.obstacles import SHAPES
 from contact_app.scene.scene import Mirror
+from meshes.arrays import Array, Ints, Mask
 from meshes.quadratic import node_vertices
 
 SHEARS = {0: (3, 5), 1: (3, 4), 2: (4, 5)}
@@ -51,8 +52,8 @@ class Image:
     """
 
     mirrors: tuple[Mirror, ...]
-    numbers: NDArray[np.int64]
-    new: NDArray[np.bool_]
+    numbers: Ints
+    new: Mask
     first: int
 
     def origin(self, source: str) -> str:
@@ -61,13 +62,13 @@ class Image:
             source = dict(mirror.partners).get(source, source)
         return source
 
-    def points(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
+    def points(self, points: Array) -> Array:
         """Coordinates (n, 3) of the images of points."""
         for mirror in self.mirrors:
             points = mirror.image(points)
         return points
 
-    def field(self, name: str, values: NDArray[np.float64]) -> NDArray[np.float64]:
+    def field(self, name: str, values: Array) -> Array:
         """Values of a field in the image; displacements and stresses are reflected."""
         values = values.copy()
         for mirror in self.mirrors:
@@ -98,7 +99,7 @@ class FullMesh:
     images: tuple[Image, ...]
     nodes: int
     cells: int
-    weight: NDArray[np.int64]
+    weight: Ints
 
 
 def full_mesh(model: Model, nodes: NodeFields) -> FullMesh:
@@ -180,5 +181,5 @@ def _pair_forces(
     return {pair: [float(v) for v in sums[pair]] for pair in order}
 
 
-def _times(force: list[float], factor: NDArray[np.float64]) -> list[float]:
+def _times(force: list[float], factor: Array) -> list[float]:
     return [float(v) for v in np.array(force) * factor]

@@ -12,7 +12,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
 from contact_app.model.model import Model
 from contact_app.results.contacts import ContactsOfWhole
@@ -27,11 +26,10 @@ from contact_app.results.mirror import FullMesh, Image, full_mesh
 from contact_app.results.result_size import components, file_names, result_bytes, wanted_fields
 from contact_app.results.series import Series
 from contact_app.results.xdmf import XDMFWriter, cell_type_name
+from meshes.arrays import Array, Ints
 
 if TYPE_CHECKING:
     from contact_app.results.vtu import VTUWriter
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)
@@ -161,7 +159,7 @@ def _writers(
             yield VTUWriter(grid, runs, whole.nodes, at_nodes, at_cells)
 
 
-def _numbers(model: Model) -> dict[str, NDArray[np.float64]]:
+def _numbers(model: Model) -> dict[str, Array]:
     """Numbers, in the order of the file, of the body and the material of each cell of this rank."""
     subdomains = model.partition.subdomains
     tags = [s.reference.tags for s in subdomains]
@@ -170,11 +168,11 @@ def _numbers(model: Model) -> dict[str, NDArray[np.float64]]:
     return {"body": np.concatenate(none + bodies), "material": np.concatenate(none + tags)}
 
 
-def cells_of(model: Model, image: Image) -> list[NDArray[np.int64]]:
+def cells_of(model: Model, image: Image) -> list[Ints]:
     """Nodes of the image of this rank's cells, by body (collective)."""
     exchange, partition = model.node_exchange, model.partition
     copies = exchange.from_owners(image.numbers[exchange.nodes - exchange.first])
-    groups: dict[int, list[NDArray[np.int64]]] = {}
+    groups: dict[int, list[Ints]] = {}
     start = 0
     for s in partition.subdomains:
         body = model.scene.bodies[s.body]

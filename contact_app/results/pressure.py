@@ -20,9 +20,8 @@ from contact_app.results.division import ContactLoads, contact_loads
 from contact_app.results.smoothed_pressure import smoothed_pressure
 from contact_app.results.surface_nodes import SurfaceNodes, facet_shares
 from contact_app.scene.conditions import BodyContact, Contact, RigidTie, Tie
+from meshes.arrays import Array, Ints, Mask
 from solver.contact.solution import Solution
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,22 +55,22 @@ class NodesInContact:
         Mask of nodes with a friction force of a given limit: they may be open.
     """
 
-    nodes: NDArray[np.int64]
+    nodes: Ints
     pressure: Array
     smoothed: Array
     shares: Array
-    carriers: NDArray[np.bool_]
-    closed: NDArray[np.bool_]
+    carriers: Mask
+    closed: Mask
     areas: Array
     forces: Array
     moments: Array
     traction: Array
     slips: Array
-    sticks: NDArray[np.bool_]
-    rubs: NDArray[np.bool_]
+    sticks: Mask
+    rubs: Mask
 
     @property
-    def status(self) -> NDArray[np.int64]:
+    def status(self) -> Ints:
         """0 where a node is open, 1 where it sticks, 2 where it slides, (n,).
 
         An open node with friction of a given limit also sticks or slides.
@@ -95,7 +94,7 @@ class ContactForces:
         Number of rows with a force at a node that is on no facet of the contact boundary.
     """
 
-    nodes: NDArray[np.int64]
+    nodes: Ints
     pressure: Array
     smoothed: Array
     contacts: tuple[NodesInContact, ...]
@@ -147,8 +146,8 @@ def nodes_of_side(
     side: ContactSide,
     loads: ContactLoads,
     number: int,
-    law: tuple[bool, bool, NDArray[np.bool_] | None],
-    carriers: NDArray[np.bool_],
+    law: tuple[bool, bool, Mask | None],
+    carriers: Mask,
 ) -> tuple[NodesInContact, Array, int]:
     """One contact at all nodes that this rank owns, without a smoothed pressure (collective).
 
@@ -251,7 +250,7 @@ def side_of(
 
 def _on_boundary(
     model: Model, surface: SurfaceNodes, touching: Contact | BodyContact, side: ContactSide
-) -> NDArray[np.bool_]:
+) -> Mask:
     """Mask (owned,) of the nodes on a boundary, with those on no whole facet of it (collective)."""
     body, marks = model.scene.bodies[touching.body], np.zeros(surface.starts[-1])
     for start, s, local in zip(
@@ -263,7 +262,7 @@ def _on_boundary(
     return (side.facets_of_node > 0.0) | (surface.sums(marks) > 0.0)
 
 
-def _folded(model: Model, touching: Contact | BodyContact, points: Array) -> NDArray[np.bool_]:
+def _folded(model: Model, touching: Contact | BodyContact, points: Array) -> Mask:
     """Mask (3, n) of points on planes of symmetry at which a boundary goes on in its image."""
     folded = np.zeros((3, len(points)), bool)
     scene = model.scene

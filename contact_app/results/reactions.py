@@ -20,7 +20,6 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import sparse
 
 from contact_app.model.boundaries import boundary_facets, boundary_nodes
@@ -31,11 +30,10 @@ from contact_app.results.mirror import full_mesh
 from contact_app.results.resultants import Resultant, joined, summed
 from contact_app.scene.bodies import MOTION_NAMES
 from contact_app.scene.conditions import DisplacementCondition
+from meshes.arrays import Array, Ints, Mask
 from solver.contact.solution import Solution
 from solver.tfeti.constraints.exchange import NodeExchange
 from solver.tfeti.dual import DualProblem
-
-Array = NDArray[np.float64]
 
 
 def reaction_records(model: Model, solution: Solution, nodes: NodeFields) -> list[dict[str, Any]]:
@@ -132,13 +130,11 @@ def _in_space(vectors: Array) -> Array:
 class _Copies:
     """Copies of nodes that a condition holds, and their shares of its area, (copies,)."""
 
-    on: NDArray[np.bool_]
+    on: Mask
     weight: Array
 
 
-def _held_copies(
-    model: Model, condition: DisplacementCondition, place: NDArray[np.int64]
-) -> _Copies:
+def _held_copies(model: Model, condition: DisplacementCondition, place: Ints) -> _Copies:
     """Copies of held nodes, in the order of the exchange of all nodes (collective).
 
     A subdomain may have a held node at an edge or a corner without any facet of the boundary; its

@@ -267,9 +267,7 @@ def summary_table(summary: Mapping[str, Any], tolerance: float | None = None) ->
 
 
 def print_cases(
-    summary: Mapping[str, Any],
-    warnings: Iterable[str] = (),
-    files: Iterable[Path | str] = (),
+    summary: Mapping[str, Any], warnings: Iterable[str] = (), files: Iterable[Path | str] = ()
 ) -> None:
     """Print the overview of load cases as a table.
 
@@ -298,10 +296,7 @@ def print_cases(
         console.print(Text(f"wrote {path}"), soft_wrap=True)
 
 
-def print_steps(
-    summary: Mapping[str, Any],
-    files: Iterable[Path | str] = (),
-) -> None:
+def print_steps(summary: Mapping[str, Any], files: Iterable[Path | str] = ()) -> None:
     """Print the increments of a load history as a table, and the last one as of a single scene."""
     _print_whole(Console(highlight=False), steps_table(summary["steps"]))
     print_summary(summary, summary["solver"]["tolerance"], files)

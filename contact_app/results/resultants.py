@@ -11,11 +11,9 @@ from typing import Any
 
 import numpy as np
 from mpi4py import MPI
-from numpy.typing import NDArray
 
 from contact_app.results.mirror import Image
-
-Array = NDArray[np.float64]
+from meshes.arrays import Array, Mask
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,7 +58,7 @@ def joined(pieces: Sequence[Resultant], dimension: int) -> dict[str, Any]:
 def summed(
     comm: MPI.Intracomm,
     points: Array,
-    on: NDArray[np.bool_],
+    on: Mask,
     forces: Array,
     weights: Array,
     moments: Array | None = None,

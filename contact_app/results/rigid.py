@@ -10,15 +10,13 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from contact_app.model.model import Model
 from contact_app.model.rigid import RigidUnknowns
 from contact_app.results.fields import NodeFields
 from contact_app.scene.rigid import Placement, RigidBodies, RigidMotion
+from meshes.arrays import Array
 from solver.contact.solution import Solution
-
-Array = NDArray[np.float64]
 
 
 def placements_of(model: Model, solution: Solution) -> list[Placement]:

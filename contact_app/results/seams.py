@@ -17,15 +17,13 @@ from __future__ import annotations
 
 import numpy as np
 from mpi4py import MPI
-from numpy.typing import NDArray
 from scipy import sparse
 from scipy.sparse.linalg import lsmr
 
 from contact_app.model.candidates import NEARLY_PARALLEL
+from meshes.arrays import Array, Ints, Mask
 from meshes.connected import connected
 from solver.tfeti.constraints.conditions import ContactRows, pairs_at_nodes
-
-Array = NDArray[np.float64]
 
 ACCURACY = 1e-13
 """Relative accuracy of the least squares problem."""
@@ -34,9 +32,7 @@ STEPS = 10_000
 """Iterations it may take."""
 
 
-def smooth_forces(
-    comm: MPI.Intracomm, rows: ContactRows, force: Array, closed: NDArray[np.bool_]
-) -> Array:
+def smooth_forces(comm: MPI.Intracomm, rows: ContactRows, force: Array, closed: Mask) -> Array:
     """Forces of contact rows with the same nodal forces and the smoothest pressure (collective).
 
     Parameters
@@ -83,7 +79,7 @@ def smooth_forces(
     return result
 
 
-def _seams(rows: ContactRows, closed: NDArray[np.bool_]) -> NDArray[np.int64]:
+def _seams(rows: ContactRows, closed: Mask) -> Ints:
     """Number of the group of closed means of several contacts at a node; -1 for none, (rows,)."""
     label = np.full(len(rows.nodes), -1, np.int64)
     means = np.flatnonzero(closed & ~np.isnan(rows.areas))

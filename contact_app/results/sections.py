@@ -37,9 +37,8 @@ from contact_app.results.fields import NodeFields
 from contact_app.results.mirror import full_mesh
 from contact_app.results.resultants import Resultant, joined
 from meshes import Subdomain
+from meshes.arrays import Array, Mask
 from solver.contact.solution import Solution
-
-Array = NDArray[np.float64]
 
 
 def section_records(model: Model, solution: Solution, nodes: NodeFields) -> dict[str, Any]:
@@ -146,7 +145,7 @@ def _load_behind(model: Model, piece: SectionPiece, number: int) -> Array | None
     return np.pad(load.reshape(-1, d), ((0, 0), (0, 3 - d)))
 
 
-def _part(s: Subdomain, behind: NDArray[np.bool_]) -> Subdomain:
+def _part(s: Subdomain, behind: Mask) -> Subdomain:
     """The subdomain reduced to some of its cells."""
 
     def rows_of_part(rows: NDArray[np.int32]) -> NDArray[np.int32]:

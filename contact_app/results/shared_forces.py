@@ -25,17 +25,15 @@ from dataclasses import dataclass
 
 import numpy as np
 from mpi4py import MPI
-from numpy.typing import NDArray
 
 from contact_app.results.percent import percent
 from contact_app.results.undetermined import PRESSING
+from meshes.arrays import Array, Ints, Mask
 from meshes.connected import connected
 from solver.contact.friction_points import AT_LIMIT
 from solver.contact.solution import Solution
 from solver.tfeti.constraints.conditions import ContactRows
 from solver.tfeti.dual import DualProblem
-
-Array = NDArray[np.float64]
 
 DEPENDENT = 1e-6
 """Sine of the angle between rows below which one is a combination of the others."""
@@ -88,19 +86,19 @@ class SharedNode:
         Masks of contacts with a normal force, and of those with friction and without a slip.
     """
 
-    sources: NDArray[np.int64]
+    sources: Ints
     normals: Array
     normal_forces: Array
     tangents: Array
     friction: Array
     coefficients: Array
     limits: Array
-    presses: NDArray[np.bool_]
-    rests: NDArray[np.bool_]
+    presses: Mask
+    rests: Mask
     nodes: int = 1
 
     @property
-    def ties(self) -> NDArray[np.bool_]:
+    def ties(self) -> Mask:
         """Mask (contacts,) of rows of ties."""
         return np.isinf(self.normal_forces)
 
@@ -273,14 +271,14 @@ class _Points:
         Masks of rows with a normal force, and of those with friction and without a slip.
     """
 
-    nodes: NDArray[np.int64]
-    sources: NDArray[np.int64]
+    nodes: Ints
+    sources: Ints
     normal_forces: Array
     friction: Array
     coefficients: Array
     limits: Array
-    presses: NDArray[np.bool_]
-    rests: NDArray[np.bool_]
+    presses: Mask
+    rests: Mask
 
     @classmethod
     def of(cls, problem: DualProblem, solution: Solution, normal: Array, least: float) -> _Points:
@@ -313,7 +311,7 @@ class _Points:
             none, ~no, no,
         )  # fmt: skip
 
-    def at(self, rows: NDArray[np.int64]) -> _Points:
+    def at(self, rows: Ints) -> _Points:
         """Some of the rows."""
         return _Points(*(values[rows] for values in vars(self).values()))
 
@@ -323,7 +321,7 @@ class _Points:
         return cls(*map(np.concatenate, zip(*(vars(p).values() for p in parts), strict=True)))
 
 
-def _directions(of_row: NDArray[np.int64]) -> NDArray[np.int64]:
+def _directions(of_row: Ints) -> Ints:
     """Number of each tangential row among those of its contact row."""
     order = np.argsort(of_row, kind="stable")
     numbers = np.zeros(len(of_row), np.int64)
@@ -360,7 +358,7 @@ def _table(problem: DualProblem, tied: ContactRows) -> Array:
     return np.asarray(table[:, (np.abs(table[3]) > DEPENDENT) & (table[0] >= 0)])
 
 
-def _without_lone_ties(table: Array, tied: NDArray[np.bool_], d: int) -> Array:
+def _without_lone_ties(table: Array, tied: Mask, d: int) -> Array:
     """The entries without rows of ties that act on a component of a node alone.
 
     No other force balances theirs. So most rows of a tie go, and few places are joined.

@@ -4,13 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 from mpi4py import MPI
-from numpy.typing import NDArray
 
+from meshes.arrays import Array
 from solver.contact.solution import Solution
 from solver.tfeti.constraints.exchange import NodeExchange
 from solver.tfeti.dual import DualProblem
-
-Array = NDArray[np.float64]
 
 
 def largest_sliding(

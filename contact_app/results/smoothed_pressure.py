@@ -48,7 +48,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from mpi4py import MPI
-from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from contact_app.model.averaged_rows import has_averaged_rows
@@ -57,9 +56,8 @@ from contact_app.model.model import Model
 from contact_app.model.planes import ON_PLANE
 from contact_app.scene.bodies import Body
 from contact_app.scene.conditions import BodyContact, Contact, RigidTie, Tie
+from meshes.arrays import Array, Ints
 from meshes.contact_surface import Surface
-
-Array = NDArray[np.float64]
 
 REACH = 2.25
 """Radius about a node over the longest edge there. With 2 the peaks of a ball in its grooves with
@@ -91,10 +89,7 @@ out of the surface. One-sided neighbourhoods, at the ends, have a quarter of the
 
 
 def smoothed_pressure(
-    model: Model,
-    number: int,
-    nodes: NDArray[np.int64],
-    samples: tuple[Array, Array, Array],
+    model: Model, number: int, nodes: Ints, samples: tuple[Array, Array, Array]
 ) -> Array:
     """The smoothed pressure of a contact of a scene at its nodes that this rank owns, (n,).
 
@@ -144,7 +139,7 @@ def _has_stiff_corners(body: Body) -> bool:
 def smoothed_on(
     comm: MPI.Intracomm,
     sides: Sequence[Surface | None],
-    samples: tuple[NDArray[np.int64], Array, Array, Array],
+    samples: tuple[Ints, Array, Array, Array],
     total: int,
     at_nodes: bool = True,
     planes: Sequence[tuple[int, float, float]] = (),
@@ -189,9 +184,7 @@ def smoothed_on(
     return result * (before / after) if after > 0.0 else pressure
 
 
-def smoothed_tractions(
-    model: Model, tie: Tie | RigidTie, nodes: NDArray[np.int64], tractions: Array
-) -> Array:
+def smoothed_tractions(model: Model, tie: Tie | RigidTie, nodes: Ints, tractions: Array) -> Array:
     """Quadratics fitted to the tractions of a tied boundary, (n, 3) (collective).
 
     A scene with tied boundaries is not cut at planes of symmetry, so there are no images.
@@ -217,7 +210,7 @@ def smoothed_tractions(
     return np.asarray(fitted[_places(numbers, nodes)])
 
 
-def _places(numbers: NDArray[np.int64], wanted: NDArray[np.int64]) -> NDArray[np.int64]:
+def _places(numbers: Ints, wanted: Ints) -> Ints:
     """Positions of the wanted numbers in another list; -1 for missing numbers."""
     order = np.argsort(numbers)
     place = np.minimum(np.searchsorted(numbers[order], wanted), len(numbers) - 1)
@@ -272,7 +265,7 @@ def _longest_edges(surface: Surface, at_nodes: bool) -> Array:
 
 def _at_nodes(
     surface: Surface, others: Sequence[Surface | None], at_nodes: bool
-) -> tuple[NDArray[np.int64], Array, Array, Array]:
+) -> tuple[Ints, Array, Array, Array]:
     """Numbers, points and areas of the nodes of a side, by number, and the radii of their means."""
     numbers, place = np.unique(surface.nodes, return_inverse=True)
     place = place.reshape(surface.nodes.shape)
@@ -322,8 +315,8 @@ class _Neighbours:
         Sums of the weights.
     """
 
-    row: NDArray[np.int64]
-    column: NDArray[np.int64]
+    row: Ints
+    column: Ints
     away: Array
     weight: Array
     total: Array

@@ -15,9 +15,8 @@ from numpy.typing import NDArray
 from contact_app.model.facets import hats_at_nodes, moments
 from contact_app.model.model import Model
 from meshes import Subdomain
+from meshes.arrays import Array, Ints
 from solver.tfeti.constraints.exchange import NodeExchange
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)
@@ -36,10 +35,10 @@ class SurfaceNodes:
         Row in `owned` of each copy that arrives.
     """
 
-    local: list[NDArray[np.int64]]
+    local: list[Ints]
     exchange: NodeExchange
-    owned: NDArray[np.int64]
-    place: NDArray[np.int64]
+    owned: Ints
+    place: Ints
 
     @classmethod
     def of(cls, model: Model) -> SurfaceNodes:
@@ -52,7 +51,7 @@ class SurfaceNodes:
         return cls(local, exchange, owned, place.reshape(-1))
 
     @property
-    def starts(self) -> NDArray[np.int64]:
+    def starts(self) -> Ints:
         """Number of the first copy of each subdomain, and of all copies, (subdomains + 1,)."""
         return np.cumsum([0, *map(len, self.local)])
 
@@ -88,7 +87,7 @@ class SurfaceNodes:
 
 def facet_shares(
     model: Model, surface: SurfaceNodes, chosen: Sequence[NDArray[np.int32]]
-) -> Iterator[tuple[Subdomain, NDArray[np.int32], NDArray[np.int64], Array]]:
+) -> Iterator[tuple[Subdomain, NDArray[np.int32], Ints, Array]]:
     """Nodes of some facets and the integrals of their shape functions, subdomain by subdomain.
 
     Congruent subdomains share the integrals.

@@ -7,7 +7,6 @@ from typing import Any
 
 import numpy as np
 from mpi4py import MPI
-from numpy.typing import NDArray
 
 from contact_app.model.model import Model
 from contact_app.results.contact_side import ContactSide
@@ -16,11 +15,10 @@ from contact_app.results.resultants import Resultant, joined
 from contact_app.results.smoothed_pressure import smoothed_tractions
 from contact_app.results.surface_nodes import SurfaceNodes
 from contact_app.scene.conditions import ContactName, RigidTie, Tie
+from meshes.arrays import Array, Ints, Mask
 from solver.contact.solution import Solution
 from solver.tfeti.constraints.conditions import ContactRows
 from solver.tfeti.dual import DualProblem
-
-Array = NDArray[np.float64]
 
 WITHOUT = 1e-9
 """Share of the largest area of a node below which a node has none: vertices of triangles of degree
@@ -90,7 +88,7 @@ def tie_records(model: Model, solution: Solution, surface: SurfaceNodes) -> list
     return records
 
 
-def _is_covered(side: ContactSide, nodes: NDArray[np.int64], areas: Array) -> NDArray[np.bool_]:
+def _is_covered(side: ContactSide, nodes: Ints, areas: Array) -> Mask:
     """Mask (n,) of nodes beside which the other body covers more than a strip (collective).
 
     Parameters
@@ -106,7 +104,7 @@ def _is_covered(side: ContactSide, nodes: NDArray[np.int64], areas: Array) -> ND
 
 
 def _over_covered(
-    side: ContactSide, rows: ContactRows, force: Array, at_nodes: tuple[NDArray[np.int64], Array]
+    side: ContactSide, rows: ContactRows, force: Array, at_nodes: tuple[Ints, Array]
 ) -> Array:
     """Tractions with means over covered parts in place of extrapolations, (n, 3) (collective).
 
@@ -130,7 +128,7 @@ def _over_covered(
     return result
 
 
-def _contact_at_tied_nodes(problem: DualProblem, solution: Solution) -> NDArray[np.float64]:
+def _contact_at_tied_nodes(problem: DualProblem, solution: Solution) -> Array:
     """Force of contact rows on the component of a node of each tied row, (rows, d) (collective).
 
     That of rows that are written on the motion of the rigid body.

@@ -20,7 +20,6 @@ from functools import partial
 
 import numpy as np
 from mpi4py import MPI
-from numpy.typing import NDArray
 from scipy import sparse
 
 from contact_app.model.equilibrium import (
@@ -36,9 +35,7 @@ from solver.contact.solution import Solution
 from solver.tfeti.constraints.conditions import ContactRows
 from solver.tfeti.dual import DualProblem
 from solver.tfeti.subdomain.kernels import MOTIONS
-from solver.vectors import largest_magnitude
-
-Array = NDArray[np.float64]
+from solver.vectors import Array, Ints, largest_magnitude
 
 PRESSING = 1e-6
 """Contact force over the largest of all below which a point does not hold a body in its place."""
@@ -121,7 +118,7 @@ class Movable:
         Largest displacement of a body, by its number, in a rigid motion (motions,).
     """
 
-    groups: Sequence[NDArray[np.int64]]
+    groups: Sequence[Ints]
     names: Sequence[str]
     size_of: Callable[[int, Array], float]
 
@@ -132,7 +129,7 @@ class Movable:
         size_of = partial(motion_size, geometry.bodies)
         return cls(groups_in_contact(geometry), geometry.body_names, size_of)
 
-    def fastest(self, group: NDArray[np.int64], motion: Array) -> tuple[int, str, float]:
+    def fastest(self, group: Ints, motion: Array) -> tuple[int, str, float]:
         """The body of a group that moves most in a motion, its motion in words, and its size."""
         parts = motion.reshape(len(group), -1)
         speeds = [self.size_of(int(b), part) for b, part in zip(group, parts, strict=True)]

@@ -29,6 +29,7 @@ from contact_app.errors import ContactError
 from contact_app.machine.atomic_file import atomic, part_of
 from contact_app.machine.disk import reserve_for
 from contact_app.results.series import Series, xdmf_text
+from meshes.arrays import Array
 from meshes.quadratic import node_vertices
 
 DIRECTORY_BYTES = 1 << 16
@@ -341,14 +342,14 @@ def grid_bytes(nodes: int, cells: int, vertices: int, at_nodes: int, at_cells: i
     return DIRECTORY_BYTES + nodes * 8 * (3 + at_nodes) + cells * (8 * at_cells + 4 * vertices + 4)
 
 
-def three_columns(array: NDArray[np.float64]) -> NDArray[np.float64]:
+def three_columns(array: Array) -> Array:
     """Vectors of the plane with a third component 0."""
     if array.ndim == 2 and array.shape[1] == 2:
         return np.pad(array, ((0, 0), (0, 1)))
     return array
 
 
-def as_components(name: str, array: NDArray[np.float64]) -> NDArray[np.float64]:
+def as_components(name: str, array: Array) -> Array:
     """Values as (k,), (k, 3) or (k, 9)."""
     if array.ndim == 3 and array.shape[1:] == (3, 3):
         return array.reshape(len(array), 9)

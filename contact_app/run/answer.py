@@ -10,7 +10,6 @@ from typing import Any
 
 import numpy as np
 from mpi4py import MPI
-from numpy.typing import NDArray
 
 from contact_app.accuracy.refine.levels import with_levels
 from contact_app.accuracy.refine.refinement import solve_to_accuracy
@@ -31,9 +30,8 @@ from contact_app.run.step_records import Record, record_of, summary_of_steps, wr
 from contact_app.scene.build import build_scene
 from contact_app.scene.configuration import from_mapping, load
 from contact_app.scene.scene import Scene
+from meshes.arrays import Array, Ints
 from solver.contact.certificate import Certificate
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)
@@ -82,7 +80,7 @@ class Answer:
     friction_traction: Array | None
     slip: Array | None
     contact_status: Array | None
-    cells: list[NDArray[np.int64]]
+    cells: list[Ints]
     stress: Array
     von_mises: Array
     nodal_stress: Array | None

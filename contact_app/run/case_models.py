@@ -15,7 +15,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from mpi4py import MPI
-from numpy.typing import NDArray
 
 from contact_app.accuracy.estimate.error_estimate import ErrorEstimator
 from contact_app.accuracy.estimate.stress_recovery import Patches
@@ -27,11 +26,10 @@ from contact_app.model.model import Model, build_model, model_of_case, model_of_
 from contact_app.model.outline import Outline, Report, outline_of_case, outline_of_scene
 from contact_app.run.step_equilibrium import leaving_in_step
 from contact_app.scene.scene import Scene
+from meshes.arrays import Array
 from solver.contact.solution import Guess, Solution
 from solver.tfeti.constraints.matrix import ConstraintMatrix
 from solver.tfeti.decomposed import SharedPlace
-
-Array = NDArray[np.float64]
 
 FAR = 0.7
 """‖d - Σ a_k d_k‖ over ‖d‖ above which no earlier case is used as initial guess."""

@@ -23,14 +23,12 @@ import logging
 from collections.abc import Callable
 from dataclasses import dataclass, field
 
-import numpy as np
-from numpy.typing import NDArray
-
 from contact_app.accuracy.solved_scene import SolvedScene
 from contact_app.run.increment_models import IncrementModels
 from contact_app.run.other_increments import Change, change_to, halved, in_twice_the_length
 from contact_app.run.path_dependence import closing, turning
 from contact_app.scene.scene import Scene
+from meshes.arrays import Array
 from solver.qp.result import Monitor
 
 UNFINISHED = (
@@ -67,7 +65,7 @@ class _Coarser:
     step: int = 0
     number: int = 0
     last: Scene | None = None
-    displacements: list[NDArray[np.float64]] | None = None
+    displacements: list[Array] | None = None
     differs: bool = False
     reasons: list[str] = field(default_factory=list)
     failed: bool = False

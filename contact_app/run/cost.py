@@ -14,7 +14,6 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
 from contact_app.machine.memory import available_bytes, needed_bytes
 from contact_app.model.decomposition import APPLICATIONS_GLUED, APPLICATIONS_WHOLE
@@ -22,6 +21,7 @@ from contact_app.model.outline import Outline
 from contact_app.scene.bodies import Body
 from contact_app.scene.scene import Decomposition
 from meshes import Subdomain
+from meshes.arrays import Ints
 from solver.tfeti.subdomain.costs import Group, run_seconds
 
 AUTOMATIC = 1e-3
@@ -140,7 +140,7 @@ def gluing_rows(outline: Outline) -> int:
     )
 
 
-def distinct_nodes(outline: Outline, nodes: list[NDArray[np.int64]]) -> NDArray[np.int64]:
+def distinct_nodes(outline: Outline, nodes: list[Ints]) -> Ints:
     """Distinct node numbers of all ranks on rank 0; empty on other ranks."""
     here = np.unique(np.concatenate([np.zeros(0, np.int64), *nodes]))
     parts = outline.partition.comm.gather(here)

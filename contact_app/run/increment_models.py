@@ -13,7 +13,6 @@ from dataclasses import replace
 
 import numpy as np
 from mpi4py import MPI
-from numpy.typing import NDArray
 
 from contact_app.accuracy.estimate.error_estimate import ErrorEstimator
 from contact_app.accuracy.solved_scene import SolvedScene
@@ -30,11 +29,12 @@ from contact_app.run.fallback import fewest_subdomains
 from contact_app.run.placing import SameRows
 from contact_app.scene.rigid import RigidBodies
 from contact_app.scene.scene import Decomposition, Scene
+from meshes.arrays import Array
 from solver.contact.options import SolverOptions
 from solver.contact.solution import Guess
 from solver.tfeti.derived import beside_moved
 
-Displacements = list[NDArray[np.float64]]
+Displacements = list[Array]
 """One (n, members) array per class."""
 
 
@@ -56,7 +56,7 @@ class IncrementModels:
         self._rows: SameRows | None = None
         self._last: Scene | None = None
         self._pressed: NormalForces | None = None
-        self._of_subdomains: list[NDArray[np.float64]] = []
+        self._of_subdomains: list[Array] = []
         self._order: tuple[Decomposition, bool] | None = None
         self._before: SameRows | None = None
         self._jumps = np.zeros(0)
@@ -118,7 +118,7 @@ class IncrementModels:
         """The rigid bodies under the loads of the last increment; None before the first."""
         return None if self._last is None else self._last.rigid
 
-    def _moved(self, model: Model) -> NDArray[np.float64] | None:
+    def _moved(self, model: Model) -> Array | None:
         """Slips (dual,) from held components of rigid bodies in this increment."""
         problem, friction = model.problem, model.problem.shared.friction
         if not model.scene.rigid.bodies:
@@ -128,7 +128,7 @@ class IncrementModels:
         moved[problem.tangential] = added * problem.spread[problem.tangential]
         return moved
 
-    def approach(self, model: Model) -> NDArray[np.float64]:
+    def approach(self, model: Model) -> Array:
         """Penetrations (dual,) that held components of rigid bodies add in the increment."""
         return approach_of_held(model, self._rigid_before)
 
@@ -237,7 +237,7 @@ def _order(decomposition: Decomposition, solver: SolverOptions) -> tuple[Decompo
     return decomposition, is_undecomposed(solver)
 
 
-def _in_order_of(model: Model, of_subdomains: list[NDArray[np.float64]]) -> Displacements:
+def _in_order_of(model: Model, of_subdomains: list[Array]) -> Displacements:
     """Displacements of subdomains in the classes of a model with the same subdomains."""
     result = [np.zeros_like(forces) for forces in model.problem.forces]
     for (cls, at), u in zip(model.place, of_subdomains, strict=True):

@@ -21,7 +21,6 @@ from functools import partial
 
 import numpy as np
 from mpi4py import MPI
-from numpy.typing import NDArray
 
 from contact_app.accuracy.contact_limits import (
     carries_force,
@@ -56,6 +55,7 @@ from contact_app.results.undetermined import Movable, play_warnings, undetermine
 from contact_app.run import warning_texts as texts
 from contact_app.scene.bodies import MOTION_NAMES
 from contact_app.scene.conditions import Pressure, Traction
+from meshes.arrays import Array
 from meshes.merged_nodes import CLOSED_SEAM, JOINED_GROUPS
 from meshes.quadratic import CORNERS_ONLY
 from solver.contact.certificate import EQUILIBRIUM_FLOOR
@@ -95,7 +95,7 @@ def model_warnings(answer: SolvedScene) -> list[str]:
     return without_repetitions(warnings, [body.name for body in answer.model.scene.bodies])
 
 
-def _moved(answer: SolvedScene) -> tuple[DualProblem, NodeExchange, NDArray[np.float64]]:
+def _moved(answer: SolvedScene) -> tuple[DualProblem, NodeExchange, Array]:
     """The problem, its nodes, and their displacement."""
     return answer.model.problem, answer.model.node_exchange, answer.nodes.displacement
 
@@ -436,7 +436,7 @@ def _moved_far(answer: SolvedScene) -> list[str]:
     return sentences
 
 
-def _varying_energy(answer: SolvedScene) -> NDArray[np.float64]:
+def _varying_energy(answer: SolvedScene) -> Array:
     """Share of each body's strain energy in strains that vary within cells, (bodies,)."""
     measures = answer.solution.measures
     means = answer.model.comm.allreduce(answer.cells.energy_of_means)

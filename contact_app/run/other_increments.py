@@ -7,7 +7,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from mpi4py import MPI
-from numpy.typing import NDArray
 
 from contact_app.accuracy.solved_scene import SolvedScene
 from contact_app.machine.timings import Timings
@@ -15,6 +14,7 @@ from contact_app.results.percent import percent
 from contact_app.run.increment_models import IncrementModels
 from contact_app.run.progress import together
 from contact_app.scene.scene import Scene
+from meshes.arrays import Array
 from solver.contact.options import SolverOptions
 from solver.contact.solution import Guess, Solution
 from solver.driver import solve
@@ -68,7 +68,7 @@ class Change:
 
 def in_twice_the_length(
     models: IncrementModels,
-    before: tuple[Scene | None, list[NDArray[np.float64]] | None],
+    before: tuple[Scene | None, list[Array] | None],
     now: SolvedScene,
     monitor: Monitor | None,
 ) -> Solution | None:
@@ -131,10 +131,7 @@ def halved(
 
 
 def _problem_from(
-    models: IncrementModels,
-    scene: Scene | None,
-    begin: list[NDArray[np.float64]],
-    now: SolvedScene,
+    models: IncrementModels, scene: Scene | None, begin: list[Array], now: SolvedScene
 ) -> DualProblem | None:
     """The problem of an increment that begins elsewhere; None if its rows differ (collective).
 
@@ -182,10 +179,7 @@ class _Patience:
 
 
 def change_to(
-    problem: DualProblem,
-    solution: Solution,
-    multiplier: NDArray[np.float64],
-    displacements: list[NDArray[np.float64]],
+    problem: DualProblem, solution: Solution, multiplier: Array, displacements: list[Array]
 ) -> Change:
     """Difference between two answers with the same rows (collective).
 

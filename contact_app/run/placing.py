@@ -17,7 +17,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from mpi4py import MPI
-from numpy.typing import NDArray
 
 from contact_app.accuracy.solved_scene import SolvedScene
 from contact_app.errors import NoEquilibriumError
@@ -27,6 +26,7 @@ from contact_app.results.rigid import placements_of
 from contact_app.run.summary import warned
 from contact_app.scene.conditions import Contact
 from contact_app.scene.rigid import Placement, RigidBody
+from meshes.arrays import Array
 from solver.contact.solution import Guess, Solution
 
 PLACINGS = 20
@@ -44,8 +44,6 @@ SMALL_ROTATION = 0.1
 
 LEAST, MOST = 0.3, 3.0
 """Least and largest factor on the displacement of a new placement."""
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)

@@ -7,7 +7,6 @@ from typing import Protocol
 
 import numpy as np
 from mpi4py import MPI
-from numpy.typing import NDArray
 from petsc4py import PETSc
 
 from contact_app.accuracy.estimate.error_estimate import ErrorEstimator
@@ -40,6 +39,7 @@ from contact_app.run.progress import Counting, together
 from contact_app.run.summary import warned
 from contact_app.run.ways import first_certified
 from contact_app.scene.scene import Scene
+from meshes.arrays import Array
 from solver import Counts
 from solver.contact.checkpoint import Checkpoint, CheckpointError
 from solver.contact.solution import Guess, Solution
@@ -105,7 +105,7 @@ class _Request:
     counts_before: Counts = field(default_factory=Counts)
     needed: Needed = "distinct"
     cases: Shared | None = None
-    moved: list[NDArray[np.float64]] | None = None
+    moved: list[Array] | None = None
 
     def model(self) -> Model:
         """The model of the scene (collective)."""
@@ -229,7 +229,7 @@ def _solved(request: _Request) -> SolvedScene:
     return _solve_once(replace(request, needed="all"))
 
 
-def _lengths_of_contacts(solved: SolvedScene) -> NDArray[np.float64]:
+def _lengths_of_contacts(solved: SolvedScene) -> Array:
     """Largest displacement of the bodies of each contact, (contacts,)."""
     moved, bodies = solved.solution.measures.deformations, solved.model.scene.touching
     return np.array([max(moved[item.body], moved[getattr(item, "other", item.body)])

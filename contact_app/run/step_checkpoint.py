@@ -19,7 +19,6 @@ from typing import Any
 
 import numpy as np
 from mpi4py import MPI
-from numpy.typing import NDArray
 
 from contact_app.errors import ConfigurationError
 from contact_app.machine.atomic_file import atomic
@@ -29,11 +28,12 @@ from contact_app.results.report import log, plain
 from contact_app.run.increments import Position
 from contact_app.run.step_records import Record
 from contact_app.scene.scene import CONDITIONS, Decomposition, Scene
+from meshes.arrays import Array
 from solver.contact.checkpoint import CHECKPOINT, remove_checkpoint
 from solver.contact.options import Method
 from solver.contact.vector_file import read_vectors, write_vectors
 
-Displacements = list[NDArray[np.float64]]
+Displacements = list[Array]
 
 
 @dataclass(frozen=True, eq=False)

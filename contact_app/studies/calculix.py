@@ -26,7 +26,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from contact_app.scene.build import build_scene
@@ -35,8 +34,8 @@ from contact_app.scene.yaml_reader import read
 from contact_app.studies.calculix_deck import COMMAND, Deck, measured
 from contact_app.studies.rough_models import Fixed, PlainScene
 from contact_app.studies.rough_scenes import plain_body
+from meshes.arrays import Array
 
-Array = NDArray[np.float64]
 Fields = Sequence[Array]
 """An array for each body."""
 

@@ -19,12 +19,9 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
-from contact_app.studies.rough_models import Facets, Fixed, Outcome, PlainBody, PlainScene
-
-Array = NDArray[np.float64]
-Numbers = NDArray[np.int64]
+from contact_app.studies.rough_models import Fixed, Outcome, PlainBody, PlainScene
+from meshes.arrays import Ints
 
 COMMAND = "ccx"
 
@@ -94,7 +91,7 @@ class _Solid:
         """CalculiX's type of its elements."""
         return f"C3D{self.cells.shape[1]}"
 
-    def nodes(self, side: str) -> NDArray[np.int64]:
+    def nodes(self, side: str) -> Ints:
         """Numbers of the nodes of a side."""
         on = np.isin(self.back, self.body.sides[side])
         return self.node + np.intersect1d(np.flatnonzero(on), self.used)
@@ -136,7 +133,7 @@ class Deck:
             element += len(self.solids[-1].cells)
         self.after = (node, element)
         b, side = scene.on
-        facets: Facets = scene.bodies[b].sides[side]
+        facets: Ints = scene.bodies[b].sides[side]
         x = scene.bodies[b].points
         self.size = float(np.linalg.norm(x[facets[:, 0]] - x[facets[:, 1]], axis=1).mean())
 
@@ -203,7 +200,7 @@ class Deck:
                 yield f"*SPRING, ELSET=WEAK{number}\n{axis}\n{stiffness:.6e}"
                 number += len(nodes)
 
-    def _springs(self) -> Iterator[tuple[Sequence[int], Numbers, float]]:
+    def _springs(self) -> Iterator[tuple[Sequence[int], Ints, float]]:
         """Axes, nodes and stiffness: where a pressure acts, and all over loose bodies."""
         if self.scene.pressure is not None:
             body, side, _ = self.scene.pressure

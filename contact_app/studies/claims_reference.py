@@ -21,7 +21,6 @@ from functools import reduce
 
 import numpy as np
 from mpi4py import MPI
-from numpy.typing import NDArray
 
 from contact_app.accuracy.refine.grading import graded, layer_errors
 from contact_app.accuracy.solved_scene import SolvedScene
@@ -32,10 +31,9 @@ from contact_app.studies.claims_scenes import ClaimScene
 from contact_app.studies.fields_on_meshes import gradients
 from contact_app.studies.reference import Fields
 from contact_app.studies.single_run import fields_of
+from meshes.arrays import Array
 from meshes.graded import graded_box
 from meshes.quadratic import VERTICES
-
-Array = NDArray[np.float64]
 
 FINER = {2: 8, 3: 4}
 """Equal cells of the reference per cell of the first mesh along an edge, by dimension; cells at the

@@ -16,9 +16,9 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from meshes.arrays import Array
+
 Config = dict[str, Any]
 
 YOUNG = 1000.0

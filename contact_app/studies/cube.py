@@ -17,7 +17,6 @@ from pathlib import Path
 
 import numpy as np
 from mpi4py import MPI
-from numpy.typing import NDArray
 
 from contact_app.accuracy.estimate.error_estimate import ErrorEstimator, accuracy_of
 from contact_app.accuracy.solved_scene import SolvedScene
@@ -30,6 +29,7 @@ from contact_app.scene.build import build_scene
 from contact_app.scene.configuration import load
 from contact_app.scene.scene import Scene
 from contact_app.studies.paper import Comparison, Row, draw, paper_rows, write_csv
+from meshes.arrays import Array
 from solver import MPRGP, SMALBE, BoxQP, Counts
 from solver.contact.solution import Accuracy, Solution
 from solver.qp.operators import estimate_norm
@@ -57,9 +57,7 @@ def cube_scene(cells: int, subdomains: int = 10, memory: float | None = None) ->
 
 
 def reproduce_cube(
-    output_dir: Path | str,
-    expansion: str | None = None,
-    comm: MPI.Intracomm = MPI.COMM_WORLD,
+    output_dir: Path | str, expansion: str | None = None, comm: MPI.Intracomm = MPI.COMM_WORLD
 ) -> Iterator[str]:
     """Run the rows, write ``cube_counts.csv``, Figure 3 and a directory with each summary.
 
@@ -126,7 +124,7 @@ class _Study:
     def __init__(self, model: Model, output: Path, timings: Timings) -> None:
         self.model, self.output, self.timings = model, output, timings
         self._modelled = timings.as_dict()["total"]
-        self._squares: NDArray[np.float64] | None = None
+        self._squares: Array | None = None
 
     def run(self, solver: SMALBE, name: str) -> Counts:
         """Solve, certify, and write a summary."""

@@ -29,7 +29,6 @@ from typing import Any
 
 import numpy as np
 from mpi4py import MPI
-from numpy.typing import NDArray
 
 from contact_app.accuracy.estimate.stress_recovery import (
     StressRecovery,
@@ -49,10 +48,9 @@ from contact_app.studies.fields_on_meshes import interpolation
 from contact_app.studies.reference import Fields
 from contact_app.studies.single_run import fields_of
 from contact_app.studies.tables import write
+from meshes.arrays import Array
 from meshes.graded import graded_box
 from meshes.unstructured import CellMesh
-
-Array = NDArray[np.float64]
 
 TOLERANCE = 1e-9
 """Tolerance of the solves: their algebraic error is negligible compared with that of the mesh."""

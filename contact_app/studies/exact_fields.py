@@ -10,14 +10,13 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import numpy as np
-from numpy.typing import NDArray
 
 from contact_app.accuracy.solved_scene import SolvedScene
 from contact_app.scene.material import CellMaterials
 from meshes import dolfinx_compat
+from meshes.arrays import Array
 from meshes.subdomains import vtk_shapes
 
-Array = NDArray[np.float64]
 Field = Callable[[Array], Array]
 
 

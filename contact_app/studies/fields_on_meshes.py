@@ -22,11 +22,9 @@ from scipy import sparse
 
 from contact_app.scene.material import Material
 from meshes import dolfinx_compat
+from meshes.arrays import Array, Ints
 from meshes.quadratic import VERTICES
 from meshes.subdomains import vtk_order, vtk_places, vtk_shapes
-
-Array = NDArray[np.float64]
-Numbers = NDArray[np.int64]
 
 BATCH = 4_000
 """Number of cells processed at once: some 100 MB for hexahedra of degree 2."""
@@ -57,9 +55,9 @@ class BodyNodes:
     cell: str
     degree: int
     points: Array
-    cells: Numbers
+    cells: Ints
     tags: NDArray[np.int32]
-    facets: Numbers
+    facets: Ints
 
     @property
     def dimension(self) -> int:
@@ -157,7 +155,7 @@ def gradients(mesh: BodyNodes, field: Array, at: Array) -> Array:
     return np.swapaxes(np.linalg.solve(jacobian, slopes @ field[cells]), 1, 2)
 
 
-def _places(mesh: BodyNodes, at: Array) -> tuple[Numbers, Array]:
+def _places(mesh: BodyNodes, at: Array) -> tuple[Ints, Array]:
     """Nodes (n, nodes of a cell) of the cells with points (n, 3), and places in them, (n, d)."""
     d, corners = mesh.dimension, VERTICES[mesh.cell]
     vertices, local = np.unique(mesh.cells[:, :corners], return_inverse=True)

@@ -32,15 +32,13 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from contact_app.studies.calculix_deck import COMMAND, Deck, measured
 from contact_app.studies.rough_models import Outcome, PlainScene
 from contact_app.studies.rough_scenes import ROUGH, plain
 from contact_app.studies.tables import write
-
-Array = NDArray[np.float64]
+from meshes.arrays import Array
 
 APPLICATION, CALCULIX, GETFEM = "contact-app", "CalculiX", "GetFEM"
 

@@ -15,9 +15,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from contact_app.accuracy.solved_scene import SolvedScene
+from meshes.arrays import Array
 
 
 @dataclass(frozen=True)
@@ -34,7 +34,7 @@ class Quantity:
         return self.computed / self.theory - 1.0
 
 
-def fitted(r2: NDArray[np.float64], pressure: NDArray[np.float64]) -> tuple[float, float]:
+def fitted(r2: Array, pressure: Array) -> tuple[float, float]:
     """Half-width a and peak p0 of p² = p0² (1 - r²/a²), fitted where there is pressure.
 
     Parameters

@@ -23,12 +23,10 @@ from pathlib import Path
 
 import meshio
 import numpy as np
-from numpy.typing import NDArray
 
 from contact_app.run.increments import SolvedIncrement
 from contact_app.studies.hertz import Quantity
-
-Array = NDArray[np.float64]
+from meshes.arrays import Array
 
 
 def rod_cycle(increments: Sequence[SolvedIncrement]) -> list[Quantity]:

@@ -24,14 +24,12 @@ from pathlib import Path
 
 import meshio
 import numpy as np
-from numpy.typing import NDArray
 
 from contact_app.run.increments import SolvedIncrement
 from contact_app.scene.obstacles import Sphere
 from contact_app.studies.hertz import Quantity, fitted
 from contact_app.studies.history_cases import growing
-
-Array = NDArray[np.float64]
+from meshes.arrays import Array
 
 SIZE = 10.0
 """Half the width of the block, and its height, for a contact radius of 1."""

@@ -49,10 +49,7 @@ class Settings(StrEnum):
 
 
 def paper_run(
-    output: Path,
-    scene: Scene,
-    settings: tuple[Settings, ...],
-    comm: MPI.Intracomm = MPI.COMM_WORLD,
+    output: Path, scene: Scene, settings: tuple[Settings, ...], comm: MPI.Intracomm = MPI.COMM_WORLD
 ) -> Iterator[str]:
     """Solve the scene with each rule and write a directory for each.
 

@@ -14,7 +14,6 @@ from __future__ import annotations
 
 import numpy as np
 from mpi4py import MPI
-from numpy.typing import NDArray
 from petsc4py import PETSc
 from scipy.spatial import cKDTree
 
@@ -22,10 +21,9 @@ from contact_app.model.averaged_rows import has_averaged_rows
 from contact_app.scene.scene import Scene
 from contact_app.studies.reference import Fields
 from contact_app.studies.undecomposed import WholeSystem
+from meshes.arrays import Array
 from meshes.quadratic import VERTICES, node_vertices
 from meshes.unstructured import CellMesh
-
-Array = NDArray[np.float64]
 
 
 def fields_of_peer(scene: Scene, system: WholeSystem, x: PETSc.Vec) -> Fields | None:

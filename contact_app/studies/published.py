@@ -13,10 +13,10 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import sparse
 
 from contact_app.studies.svm_training import Samples
+from meshes.arrays import Array
 
 #: For each set, feature: least and largest value and decimals in the original table. Features that
 #: are not named take the same few values in both.
@@ -64,13 +64,13 @@ def as_published(samples: Samples, name: str) -> Samples:
     return replace(samples, features=sparse.csr_array(_six_digits(columns)))
 
 
-def _single(values: NDArray[np.float64]) -> NDArray[np.float64]:
+def _single(values: Array) -> Array:
     """Round values through single precision and six decimals, as the tables were converted."""
     result = np.empty(values.shape)
     result[...] = values.astype(np.float32)
     return result.round(6)
 
 
-def _six_digits(values: NDArray[np.float64]) -> NDArray[np.float64]:
+def _six_digits(values: Array) -> Array:
     flat = [float(f"{value:g}") for value in values.ravel()]
     return np.array(flat).reshape(values.shape)

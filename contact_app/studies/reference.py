@@ -23,8 +23,8 @@ from numpy.typing import NDArray
 
 from contact_app.scene.scene import Scene
 from contact_app.studies.fields_on_meshes import BodyNodes, PointsOfMesh
+from meshes.arrays import Array, Ints, Mask
 
-Array = NDArray[np.float64]
 LEAST_KNOWN = 0.01
 """Weight of nodes with a contact row from which on their pressure is extrapolated."""
 QUANTITIES = ("energy", "displacement", "pressure")
@@ -51,13 +51,13 @@ class Fields:
     points: Array
     displacement: Array
     pressure: Array
-    watched: NDArray[np.bool_]
-    first_node: NDArray[np.int64]
-    degree: NDArray[np.int64]
+    watched: Mask
+    first_node: Ints
+    degree: Ints
     cell: NDArray[np.str_]
-    cells: list[NDArray[np.int64]] = field(default_factory=list)
+    cells: list[Ints] = field(default_factory=list)
     tags: list[NDArray[np.int32]] = field(default_factory=list)
-    facets: list[NDArray[np.int64]] = field(default_factory=list)
+    facets: list[Ints] = field(default_factory=list)
 
     LISTS = ("cells", "tags", "facets")
 

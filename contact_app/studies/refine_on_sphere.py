@@ -10,8 +10,8 @@ from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from meshes.arrays import Array, Ints
 from meshes.quadratic import EDGES, middles_of, straight_middles
 from meshes.refine import refined
 from meshes.unstructured import CellMesh, MeshError
@@ -19,7 +19,7 @@ from meshes.unstructured import CellMesh, MeshError
 ON = 1e-6
 """Largest distance of a corner from its circle or ball, relative to the radius."""
 
-Round = tuple[str, NDArray[np.float64], float]
+Round = tuple[str, Array, float]
 
 
 def refined_round(
@@ -53,7 +53,7 @@ def refined_round(
     return replace(mesh, middles=_round_middles(mesh, rounds)) if curved else mesh
 
 
-def _fitted(mesh: CellMesh, name: str) -> tuple[NDArray[np.float64], float]:
+def _fitted(mesh: CellMesh, name: str) -> tuple[Array, float]:
     """Centre and radius of the circle or ball that the corners of a side lie on."""
     corners = mesh.points[np.unique(mesh.topology.facets[mesh.sides[name]])]
     matrix = np.column_stack([2.0 * corners, np.ones(len(corners))])
@@ -66,15 +66,13 @@ def _fitted(mesh: CellMesh, name: str) -> tuple[NDArray[np.float64], float]:
     return centre, radius
 
 
-def _onto(
-    points: NDArray[np.float64], centre: NDArray[np.float64], radius: float
-) -> NDArray[np.float64]:
+def _onto(points: Array, centre: Array, radius: float) -> Array:
     """Points (n, d) moved to the circle or ball, along its radius."""
     out = points - centre
     return np.asarray(centre + radius * out / np.linalg.norm(out, axis=1, keepdims=True))
 
 
-def _round_middles(mesh: CellMesh, rounds: Sequence[Round]) -> NDArray[np.float64]:
+def _round_middles(mesh: CellMesh, rounds: Sequence[Round]) -> Array:
     """Coordinates of the additional nodes of degree 2, (cells, additional nodes, d)."""
     x = mesh.points[mesh.cells]
     edges = np.array(EDGES[mesh.cell])
@@ -88,7 +86,7 @@ def _round_middles(mesh: CellMesh, rounds: Sequence[Round]) -> NDArray[np.float6
     return middles_of(np.concatenate([x, middles], axis=1), mesh.cell)
 
 
-def _facet_edges(mesh: CellMesh, name: str) -> Iterator[NDArray[np.int64]]:
+def _facet_edges(mesh: CellMesh, name: str) -> Iterator[Ints]:
     """Ends of the edges of the facets of a side, (edges, 2), the smaller number first."""
     facets = mesh.topology.facets[mesh.sides[name]]
     count = facets.shape[1]
@@ -96,6 +94,6 @@ def _facet_edges(mesh: CellMesh, name: str) -> Iterator[NDArray[np.int64]]:
         yield np.sort(facets[:, [i, (i + 1) % count]], axis=1)
 
 
-def _number(pairs: NDArray[np.int64], nodes: int) -> NDArray[np.int64]:
+def _number(pairs: Ints, nodes: int) -> Ints:
     """One number for each pair of nodes."""
     return np.asarray(pairs[:, 0] * nodes + pairs[:, 1])

@@ -22,11 +22,9 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from contact_app.studies.rough_models import Outcome, PlainBody, PlainScene
-
-Array = NDArray[np.float64]
+from meshes.arrays import Ints
 
 AUGMENTATION = 0.3
 """r over E / h."""
@@ -117,7 +115,7 @@ class Program:
             region = self._region(body, side)
             model.add_nonlinear_term(rule, f"pressure*Normal.Test_u{body}", region)
 
-    def _contact(self) -> tuple[NDArray[np.int64], Any]:
+    def _contact(self) -> tuple[Ints, Any]:
         """The dofs of contact forces in their space, and that space."""
         scene, model, gf = self.scene, self.model, self.gf
         b, side = scene.on

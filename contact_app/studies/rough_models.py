@@ -11,11 +11,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import NamedTuple
 
-import numpy as np
-from numpy.typing import NDArray
-
-Array = NDArray[np.float64]
-Facets = NDArray[np.int64]
+from meshes.arrays import Array, Ints
 
 
 class Fixed(NamedTuple):
@@ -40,14 +36,14 @@ class PlainBody:
     cells : (cells, nodes per cell)
         In VTK order.
     sides
-        Facets (facets, nodes per facet) by name, vertices first.
+        Numbers (facets, nodes per facet) by name, vertices first.
     """
 
     cell: str
     degree: int
     points: Array
-    cells: Facets
-    sides: dict[str, Facets]
+    cells: Ints
+    sides: dict[str, Ints]
     young: float
     poisson: float
 

@@ -21,7 +21,6 @@ from typing import Any
 
 import numpy as np
 from mpi4py import MPI
-from numpy.typing import NDArray
 
 from contact_app.run.increments import solved_increments
 from contact_app.scene.bodies import Body
@@ -32,8 +31,6 @@ from contact_app.scene.yaml_reader import read
 from contact_app.studies.rough_models import Fixed, Outcome, PlainBody, PlainScene
 from contact_app.studies.verification import ROOT, ROUND, coarse_mesh
 from meshes import CellMesh
-
-Array = NDArray[np.float64]
 
 INCREMENTS = {"roller": 4, "block": 4}
 """Increments of pressing the roller, and of pushing the block."""

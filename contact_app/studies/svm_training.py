@@ -19,9 +19,9 @@ from typing import Any
 
 import numpy as np
 from mpi4py import MPI
-from numpy.typing import NDArray
 from scipy import sparse
 
+from meshes.arrays import Array
 from solver import MPRGP, BoxQP, Result
 
 LOSSES = ("l1", "l2")
@@ -47,7 +47,7 @@ class Samples:
     """
 
     features: sparse.csr_array
-    labels: NDArray[np.float64]
+    labels: Array
     classes: tuple[float, float]
 
 
@@ -124,17 +124,17 @@ class GramOperator:
         self.Z: Any = signed.toarray() if filled > DENSE else signed
         self._transpose = self.Z.T if filled > DENSE else sparse.csr_array(self.Z.T)
 
-    def apply(self, x: NDArray[np.float64], out: NDArray[np.float64]) -> None:
+    def apply(self, x: Array, out: Array) -> None:
         """Put the product with x into out."""
         out[:] = self.Z @ (self._transpose @ x)
         if self.shift:
             out += self.shift * x
 
-    def normal(self, multiplier: NDArray[np.float64]) -> NDArray[np.float64]:
+    def normal(self, multiplier: Array) -> Array:
         """w = Zᵀ λ, the hyperplane's normal with its offset last."""
         return self._transpose @ multiplier
 
-    def margins(self, normal: NDArray[np.float64]) -> NDArray[np.float64]:
+    def margins(self, normal: Array) -> Array:
         """Zw, y_i times the signed value of the classifier at sample i."""
         return self.Z @ normal
 

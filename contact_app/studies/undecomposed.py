@@ -21,7 +21,6 @@ from dolfinx import fem
 from dolfinx import mesh as dmesh
 from dolfinx.fem.petsc import assemble_matrix, assemble_vector
 from mpi4py import MPI
-from numpy.typing import NDArray
 from petsc4py import PETSc
 from scipy.spatial import cKDTree
 
@@ -31,6 +30,7 @@ from contact_app.scene.bodies import Body, Box
 from contact_app.scene.conditions import TotalLoad
 from contact_app.scene.scene import Scene
 from meshes import dolfinx_compat
+from meshes.arrays import Array, Ints, Mask
 from meshes.subdomains import vtk_order
 from meshes.unstructured import CellMesh
 from solver.tfeti.subdomain.kernels import rigid_motions
@@ -53,10 +53,10 @@ class _Rows:
         g, and the share of the boundary's area.
     """
 
-    nodes: NDArray[np.int64]
-    directions: NDArray[np.float64]
-    gaps: NDArray[np.float64]
-    areas: NDArray[np.float64]
+    nodes: Ints
+    directions: Array
+    gaps: Array
+    areas: Array
 
     @classmethod
     def joined(cls, parts: list[_Rows], d: int) -> _Rows:
@@ -65,7 +65,7 @@ class _Rows:
         fields = ("nodes", "directions", "gaps", "areas")
         return cls(*(np.concatenate([getattr(p, f) for p in (none, *parts)]) for f in fields))
 
-    def some(self, chosen: NDArray[np.bool_]) -> _Rows:
+    def some(self, chosen: Mask) -> _Rows:
         """The rows of a mask."""
         return _Rows(
             self.nodes[chosen], self.directions[chosen], self.gaps[chosen], self.areas[chosen]
@@ -101,9 +101,9 @@ class WholeSystem:
     turn: PETSc.Mat | None
     constant: float
     dimension: int
-    points: NDArray[np.float64]
-    contact: NDArray[np.int64]
-    area: NDArray[np.float64]
+    points: Array
+    contact: Ints
+    area: Array
     checked: _Rows
     mesh: Any
 
@@ -125,12 +125,12 @@ class WholeSystem:
         worst = self.load.comm.tompi4py().allreduce(here, op=MPI.MAX)
         return float(worst) / (x.norm(PETSc.NormType.NORM_INFINITY) or 1.0)
 
-    def displacement(self, x: PETSc.Vec) -> NDArray[np.float64]:
+    def displacement(self, x: PETSc.Vec) -> Array:
         """u at this rank's nodes, (nodes, dimension) (collective)."""
         u = x if self.turn is None else self.turn * x
         return u.array.reshape(-1, self.dimension).copy()
 
-    def force(self, x: PETSc.Vec) -> NDArray[np.float64]:
+    def force(self, x: PETSc.Vec) -> Array:
         """Magnitudes of contact forces, added at this rank's nodes, (nodes,) (collective)."""
         result = np.zeros(len(self.points))
         force = (self.load - self.matrix * x).array[self.contact]
@@ -138,7 +138,7 @@ class WholeSystem:
         return result
 
     @property
-    def areas(self) -> NDArray[np.float64]:
+    def areas(self) -> Array:
         """Area of the contact boundary at this rank's nodes, (nodes,)."""
         result = np.zeros(len(self.points))
         result[self.contact // self.dimension] = self.area
@@ -264,7 +264,7 @@ def _moduli(scene: Scene, body: Body, mesh: Any) -> list[Any]:
     return values
 
 
-def _load(scene: Scene, body: Body, mesh: Any, space: Any) -> NDArray[np.float64]:
+def _load(scene: Scene, body: Body, mesh: Any, space: Any) -> Array:
     """Load vector of the nodes of this rank: the sum of a vector for each load (collective)."""
     v, normal = ufl.TestFunction(space), ufl.FacetNormal(mesh)
 
@@ -328,7 +328,7 @@ def _facets(body: Body, mesh: Any, boundary: str) -> Any:
     return ufl.Measure("ds", domain=mesh, subdomain_data=tags)(1)
 
 
-def _on(body: Body, boundary: str, points: NDArray[np.float64]) -> NDArray[np.bool_]:
+def _on(body: Body, boundary: str, points: Array) -> Mask:
     """Whether each of points (n, 3) lies on a boundary."""
     if boundary in body.boundaries:
         return np.asarray(body.boundaries[boundary](points), bool)
@@ -344,7 +344,7 @@ def _on(body: Body, boundary: str, points: NDArray[np.float64]) -> NDArray[np.bo
     return np.abs(points[:, axis] - side) < 1e-9 * extent
 
 
-def _surface(space: Any) -> NDArray[np.int64]:
+def _surface(space: Any) -> Ints:
     """Nodes (local) on the surface."""
     mesh = space.mesh
     dimension = mesh.topology.dim
@@ -357,7 +357,7 @@ def _vector(comm: MPI.Intracomm, owned: int, d: int) -> PETSc.Vec:
     return PETSc.Vec().createMPI((owned * d, PETSc.DETERMINE), bsize=d, comm=comm)
 
 
-def _assembled(form: Any) -> NDArray[np.float64]:
+def _assembled(form: Any) -> Array:
     vector = assemble_vector(dolfinx_compat.compile_form(form))
     vector.ghostUpdate(addv=PETSc.InsertMode.ADD, mode=PETSc.ScatterMode.REVERSE)
     values = vector.array.copy()
@@ -366,13 +366,7 @@ def _assembled(form: Any) -> NDArray[np.float64]:
 
 
 def _contact_rows(
-    scene: Scene,
-    mesh: Any,
-    space: Any,
-    points: NDArray[np.float64],
-    surface: NDArray[np.int64],
-    held: NDArray[np.bool_],
-    prescribed: NDArray[np.float64],
+    scene: Scene, mesh: Any, space: Any, points: Array, surface: Ints, held: Mask, prescribed: Array
 ) -> _Rows:
     """The contact rows of all nodes of this rank (collective)."""
     d, body, parts = scene.dimension, scene.bodies[0], list[_Rows]()
@@ -396,9 +390,7 @@ INDEPENDENT = 0.1
 """Least length of a bound outside of the span of nearer bounds of its node."""
 
 
-def _bounds(
-    rows: _Rows, owned: int, lower: NDArray[np.float64], upper: NDArray[np.float64]
-) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
+def _bounds(rows: _Rows, owned: int, lower: Array, upper: Array) -> tuple[Ints, Array]:
     """Write the bounds.
 
     Returns
@@ -433,7 +425,7 @@ def _bounds(
     return components, frames
 
 
-def _reflection(n: NDArray[np.float64], k: int) -> NDArray[np.float64]:
+def _reflection(n: Array, k: int) -> Array:
     """The Householder reflection that takes e_k to n, of length one, (d, d)."""
     v = -n
     v[k] += 1.0
@@ -441,12 +433,7 @@ def _reflection(n: NDArray[np.float64], k: int) -> NDArray[np.float64]:
     return np.eye(len(n)) - np.outer(v, v) * (2.0 / square if square > 1e-28 else 0.0)
 
 
-def _eliminate(
-    matrix: PETSc.Mat,
-    load: PETSc.Vec,
-    held: NDArray[np.bool_],
-    prescribed: NDArray[np.float64],
-) -> float:
+def _eliminate(matrix: PETSc.Mat, load: PETSc.Vec, held: Mask, prescribed: Array) -> float:
     """Make held unknowns rows of a scaled identity; return the energy of their displacement."""
     comm = load.comm.tompi4py()
     diagonal = matrix.getDiagonal()
@@ -462,7 +449,7 @@ def _eliminate(
     return float(constant)
 
 
-def _turn(comm: MPI.Intracomm, frames: NDArray[np.float64]) -> PETSc.Mat | None:
+def _turn(comm: MPI.Intracomm, frames: Array) -> PETSc.Mat | None:
     """Q, whose blocks are the inverses of the frames N; None where no frame is turned."""
     owned, d = frames.shape[:2]
     if not comm.allreduce(int((frames != np.eye(d)).any())):
@@ -480,9 +467,7 @@ def _turn(comm: MPI.Intracomm, frames: NDArray[np.float64]) -> PETSc.Mat | None:
     return matrix
 
 
-def _near_null_space(
-    points: NDArray[np.float64], d: int, like: PETSc.Vec, frames: NDArray[np.float64]
-) -> PETSc.NullSpace:
+def _near_null_space(points: Array, d: int, like: PETSc.Vec, frames: Array) -> PETSc.NullSpace:
     """The rigid motions, orthonormal, in the turned frames."""
     comm = like.comm.tompi4py()
     centre = comm.allreduce(points.sum(axis=0)) / comm.allreduce(len(points))

@@ -70,11 +70,7 @@ class SlipLimits:
     """
 
     def __init__(
-        self,
-        points: FrictionPoints,
-        comm: MPI.Intracomm,
-        multiplier: Array,
-        lasting: bool = False,
+        self, points: FrictionPoints, comm: MPI.Intracomm, multiplier: Array, lasting: bool = False
     ) -> None:
         self._points, self._comm = points, comm
         self.values = points.slip_limits(multiplier)

@@ -80,10 +80,7 @@ settle takes more than 24. Where they do not settle, the augmented Lagrangian ta
 
 
 def solve_by_multigrid(
-    task: Task,
-    guess: Guess | None,
-    restart: Restart | None,
-    factors: FactorOptions | None = None,
+    task: Task, guess: Guess | None, restart: Restart | None, factors: FactorOptions | None = None
 ) -> Solution:
     """Solve by active sets, from the contact on coarse levels or from a guess (collective).
 
@@ -134,10 +131,7 @@ def _rubs_at_tied_nodes(problem: DualProblem) -> bool:
 
 
 def _solve(
-    task: Task,
-    guess: Guess | None,
-    restart: Restart | None,
-    factors: FactorOptions | None,
+    task: Task, guess: Guess | None, restart: Restart | None, factors: FactorOptions | None
 ) -> Solution:
     """Run `solve_by_multigrid` without handling of errors."""
     place = task.problem.reused.place or SharedPlace()

@@ -21,11 +21,10 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
 from solver.qp.box import Box, BoxOnBlock
 from solver.qp.convex_set import Scratch
-from solver.vectors import Mask, Vector
+from solver.vectors import Array, Ints, Mask, Vector
 
 ACTIVITY = 1e-13
 """Distance from the boundary, over the radius, up to which a point counts as a boundary point."""
@@ -53,10 +52,10 @@ class BoxAndDiscs:
     """
 
     box: Box
-    first: NDArray[np.int64]
-    second: NDArray[np.int64]
-    center: NDArray[np.float64]
-    radius: NDArray[np.float64]
+    first: Ints
+    second: Ints
+    center: Array
+    radius: Array
 
     @property
     def is_everything(self) -> bool:
@@ -69,12 +68,12 @@ class BoxAndDiscs:
         return True
 
     @cached_property
-    def rounding(self) -> NDArray[np.float64]:
+    def rounding(self) -> Array:
         """Rounding errors (discs,) of the place of a point relative to its centre."""
         return ACTIVITY * self.radius + ROUNDING * np.abs(self.center).max(axis=0, initial=0.0)
 
     @cached_property
-    def edge(self) -> NDArray[np.float64]:
+    def edge(self) -> Array:
         """Distances (discs,) from the centres from which a point counts as a boundary point."""
         return self.radius - self.rounding
 
@@ -115,7 +114,7 @@ class BoxAndDiscs:
         for rows, center, part in zip((self.first, self.second), self.center, away, strict=True):
             x[rows[moves]] = (center + scale * part)[moves]
 
-    def from_centers(self, x: Vector) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    def from_centers(self, x: Vector) -> tuple[Array, Array]:
         """Pairs relative to their centres, (2, discs), and their lengths, (discs,)."""
         away = np.stack([x[self.first], x[self.second]]) - self.center
         return away, np.hypot(*away)

@@ -105,11 +105,7 @@ def _friction_work(answer: MeasuredAnswer) -> float:
 
 
 def friction_numbers(
-    problem: DecomposedProblem,
-    multiplier: Array,
-    residual: Array,
-    load: Array,
-    lengths: Array,
+    problem: DecomposedProblem, multiplier: Array, residual: Array, load: Array, lengths: Array
 ) -> dict[str, Array]:
     """The numbers of friction of each body, (bodies,) (collective).
 

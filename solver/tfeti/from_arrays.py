@@ -111,10 +111,7 @@ class _Copies:
 
 
 def problem_from_arrays(
-    comm: MPI.Intracomm,
-    subdomains: Sequence[Subdomain],
-    held: Held,
-    obstacles: Sequence[Obstacle],
+    comm: MPI.Intracomm, subdomains: Sequence[Subdomain], held: Held, obstacles: Sequence[Obstacle]
 ) -> DualProblem:
     """The dual problem of subdomains, held nodes and obstacles (collective).
 

@@ -31,7 +31,6 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
 from contact_app.accuracy.estimate.patches import Table
 from contact_app.accuracy.estimate.stress_recovery import (
@@ -42,12 +41,11 @@ from contact_app.accuracy.estimate.stress_recovery import (
 )
 from contact_app.accuracy.estimate.touching import touching_nodes
 from contact_app.model.model import Model
+from meshes.arrays import Array, Ints
 from solver.contact.solution import Accuracy, Solution
 from solver.tfeti.sizes import STRAINLESS
 
-Array = NDArray[np.float64]
-
-_Distance = tuple[NDArray[np.int64], slice, Array, Array]
+_Distance = tuple[Ints, slice, Array, Array]
 
 MISFIT = 0.5
 """Share of the squared misfit at samples that is the recovery's own error."""
@@ -210,7 +208,7 @@ class ErrorEstimator:
         recovery, cells = self.recovery, self.recovery.cells[number]
         table = cells.table(2 * cells.degree)
         field = u.reshape(len(cells.places), cells.dimension, -1).swapaxes(1, 2)
-        last_shape: NDArray[np.int64] | None = None
+        last_shape: Ints | None = None
         for rows, shape, part in cells.batches(u.shape[1], len(table.weights)):
             if shape is not last_shape:  # members of one class share all that depends on shapes
                 root, nodal, weight, operator = self._of_shape(number, shape, table)
@@ -227,7 +225,7 @@ class ErrorEstimator:
             yield rows, part, error, stress
 
     def _of_shape(
-        self, number: int, shape: NDArray[np.int64], table: Table
+        self, number: int, shape: Ints, table: Table
     ) -> tuple[Array, Array, Array, Array]:
         """Data for distances in the cells of a class, independent of displacements.
 

@@ -19,9 +19,7 @@ from scipy import sparse
 from contact_app.accuracy.estimate.patches import Cells, monomial_count, translations
 from contact_app.model.model import Model
 from solver.tfeti.constraints.exchange import NodeExchange
-from solver.vectors import blocks
-
-Array = NDArray[np.float64]
+from solver.vectors import Array, Ints, Mask, blocks
 
 FLAT = 1e-4
 """Determinant of a patch's linear moments, scaled to a unit diagonal, above which they determine a
@@ -63,11 +61,7 @@ class Helped:
     """
 
     def __init__(
-        self,
-        cells: Sequence[Cells],
-        copies: Copies,
-        targets: NDArray[np.bool_],
-        sources: NDArray[np.bool_],
+        self, cells: Sequence[Cells], copies: Copies, targets: Mask, sources: Mask
     ) -> None:
         marked = copies.spread(np.stack([targets, sources], axis=1) * 1.0)
         rows, columns, weights, shifts = [], [], [], []
@@ -164,7 +158,7 @@ class Meeting:
         copies come: neighbours in memory are summed and sent to.
     """
 
-    def __init__(self, comm: MPI.Intracomm, numbers: NDArray[np.int64], total: int) -> None:
+    def __init__(self, comm: MPI.Intracomm, numbers: Ints, total: int) -> None:
         self._exchange = exchange = NodeExchange(comm, numbers, total)
         self.owned_nodes, first, at = np.unique(
             exchange.nodes, return_index=True, return_inverse=True
@@ -186,7 +180,7 @@ class Meeting:
             shape=(len(self._shared), arrived),
         )
 
-    def places_of(self, part: Meeting) -> NDArray[np.int64]:
+    def places_of(self, part: Meeting) -> Ints:
         """Positions here of the nodes of an exchange between a part of these nodes."""
         result = np.empty(len(part.owned_nodes), np.int64)
         result[part._place] = self._place[np.searchsorted(self.owned_nodes, part.owned_nodes)]
@@ -224,7 +218,7 @@ class Copies(Meeting):
     shapes : one (n, members) pair per class
     """
 
-    def __init__(self, model: Model, nodes: Sequence[NDArray[np.int64]]) -> None:
+    def __init__(self, model: Model, nodes: Sequence[Ints]) -> None:
         members = np.bincount(model.place[:, 0], minlength=len(nodes))
         self.shapes = [(len(n), int(m)) for n, m in zip(nodes, members, strict=True)]
         self.starts = np.cumsum([0, *(n * m for n, m in self.shapes)])
@@ -255,9 +249,7 @@ class Copies(Meeting):
         return [self.of_class(copies, cls) for cls in range(len(self.shapes))]
 
 
-def scaled_moments(
-    cells: Sequence[Cells], copies: Copies, size: int
-) -> tuple[Array, NDArray[np.int64], Array]:
+def scaled_moments(cells: Sequence[Cells], copies: Copies, size: int) -> tuple[Array, Ints, Array]:
     """Second moments Σ m mᵀ about owned vertices, scaled to a unit diagonal (collective).
 
     Returns
@@ -346,11 +338,7 @@ class LinearFits:
     """Coefficients that `at_vertices` gives."""
 
     def __init__(
-        self,
-        comm: MPI.Intracomm,
-        cells: Sequence[Cells],
-        copies: Copies,
-        flat: float = FLAT,
+        self, comm: MPI.Intracomm, cells: Sequence[Cells], copies: Copies, flat: float = FLAT
     ) -> None:
         self._comm, self._cells, self._copies, self._flat = comm, cells, copies, flat
         self._size = 1 + cells[0].dimension

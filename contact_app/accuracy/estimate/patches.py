@@ -19,10 +19,9 @@ from scipy import sparse
 
 from contact_app.model.assembly import Element
 from meshes import dolfinx_compat
+from meshes.arrays import Array, Ints
 from meshes.quadratic import VERTICES, node_vertices
 from meshes.subdomains import vtk_order
-
-Array = NDArray[np.float64]
 
 BATCH = 25_000
 """Cells times points worked on at once. Four times as many take as long, and on 92,000 tetrahedra
@@ -339,7 +338,7 @@ class Cells:
         """Whether the cells have one Jacobian each; at degree 1 also one gradient."""
         return self.geometry.shape[1] == self.dimension + 1
 
-    def gradients(self, rows: NDArray[np.int64], table: Table) -> tuple[Array, Array]:
+    def gradients(self, rows: Ints, table: Table) -> tuple[Array, Array]:
         """Shape function gradients and Jacobian determinants at points of cells.
 
         Returns
@@ -352,19 +351,17 @@ class Cells:
         gradients = inverse @ table.slopes
         return gradients, np.broadcast_to(np.abs(volume), gradients.shape[:2])
 
-    def mean_gradients(self, rows: NDArray[np.int64]) -> Array:
+    def mean_gradients(self, rows: Ints) -> Array:
         """Means over cells of the shape function gradients, (cells, 1, dimension, nodes)."""
         order = np.argsort(vtk_order(self.cell, self.degree))
         return np.swapaxes(self.element.mean_slopes[rows][:, order], 1, 2)[:, None]
 
-    def mean_values(self, rows: NDArray[np.int64]) -> Array:
+    def mean_values(self, rows: Ints) -> Array:
         """Means over cells of the shape functions, (cells, nodes)."""
         order = np.argsort(vtk_order(self.cell, self.degree))
         return self.element.mean_values[rows][:, order]
 
-    def batches(
-        self, members: int, points: int
-    ) -> list[tuple[NDArray[np.int64], NDArray[np.int64], slice]]:
+    def batches(self, members: int, points: int) -> list[tuple[Ints, Ints, slice]]:
         """Cells of one material to work on at once: (rows, rows that give shapes, members).
 
         Parameters

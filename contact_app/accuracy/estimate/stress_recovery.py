@@ -40,8 +40,7 @@ from contact_app.accuracy.estimate.patches import Cells, Table
 from contact_app.accuracy.estimate.touching import Touching
 from contact_app.accuracy.estimate.tractions import SHEARS, Surface
 from contact_app.model.model import Model
-
-Array = NDArray[np.float64]
+from meshes.arrays import Array, Ints
 
 
 def strain_of_gradient(dimension: int) -> Array:
@@ -172,7 +171,7 @@ class StressRecovery:
         self.averaged = [materials[0].mean_dilatation for materials in model.materials]
         self.V = strain_of_gradient(self.dimension)
 
-    def stress_at(self, number: int, rows: NDArray[np.int64], table: Table, DV: Array) -> Array:
+    def stress_at(self, number: int, rows: Ints, table: Table, DV: Array) -> Array:
         """Operators of a class from displacements of cells to D V times gradients at points.
 
         Parameters
@@ -188,9 +187,7 @@ class StressRecovery:
         means = np.broadcast_to(cells.mean_gradients(rows), gradients.shape)
         return stress_operator(gradients, DV[0]) + stress_operator(means, DV[1])
 
-    def thermal_at(
-        self, number: int, rows: NDArray[np.int64], members: slice, table: Table
-    ) -> Array | None:
+    def thermal_at(self, number: int, rows: Ints, members: slice, table: Table) -> Array | None:
         """Thermal stress to subtract in cells of one material; None without heat.
 
         Returns

@@ -10,14 +10,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from contact_app.model.model import Model
+from meshes.arrays import Array, Mask
 from solver.contact.solution import Solution
 from solver.tfeti.dual import DualProblem
 from solver.tfeti.dual_operator import interface_slices
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)
@@ -35,7 +33,7 @@ class FrictionAtNodes:
     """
 
     contact: int
-    sticks: list[NDArray[np.bool_]]
+    sticks: list[Mask]
     forces: list[Array]
 
 
@@ -51,7 +49,7 @@ class Touching:
         Of each contact that has friction.
     """
 
-    pushed: list[NDArray[np.bool_]]
+    pushed: list[Mask]
     friction: tuple[FrictionAtNodes, ...] = ()
 
 

@@ -26,8 +26,7 @@ from contact_app.model.model import Model
 from contact_app.scene.bodies import Body
 from contact_app.scene.conditions import BodyContact, Contact, RigidTie, Tie
 from meshes import Subdomain
-
-Array = NDArray[np.float64]
+from meshes.arrays import Array, Ints, Mask
 
 FAINT = 1e-3
 """Friction force of a node, relative to that of its facet, below which its direction is
@@ -77,7 +76,7 @@ class Surface:
             shape=(len(self._exterior), len(place)),
         )
 
-    def _facet_nodes(self, subdomain: Subdomain, cls: int) -> NDArray[np.int64]:
+    def _facet_nodes(self, subdomain: Subdomain, cls: int) -> Ints:
         """Positions of the exterior facets' nodes in the list of surface nodes, facet by facet."""
         facets = subdomain.reference.facets[subdomain.exterior]
         return np.searchsorted(self._nodes[cls], facets.ravel())
@@ -132,8 +131,8 @@ class OnSubdomain:
         Number, sticking nodes (nodes,) and forces (nodes, dimension) of contacts with friction.
     """
 
-    pushed: NDArray[np.bool_]
-    friction: tuple[tuple[int, NDArray[np.bool_], Array], ...]
+    pushed: Mask
+    friction: tuple[tuple[int, Mask, Array], ...]
 
     @classmethod
     def of(cls, touching: Touching, number: int, column: int) -> OnSubdomain:

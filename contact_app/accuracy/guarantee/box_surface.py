@@ -29,9 +29,9 @@ from contact_app.scene.conditions import Contact
 from contact_app.scene.obstacles import Plane
 from contact_app.scene.scene import Scene
 from meshes import Partition, Subdomain
+from meshes.arrays import Array, Ints, Mask
 
-Array = NDArray[np.float64]
-Place = tuple[NDArray[np.int64], ...]
+Place = tuple[Ints, ...]
 
 ON_PLANE = 1e-9
 """Distance from a face of a body, relative to its size, within which points lie on the face."""
@@ -173,12 +173,12 @@ class BoxSurface:
         axis, end = divmod(face, 2)
         return axis, (1.0 if end else -1.0), float(self.axes[axis][-1 if end else 0])
 
-    def pressed(self, face: int) -> NDArray[np.bool_]:
+    def pressed(self, face: int) -> Mask:
         """Facets of a face on which an obstacle may push."""
         data = self.faces[face]
         return np.asarray(data.contact & ~data.held[..., face // 2])
 
-    def cells_at(self, points: Array) -> NDArray[np.int64]:
+    def cells_at(self, points: Array) -> Ints:
         """Cells of the grid in which points (n, d) lie, (n, d)."""
         return np.stack([_between(x, points[:, k]) for k, x in enumerate(self.axes)], axis=1)
 
@@ -195,9 +195,7 @@ class BoxSurface:
                 place = tuple(_between(self.axes[k], centres[on_face, k]) for k in across)
                 yield FacetsOnFace(face, rows[on_face], place, share)
 
-    def _facets(
-        self, boundary: str, source: str, with_nodes: bool = False
-    ) -> list[NDArray[np.bool_]]:
+    def _facets(self, boundary: str, source: str, with_nodes: bool = False) -> list[Mask]:
         """Facets of the grid on a boundary, face by face; every node has to be one of theirs.
 
         Raises
@@ -223,7 +221,7 @@ class BoxSurface:
             )
         return inside
 
-    def _isolated(self, inside: list[NDArray[np.bool_]], points: Array) -> int:
+    def _isolated(self, inside: list[Mask], points: Array) -> int:
         """Number of points that are no corner of the facets."""
         belongs = np.zeros(len(points), bool)
         places = [_nearest(x, points[:, k]) for k, x in enumerate(self.axes)]
@@ -321,11 +319,11 @@ def grid_lines(body: Body) -> list[Array]:
     return lines
 
 
-def _between(lines: Array, x: Array) -> NDArray[np.int64]:
+def _between(lines: Array, x: Array) -> Ints:
     """Numbers of the cells, between grid lines, in which points lie."""
     return np.clip(np.searchsorted(lines, x) - 1, 0, len(lines) - 2)
 
 
-def _nearest(lines: Array, x: Array) -> NDArray[np.int64]:
+def _nearest(lines: Array, x: Array) -> Ints:
     """Nearest grid lines."""
     return np.asarray(np.searchsorted(0.5 * (lines[1:] + lines[:-1]), x))

@@ -21,15 +21,13 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import sparse
 
 from contact_app.accuracy.guarantee.grid_stress import GridStress, GridStresses
 from contact_app.accuracy.guarantee.separable import EquilibriumPreconditioner, conjugate_gradients
 from contact_app.errors import ContactError
+from meshes.arrays import Array, Mask
 from solver.tfeti.subdomain.generalised_inverse import CholeskyFactor
-
-Array = NDArray[np.float64]
 
 BALANCED = 1e-10
 """Largest residual of equilibrium by rounding errors; a larger one means no equilibrium."""
@@ -105,10 +103,10 @@ class FaceData:
         Distance along the outward normal to that obstacle.
     """
 
-    held: NDArray[np.bool_]
+    held: Mask
     displacement: Array
     traction: Array
-    contact: NDArray[np.bool_]
+    contact: Mask
     gap: Array
 
     @classmethod
@@ -252,7 +250,7 @@ class AdmissibleStresses:
         return prescribed_work + float(0.5 * s @ (self.matrix @ s) - self.work @ s)
 
     def search(
-        self, start: Array, touching: Sequence[NDArray[np.bool_]], other_energy: float
+        self, start: Array, touching: Sequence[Mask], other_energy: float
     ) -> AdmissibleStress:
         """An admissible stress of nearly least energy.
 
@@ -306,9 +304,7 @@ class AdmissibleStresses:
             + (f": take two cells or more along {', '.join(single)}" if single else "")
         )
 
-    def _missing(
-        self, subspace: _Subspace, s: Array, empty: NDArray[np.bool_], other_energy: float
-    ) -> NDArray[np.bool_]:
+    def _missing(self, subspace: _Subspace, s: Array, empty: Mask, other_energy: float) -> Mask:
         """Facets without pressure on which a pressure would lower the energy noticeably."""
         slope = np.where(empty, subspace.slope(self.matrix @ s - self.work), 0.0)
         missing = slope > 0.0
@@ -356,7 +352,7 @@ class AdmissibleStresses:
 class _Subspace:
     """B s = -f with some values free: projections onto it, by the diagonal of the energy."""
 
-    def __init__(self, stresses: AdmissibleStresses, free: NDArray[np.bool_]) -> None:
+    def __init__(self, stresses: AdmissibleStresses, free: Mask) -> None:
         self._B, self._divergence, self._free = stresses.space.divergence, stresses.divergence, free
         self._options = options = stresses.options
         self._inverse = np.where(free, 1.0 / stresses.matrix.diagonal(), 0.0)

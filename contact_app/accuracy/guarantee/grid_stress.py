@@ -23,10 +23,10 @@ from functools import cached_property, reduce
 from itertools import combinations, combinations_with_replacement
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import sparse
 
-Array = NDArray[np.float64]
+from meshes.arrays import Array, Ints
+
 Pair = tuple[int, int]
 
 
@@ -48,7 +48,7 @@ class GridStress:
     bubbles: list[Array]
     edges: dict[Pair, Array]
 
-    def at(self, cells: NDArray[np.int64], local: Array, pairs: Sequence[Pair]) -> Array:
+    def at(self, cells: Ints, local: Array, pairs: Sequence[Pair]) -> Array:
         """Values at points.
 
         Parameters
@@ -115,7 +115,7 @@ class GridStresses:
         self.parts = [slice(int(a), int(b)) for a, b in zip(starts[:-1], starts[1:], strict=True)]
         self.size = int(starts[-1])
 
-    def rows_on_face(self, component: int, face: int) -> NDArray[np.int64]:
+    def rows_on_face(self, component: int, face: int) -> Ints:
         """Numbers of the values of a component on a face of the grid (x-, x+, y-, …).
 
         Values of σ_ii are numbered by facet; σ_ij has one more value along the other of its axes.

@@ -29,7 +29,6 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from mpi4py import MPI
-from numpy.typing import NDArray
 
 from contact_app.accuracy.estimate.patches import Cells
 from contact_app.accuracy.estimate.stress_recovery import (
@@ -49,9 +48,7 @@ from solver.contact.solution import Solution
 from solver.tfeti.dual_operator import interface_slices
 from solver.tfeti.duality_gap import nearest_admissible
 from solver.tfeti.least_motion import with_supports_at
-from solver.vectors import largest_magnitude
-
-Array = NDArray[np.float64]
+from solver.vectors import Array, Ints, Mask, largest_magnitude
 
 RULE = 4
 """Degree of the quadrature along each axis: integrands are squares of quadratic functions."""
@@ -124,14 +121,14 @@ class _Piece(NamedTuple):
     subdomain: Subdomain
     cls: int
     column: int
-    places: NDArray[np.int64]
+    places: Ints
 
 
 class _Batch(NamedTuple):
     """C ε(û) in cells of a piece: (cells,), (cells, points, d or components), (cells, points)."""
 
     piece: _Piece
-    rows: NDArray[np.int64]
+    rows: Ints
     points: Array
     stress: Array
     weight: Array
@@ -267,7 +264,7 @@ class _Answer:
         return result
 
     def _admissible_stress(
-        self, body: BoxSurface, means: Array, touching: list[NDArray[np.bool_]], energy: float
+        self, body: BoxSurface, means: Array, touching: list[Mask], energy: float
     ) -> AdmissibleStress:
         """A stress for a body, on all ranks.
 
@@ -302,7 +299,7 @@ class _Answer:
                 slack = gap[:, None] - sign * u[s.reference.facets[rows]]
                 yield FacetsOnFace(on.face, rows, place, on.share), slack
 
-    def _touching(self, number: int) -> list[NDArray[np.bool_]]:
+    def _touching(self, number: int) -> list[Mask]:
         """Facets of the grid that touch with a node, face by face.
 
         Raises

@@ -16,11 +16,9 @@ from collections.abc import Callable, Sequence
 from functools import reduce
 
 import numpy as np
-from numpy.typing import NDArray
 
 from contact_app.accuracy.guarantee.grid_stress import GridStresses
-
-Array = NDArray[np.float64]
+from meshes.arrays import Array
 
 SOFTEST = 0.1
 """Smallest eigenvalue, relative to the smallest nonzero one along any axis: it regularises a body

@@ -16,11 +16,9 @@ from collections.abc import Sequence
 
 import numpy as np
 from mpi4py import MPI
-from numpy.typing import NDArray
 
 from contact_app.accuracy.solved_scene import SolvedScene
-
-Array = NDArray[np.float64]
+from meshes.arrays import Array
 
 RATIO, THICKEST = {1: 1.5, 2: 2.0}, 8.0
 

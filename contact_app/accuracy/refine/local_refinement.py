@@ -15,15 +15,13 @@ from dataclasses import replace
 
 import numpy as np
 from mpi4py import MPI
-from numpy.typing import NDArray
 
 from contact_app.accuracy.solved_scene import SolvedScene
 from contact_app.scene.bodies import Body, Box
 from contact_app.scene.finer_meshes import halved
+from meshes.arrays import Array
 from meshes.quadratic import VERTICES
 from meshes.unstructured import CellMesh, matching_rows
-
-Array = NDArray[np.float64]
 
 MOST = 0.8
 """Largest share of η² that is refined at once."""

@@ -12,11 +12,11 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from contact_app.accuracy.refine.grading import axis_evenness, graded
 from contact_app.scene.bodies import Body, Box
 from contact_app.scene.scene import Decomposition, Scene
+from meshes.arrays import Array
 from meshes.graded import graded_box
 
 
@@ -61,7 +61,7 @@ class MeshSteps:
 STEPS = MeshSteps()
 
 
-Grids = list[list[NDArray[np.float64]]]
+Grids = list[list[Array]]
 """Coordinates of grid lines, by body and axis."""
 
 
@@ -77,11 +77,7 @@ def rate_of(factors: list[float], errors: list[float], degree: int = 1) -> float
 
 
 def next_factor(
-    factors: list[float],
-    errors: list[float],
-    target: float,
-    integer: bool = False,
-    degree: int = 1,
+    factors: list[float], errors: list[float], target: float, integer: bool = False, degree: int = 1
 ) -> float:
     """Refinement factor of the next mesh along an edge, relative to the first mesh.
 

@@ -13,16 +13,14 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from contact_app.accuracy.solved_scene import SolvedScene
 from contact_app.model.model import Model
 from contact_app.results.pressure import boundary_shares
 from contact_app.results.surface_nodes import SurfaceNodes
+from meshes.arrays import Array
 from solver.contact.solution import Guess
-
-Array = NDArray[np.float64]
 
 NEARER = 0.96
 """Distance of a row from a node in contact, over that from an open one, up to which it begins

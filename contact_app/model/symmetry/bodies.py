@@ -7,10 +7,10 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from contact_app.scene.bodies import Body, Box
 from contact_app.scene.scene import Mirror
+from meshes.arrays import Array
 from meshes.symmetric_half import (
     SAME,
     AsymmetryError,
@@ -54,7 +54,7 @@ def middle_plane(bodies: Sequence[Body], axis: int) -> Mirror:
     return Mirror(axis, at)
 
 
-def _ends(bodies: Sequence[Body], axis: int) -> NDArray[np.float64]:
+def _ends(bodies: Sequence[Body], axis: int) -> Array:
     """Lower and upper end of the bodies along an axis, (bodies, 2)."""
     return np.array([(b.mesh.lower[axis], b.mesh.upper[axis]) for b in bodies])
 

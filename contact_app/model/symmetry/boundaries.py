@@ -7,12 +7,11 @@ from hashlib import sha1
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from contact_app.scene.bodies import Body
+from meshes.arrays import Array, Mask
 from meshes.symmetric_half import HalfSurface
 
-Bools = NDArray[np.bool_]
 Key = tuple[Any, ...]
 
 
@@ -30,10 +29,10 @@ class BoundaryPart:
         Values of an expression at further points.
     """
 
-    nodes: Bools
-    facets: Bools
-    off_plane: Bools
-    samples: Bools
+    nodes: Mask
+    facets: Mask
+    off_plane: Mask
+    samples: Mask
 
     def key(self, image: bool = False) -> Key:
         """A key that is equal for equal boundaries; with `image`, the key of the mirror image."""
@@ -77,7 +76,7 @@ def part_of(body: Body, surface: HalfSurface, boundary: str, samples: int) -> Bo
     return BoundaryPart(nodes & on_surface, facets, off_plane, between)
 
 
-def _shares(dimension: int, cell: str, count: int) -> NDArray[np.float64]:
+def _shares(dimension: int, cell: str, count: int) -> Array:
     """Linear shape functions of a facet at points all over it, (points, vertices)."""
     t = np.linspace(0.0, 1.0, count + 1)
     line = np.stack([1.0 - t, t], axis=1)

@@ -19,7 +19,6 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from contact_app.model.averaged_rows import has_averaged_rows
 from contact_app.model.symmetry.bodies import Half, halves_about, middle_plane, scene_size
@@ -36,6 +35,7 @@ from contact_app.scene.conditions import (
     Traction,
 )
 from contact_app.scene.scene import Decomposition, InnerSection, Mirror, Scene, Section
+from meshes.arrays import Array
 from meshes.symmetric_half import SAME, AsymmetryError
 
 SAMPLES = {2: 32, 3: 8}
@@ -220,7 +220,7 @@ def _refuse_uneven_heat(
             raise AsymmetryError(f"the temperature of {item.source} is not its mirror image")
 
 
-def _nodes_and_middles(body: Body) -> NDArray[np.float64]:
+def _nodes_and_middles(body: Body) -> Array:
     """Nodes and middles of cells (n, 3) of a body."""
     mesh: Any = body.mesh
     if isinstance(mesh, Box):

@@ -7,7 +7,6 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from contact_app.model.symmetry.bodies import ROUNDED
 from contact_app.model.symmetry.boundaries import BoundaryPart, Key
@@ -21,9 +20,10 @@ from contact_app.scene.conditions import (
 )
 from contact_app.scene.obstacles import Cylinder, Obstacle, Plane, Sphere
 from contact_app.scene.scene import Mirror
+from meshes.arrays import Array
 
 Item = DisplacementCondition | Traction | Pressure | BodyForce | Contact | BodyContact
-Description = tuple[Key, NDArray[np.float64]]
+Description = tuple[Key, Array]
 
 
 @dataclass(frozen=True, eq=False)
@@ -85,7 +85,7 @@ class Descriptions:
         return next(k for k, n in enumerate(self.number) if n == self.number[body] and k != body)
 
 
-def _reflected(vector: Iterable[float], mirror: Mirror | None) -> NDArray[np.float64]:
+def _reflected(vector: Iterable[float], mirror: Mirror | None) -> Array:
     """A vector, or its mirror image."""
     image = np.array(list(vector), float)
     if mirror is not None:
@@ -93,7 +93,7 @@ def _reflected(vector: Iterable[float], mirror: Mirror | None) -> NDArray[np.flo
     return image
 
 
-def _scaled(vector: NDArray[np.float64]) -> NDArray[np.float64]:
+def _scaled(vector: Array) -> Array:
     """Size and direction: numbers that are compared relative to the size."""
     size = float(np.abs(vector).max(initial=0.0))
     return np.array([np.log(size) if size else -np.inf, *(vector / (size or 1.0))])
@@ -101,10 +101,10 @@ def _scaled(vector: NDArray[np.float64]) -> NDArray[np.float64]:
 
 def _described_obstacle(
     obstacle: Obstacle, size: float, mirror: Mirror | None
-) -> tuple[tuple[Any, ...], NDArray[np.float64]]:
+) -> tuple[tuple[Any, ...], Array]:
     """Kind and numbers that are equal for equal obstacles, lengths over a size of the scene."""
 
-    def point(values: Iterable[float]) -> NDArray[np.float64]:
+    def point(values: Iterable[float]) -> Array:
         here = np.array(list(values), float)
         return here if mirror is None else mirror.image(here)
 

@@ -6,7 +6,8 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
+
+from meshes.arrays import Array
 
 WIDE = 3.0
 """Width over height that pictures of whole bodies come near to."""
@@ -62,7 +63,7 @@ def of_bodies(count: int, ratio: float) -> tuple[Any, list[Any], float]:
     return figure, places[:count], wide
 
 
-def of_patches(boxes: Sequence[NDArray[np.float64]]) -> tuple[tuple[int, int], tuple[float, float]]:
+def of_patches(boxes: Sequence[Array]) -> tuple[tuple[int, int], tuple[float, float]]:
     """Rows and columns of flat patches, and the size of the picture in inches.
 
     Parameters

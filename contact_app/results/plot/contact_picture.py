@@ -12,13 +12,13 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import dijkstra
 
 from contact_app.errors import ContactError
 from contact_app.results.plot.arrangement import of_patches
 from contact_app.results.plot.stored import Stored
+from meshes.arrays import Array, Ints, Mask
 from meshes.connected import connected
 
 MARGIN = 0.15
@@ -72,7 +72,7 @@ def draw_contact(
     return target
 
 
-def touchable(stored: Stored) -> NDArray[np.bool_]:
+def touchable(stored: Stored) -> Mask:
     """Mask (n,) of nodes with a contact row; without a written gap, of nodes in contact."""
     data = stored.point_data
     if "gap" in data:
@@ -80,9 +80,7 @@ def touchable(stored: Stored) -> NDArray[np.bool_]:
     return np.asarray(data["contact_pressure" if "contact_pressure" in data else STATUS] > 0.0)
 
 
-def profiles(
-    stored: Stored, acting: NDArray[np.float64]
-) -> list[tuple[NDArray[np.int64], NDArray[np.float64]]]:
+def profiles(stored: Stored, acting: Array) -> list[tuple[Ints, Array]]:
     """Stretches of the boundary of a plane result that are candidates and partly in contact.
 
     Parameters
@@ -120,16 +118,14 @@ def profiles(
     return profiles_of_parts
 
 
-def sides_in_contact(
-    stored: Stored, sides: NDArray[np.int64], acting: NDArray[np.float64]
-) -> NDArray[np.int64]:
+def sides_in_contact(stored: Stored, sides: Ints, acting: Array) -> Ints:
     """Candidate sides; if only a line or a node is in contact, all sides around it."""
     may = touchable(stored)[sides].all(axis=1)
     pressed = (acting[sides] > 0.0).any(axis=1)
     return sides[may if (may & pressed).any() else pressed]
 
 
-def pressure_lines(stored: Stored, pressure: NDArray[np.float64], label: str) -> Any:
+def pressure_lines(stored: Stored, pressure: Array, label: str) -> Any:
     """Figure of the pressure along the boundary, from one end of the contact to the other."""
     from matplotlib.figure import Figure
 
@@ -152,7 +148,7 @@ def pressure_lines(stored: Stored, pressure: NDArray[np.float64], label: str) ->
     return figure
 
 
-def _patches(stored: Stored, pressure: NDArray[np.float64], label: str) -> Any:
+def _patches(stored: Stored, pressure: Array, label: str) -> Any:
     """Figure of the pressure on each patch of facets, laid flat, with one colour bar."""
     high = float(pressure.max())
     figure, flat = flat_patches(stored, pressure)
@@ -182,14 +178,14 @@ class Patch:
         Middle of the triangles in contact.
     """
 
-    across: NDArray[np.float64]
-    seen: NDArray[np.int64]
-    pressed: NDArray[np.int64]
+    across: Array
+    seen: Ints
+    pressed: Ints
     names: tuple[str, str]
-    middle: NDArray[np.float64]
+    middle: Array
 
     @classmethod
-    def of(cls, stored: Stored, piece: NDArray[np.int64], acting: NDArray[np.float64]) -> Patch:
+    def of(cls, stored: Stored, piece: Ints, acting: Array) -> Patch:
         """A piece (m, 3), in contact where a field (n,) is positive."""
         pressed = (acting[piece] > 0.0).any(axis=1)
         across, shown, names = flattened(stored.points, piece, pressed)
@@ -199,7 +195,7 @@ class Patch:
         return cls(across, piece[shown], some, names, middle + 0.0)
 
     @property
-    def box(self) -> NDArray[np.float64]:
+    def box(self) -> Array:
         """Lower and upper corner (2, 2) of the surroundings of the part in contact."""
         corners = self.across[self.pressed.ravel()]
         low, top = corners.min(axis=0), corners.max(axis=0)
@@ -207,9 +203,7 @@ class Patch:
         return np.stack([low - room, top + room])
 
 
-def flat_patches(
-    stored: Stored, acting: NDArray[np.float64]
-) -> tuple[Any, list[tuple[Any, Patch]]]:
+def flat_patches(stored: Stored, acting: Array) -> tuple[Any, list[tuple[Any, Patch]]]:
     """A figure with axes for each patch that is partly in contact, zoomed to that part.
 
     Several patches have titles with their places.
@@ -231,7 +225,7 @@ def flat_patches(
     return figure, list(zip(places, flat, strict=False))
 
 
-def patches(stored: Stored, acting: NDArray[np.float64]) -> list[NDArray[np.int64]]:
+def patches(stored: Stored, acting: Array) -> list[Ints]:
     """Connected pieces of surface in space that are partly in contact, as triangles (m, 3)."""
     corners = np.concatenate(
         [sides[:, pick] for sides in stored.boundary() for pick in _CORNERS[sides.shape[1]]]
@@ -240,9 +234,7 @@ def patches(stored: Stored, acting: NDArray[np.float64]) -> list[NDArray[np.int6
     return [piece for piece in pieces if (acting[piece] > 0.0).any()]
 
 
-def flattened(
-    points: NDArray[np.float64], triangles: NDArray[np.int64], pressed: NDArray[np.bool_]
-) -> tuple[NDArray[np.float64], NDArray[np.bool_], tuple[str, str]]:
+def flattened(points: Array, triangles: Ints, pressed: Mask) -> tuple[Array, Mask, tuple[str, str]]:
     """Flatten a piece of surface.
 
     If the part in contact is curved about an axis, as in a bore, the surface is unrolled; otherwise
@@ -288,12 +280,8 @@ def flattened(
 
 
 def _unrolled(
-    points: NDArray[np.float64],
-    triangles: NDArray[np.int64],
-    pressed: NDArray[np.bool_],
-    axis: NDArray[np.float64],
-    middle: NDArray[np.float64],
-) -> tuple[NDArray[np.float64], NDArray[np.bool_], tuple[str, str]] | None:
+    points: Array, triangles: Ints, pressed: Mask, axis: Array, middle: Array
+) -> tuple[Array, Mask, tuple[str, str]] | None:
     """Unroll a piece of a cylinder along an axis, cut opposite to `middle`.
 
     None for other shapes.
@@ -325,7 +313,7 @@ def _unrolled(
     return across, shown, ("around the axis", along)
 
 
-def connected_sides(sides: NDArray[np.int64], n: int) -> list[NDArray[np.int64]]:
+def connected_sides(sides: Ints, n: int) -> list[Ints]:
     """Sides by connected piece."""
     if not len(sides):
         return []

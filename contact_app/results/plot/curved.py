@@ -9,11 +9,9 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from contact_app.results.plot.stored import SIDES, Stored, edge_middles
-
-Integers = NDArray[np.int64]
+from meshes.arrays import Array, Ints
 
 HALF = np.array([0.375, 0.75, -0.125])
 """N of a side's end, middle and other end at a quarter of an edge."""
@@ -23,7 +21,7 @@ INNER = np.array([-0.125, -0.125, 0.5, 0.5, 0.25])
 middles, and of the third."""
 
 
-def finer(stored: Stored) -> tuple[Stored, list[tuple[Integers, Integers]], Integers]:
+def finer(stored: Stored) -> tuple[Stored, list[tuple[Ints, Ints]], Ints]:
     """The result with further nodes, sides of the skin with their rows, and levels of nodes.
 
     An edge between two nodes is part of an edge of a cell if the sum of their levels is 0 or 1.
@@ -50,7 +48,7 @@ def finer(stored: Stored) -> tuple[Stored, list[tuple[Integers, Integers]], Inte
         for piece in ((p, pq, rp), (pq, q, qr), (rp, qr, r), (pq, qr, rp))
     ]
 
-    def at_all(values: NDArray[np.float64]) -> NDArray[np.float64]:
+    def at_all(values: Array) -> Array:
         """Values at the given and the new nodes; numbers stay within their range."""
         new = [
             np.einsum("k,nk...->n...", N, values[of])
@@ -71,7 +69,7 @@ def finer(stored: Stored) -> tuple[Stored, list[tuple[Integers, Integers]], Inte
     return result, [(skin, np.tile(rows, len(pieces)))], levels
 
 
-def _six_node_sides(stored: Stored) -> tuple[Integers, Integers]:
+def _six_node_sides(stored: Stored) -> tuple[Ints, Ints]:
     """Sides that only one cell has, (sides, 6), vertices first, and the row of their cells."""
     cells, rows = stored.cells["tetrahedron10"], stored.numbers["tetrahedron10"]
     table = SIDES["tetrahedron"]

@@ -12,7 +12,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from contact_app.results.plot.contact_picture import (
     STATUS,
@@ -22,6 +21,7 @@ from contact_app.results.plot.contact_picture import (
     touchable,
 )
 from contact_app.results.plot.stored import Stored
+from meshes.arrays import Array, Ints
 
 COLOURS = {"open": "#bbbbbb", "stick": "#0072b2", "slip": "#e69f00"}
 """Names of the status 0, 1 and 2 and their colours, which the colour-blind tell apart.
@@ -58,7 +58,7 @@ def draw_friction(stored: Stored, target: Path, title: str = "") -> Path:
     return target
 
 
-def status_shown(stored: Stored) -> NDArray[np.float64]:
+def status_shown(stored: Stored) -> Array:
     """Status (n,) of nodes that may touch, NaN at others.
 
     A node inside a facet in contact at which the contact law is not enforced has the status of its
@@ -77,9 +77,7 @@ def status_shown(stored: Stored) -> NDArray[np.float64]:
     return status
 
 
-def parts_of_nodes(
-    across: NDArray[np.float64], triangles: NDArray[np.int64]
-) -> NDArray[np.float64]:
+def parts_of_nodes(across: Array, triangles: Ints) -> Array:
     """The third of each triangle at each of its corners, bounded by its medians, (m, 3, 4, 2)."""
     corners = across[triangles]
     after, before = np.roll(corners, -1, axis=1), np.roll(corners, 1, axis=1)
@@ -88,12 +86,7 @@ def parts_of_nodes(
     return np.stack(parts, axis=2)
 
 
-def laid_flat(
-    points: NDArray[np.float64],
-    across: NDArray[np.float64],
-    triangles: NDArray[np.int64],
-    vectors: NDArray[np.float64],
-) -> NDArray[np.float64]:
+def laid_flat(points: Array, across: Array, triangles: Ints, vectors: Array) -> Array:
     """Means of vectors (n, 3) over triangles, in the coordinates of the flattened piece (m, 2)."""
     edges = np.diff(points[triangles], axis=1).transpose(0, 2, 1)
     flat = np.diff(across[triangles], axis=1).transpose(0, 2, 1)
@@ -101,7 +94,7 @@ def laid_flat(
     return np.asarray(np.einsum("mij,mjk,mk->mi", flat, np.linalg.pinv(edges), means))
 
 
-def _strips(stored: Stored, status: NDArray[np.float64]) -> Any:
+def _strips(stored: Stored, status: Array) -> Any:
     """Figure of status and traction along each boundary in the plane, one strip for each."""
     from matplotlib.figure import Figure
 
@@ -137,7 +130,7 @@ def _strips(stored: Stored, status: NDArray[np.float64]) -> Any:
     return figure
 
 
-def _zones(stored: Stored, status: NDArray[np.float64]) -> Any:
+def _zones(stored: Stored, status: Array) -> Any:
     """Figure of status and traction on each patch of facets in space, laid flat."""
     from matplotlib.collections import PolyCollection
 

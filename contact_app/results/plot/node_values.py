@@ -8,9 +8,9 @@ k go with copy k.
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from contact_app.results.plot.stored import Stored
+from meshes.arrays import Array, Ints
 
 UNIFORM = 1e-4
 """Relative variation below which a field counts as constant."""
@@ -32,14 +32,14 @@ def copies(stored: Stored) -> int:
     return 1 + max(numbers, default=0) if "material" in stored.cell_data else 1
 
 
-def shifts(stored: Stored, rows: NDArray[np.int64]) -> NDArray[np.int64]:
+def shifts(stored: Stored, rows: Ints) -> Ints:
     """The offset that is added to nodes of sides that belong to cells, (sides,)."""
     if copies(stored) == 1:
         return np.zeros(len(rows), np.int64)
     return len(stored.points) * stored.cell_data["material"][rows].astype(np.int64)
 
 
-def node_values(stored: Stored, name: str) -> NDArray[np.float64]:
+def node_values(stored: Stored, name: str) -> Array:
     """A field at all copies of nodes, (copies · nodes, …)."""
     fields = (
         stored.point_data.get(f"{name}{OF_MATERIAL}{k}", stored.point_data[name])
@@ -48,7 +48,7 @@ def node_values(stored: Stored, name: str) -> NDArray[np.float64]:
     return np.concatenate(list(fields))
 
 
-def limits(values: NDArray[np.float64]) -> tuple[float, float]:
+def limits(values: Array) -> tuple[float, float]:
     """Range of the colours; for a constant field from 0, so that round-off is not shown."""
     finite = values[np.isfinite(values)]
     if not finite.size:

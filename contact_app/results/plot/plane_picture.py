@@ -6,7 +6,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from contact_app.results.plot.arrangement import of_bodies
 from contact_app.results.plot.contact_picture import sides_in_contact
@@ -18,17 +17,14 @@ from contact_app.results.plot.node_values import (
     smooth_name,
 )
 from contact_app.results.plot.stored import LABELS, STRESSES, Stored
+from meshes.arrays import Array, Ints
 
 EDGES_UP_TO = 5_000
 """Number of cells above which edges are not drawn."""
 
 
 def draw_plane(
-    stored: Stored,
-    fields: tuple[str, ...],
-    exaggeration: float,
-    target: Path,
-    caption: str,
+    stored: Stored, fields: tuple[str, ...], exaggeration: float, target: Path, caption: str
 ) -> Path:
     """Draw a panel for each field, the outline of the undeformed bodies behind."""
     from matplotlib.collections import LineCollection
@@ -66,9 +62,7 @@ def draw_plane(
     return target
 
 
-def _coloured_sides(
-    stored: Stored, name: str, sides: NDArray[np.int64], triangles: NDArray[np.int64]
-) -> NDArray[np.int64] | None:
+def _coloured_sides(stored: Stored, name: str, sides: Ints, triangles: Ints) -> Ints | None:
     """Sides that a contact pressure or a field of the boundary alone, as the gap, colours.
 
     None for other fields.
@@ -83,19 +77,12 @@ def _coloured_sides(
     return sides[np.isfinite(values[sides]).all(axis=1)]
 
 
-def _moves(stored: Stored) -> NDArray[np.float64]:
+def _moves(stored: Stored) -> Array:
     moves = stored.point_data.get("displacement")
     return np.zeros((len(stored.points), 2)) if moves is None else moves[:, :2]
 
 
-def _shades(
-    axes: Any,
-    stored: Stored,
-    name: str,
-    moved: NDArray[np.float64],
-    triangles: NDArray[np.int64],
-    rows: NDArray[np.int64],
-) -> Any:
+def _shades(axes: Any, stored: Stored, name: str, moved: Array, triangles: Ints, rows: Ints) -> Any:
     """Cells or nodes coloured by a field; for vectors and tensors by the magnitude."""
     colours = "viridis" if name in STRESSES else "magma_r"
     name = smooth_name(stored, name)

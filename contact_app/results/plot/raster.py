@@ -12,10 +12,8 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
-Integers = NDArray[np.int64]
+from meshes.arrays import Array, Ints, Mask
 
 AT_ONCE = 2_000_000
 """Number of pixels processed at once."""
@@ -54,21 +52,21 @@ class Triangles:
     corners: Array
     values: Array
     bright: Array
-    wired: Integers
+    wired: Ints
 
-    def some(self, chosen: NDArray[np.bool_]) -> Triangles:
+    def some(self, chosen: Mask) -> Triangles:
         """Some of the triangles."""
         return Triangles(
             self.corners[chosen], self.values[chosen], self.bright[chosen], self.wired[chosen]
         )
 
     @property
-    def towards(self) -> NDArray[np.bool_]:
+    def towards(self) -> Mask:
         """Mask (n,) of triangles that face the camera."""
         return np.asarray(_twice_area(self.corners) < 0.0)
 
     @property
-    def bare(self) -> NDArray[np.bool_]:
+    def bare(self) -> Mask:
         """Mask (n,) of triangles without a value at some corner."""
         return np.asarray(np.isnan(self.values).any(axis=1))
 
@@ -113,12 +111,12 @@ class DepthBuffer:
             sums += np.bincount(pixel[near], bright[triangle[near]], len(count))
         return count, sums / np.maximum(count, 1.0)
 
-    def seen(self) -> tuple[Integers, Integers, Array]:
+    def seen(self) -> tuple[Ints, Ints, Array]:
         """Pixels (k,) in which something was drawn, the triangles (k,), and shares (k, 3)."""
         pixel = np.flatnonzero(self.triangle >= 0)
         return pixel, self.triangle[pixel], self._shares[pixel].astype(float)
 
-    def _fragments(self, corners: Array) -> Iterator[tuple[Integers, Integers, Array, Array]]:
+    def _fragments(self, corners: Array) -> Iterator[tuple[Ints, Ints, Array, Array]]:
         """Yield pixels, triangles, barycentric coordinates and depths, some triangles at a time."""
         x, y = corners[:, :, 0], corners[:, :, 1]
         size = np.array([self.width, self.height])
@@ -160,7 +158,7 @@ def _shares(x: Array, y: Array, at_x: Array, at_y: Array) -> Array:
     return np.stack([a, b, c], axis=1) / (a + b + c)[:, None]
 
 
-def wires(triangles: Triangles, triangle: Integers, shares: Array) -> Array:
+def wires(triangles: Triangles, triangle: Ints, shares: Array) -> Array:
     """How much of a drawn edge pixels in triangles show, with their shares (n, 3), from 0 to 1."""
     near = shares * _heights(triangles.corners)[triangle] < WIDE
     return np.asarray((near * drawn_edges(triangles)[triangle]).max(axis=1))
@@ -182,7 +180,7 @@ def _heights(corners: Array) -> Array:
     return np.asarray(np.abs(_twice_area(ends))[:, None] / np.maximum(sides, 1e-12))
 
 
-def visible_share(corners: Array, chosen: NDArray[np.bool_], width: int, height: int) -> float:
+def visible_share(corners: Array, chosen: Mask, width: int, height: int) -> float:
     """Share of the pixels of chosen triangles (n,) that other triangles do not hide."""
     alone, all_of_them = DepthBuffer(width, height), DepthBuffer(width, height)
     alone.add(corners[chosen])

@@ -12,7 +12,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from contact_app.results.plot import vtk_images
 from contact_app.results.plot.arrangement import of_bodies
@@ -34,6 +33,7 @@ from contact_app.results.plot.raster import (
     wires,
 )
 from contact_app.results.plot.stored import LABELS, STRESSES, Stored
+from meshes.arrays import Array, Ints
 
 #: Number of faces above which edges are not drawn.
 EDGES_UP_TO = 40_000
@@ -74,7 +74,7 @@ class Panel:
         Whether bare faces are translucent, because coloured ones lie behind them.
     """
 
-    values: NDArray[np.float64]
+    values: Array
     limits: tuple[float, float]
     exceeds: bool
     colours: str
@@ -95,14 +95,14 @@ class View:
         Half the width and height of the view, in lengths of the bodies.
     """
 
-    direction: NDArray[np.float64]
-    up: NDArray[np.float64]
-    right: NDArray[np.float64]
-    centre: NDArray[np.float64]
-    half: NDArray[np.float64]
+    direction: Array
+    up: Array
+    right: Array
+    centre: Array
+    half: Array
 
     @property
-    def light(self) -> NDArray[np.float64]:
+    def light(self) -> Array:
         """Unit vector (3,) to the light: above and to the left of the camera."""
         right, up, towards_eye = LIGHT
         towards = towards_eye * self.direction + up * self.up + right * self.right
@@ -132,7 +132,7 @@ class Frame:
         scale = dots * min(inches[0] / wide, inches[1] / tall)
         return cls(view, scale, (max(int(scale * wide), 50), max(int(scale * tall), 50)))
 
-    def places(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
+    def places(self, points: Array) -> Array:
         """Pixels to the right and downwards, and depth in pixels, of points (…, 3)."""
         view = self.view
         across = (points - view.centre) @ np.stack([view.right, -view.up, view.direction], axis=1)
@@ -197,13 +197,7 @@ def draw_space(
     return [f"bodies are drawn without VTK, which does not draw here: {lack}"] if lack else []
 
 
-def panel_of(
-    stored: Stored,
-    name: str,
-    faces: list[NDArray[np.int64]],
-    rows: NDArray[np.int64],
-    inside: bool,
-) -> Panel:
+def panel_of(stored: Stored, name: str, faces: list[Ints], rows: Ints, inside: bool) -> Panel:
     """Panel of a field: its values and colours on the skin, and its caption."""
     stress, label = name in STRESSES, LABELS.get(name, name)
     name = smooth_name(stored, name)
@@ -230,9 +224,7 @@ def panel_of(
     return Panel(values, (low, high), exceeds, colours, label, through)
 
 
-def mostly_hidden(
-    stored: Stored, faces: list[NDArray[np.int64]], points: NDArray[np.float64], view: View
-) -> bool:
+def mostly_hidden(stored: Stored, faces: list[Ints], points: Array, view: View) -> bool:
     """Whether most of the contact surface is hidden."""
     pressure = stored.point_data.get("contact_pressure")
     if pressure is None or not (pressure > 0.0).any():
@@ -248,7 +240,7 @@ def mostly_hidden(
     return visible_share(np.concatenate(corners), np.concatenate(pressed), *frame.size) < 0.5
 
 
-def _towards(stored: Stored) -> NDArray[np.float64]:
+def _towards(stored: Stored) -> Array:
     """Direction to a camera from which the bodies and their contacts are visible."""
     direction = np.array([1.2, -1.0, 0.6])
     touched = touchable(stored) if "contact_pressure" in stored.point_data else np.zeros(0, bool)
@@ -262,7 +254,7 @@ def _towards(stored: Stored) -> NDArray[np.float64]:
     return direction
 
 
-def view_from(direction: NDArray[np.float64], points: NDArray[np.float64]) -> View:
+def view_from(direction: Array, points: Array) -> View:
     """The closest view along a direction that shows all points; z is up if possible."""
     direction = direction / np.linalg.norm(direction)
     upwards = np.array([0.0, 0.0, 1.0] if abs(direction[2]) < 1.0 - 1e-9 else [0.0, 1.0, 0.0])
@@ -277,7 +269,7 @@ def view_from(direction: NDArray[np.float64], points: NDArray[np.float64]) -> Vi
     return View(direction, up, right, centre, np.maximum(0.51 * (high - low), 1e-12))
 
 
-def sharp_edges(points: NDArray[np.float64], faces: list[NDArray[np.int64]]) -> NDArray[np.int64]:
+def sharp_edges(points: Array, faces: list[Ints]) -> Ints:
     """Edges (n, 2) between faces at an angle of more than `SHARP`, or of one face alone."""
     pairs, owners, normals = [], [], []
     start = 0
@@ -296,16 +288,14 @@ def sharp_edges(points: NDArray[np.float64], faces: list[NDArray[np.int64]]) -> 
     return edges[first[(first == last) | (cosine < np.cos(np.radians(SHARP)))]]
 
 
-def _normals(points: NDArray[np.float64], sides: NDArray[np.int64]) -> NDArray[np.float64]:
+def _normals(points: Array, sides: Ints) -> Array:
     """Unit normals (n, 3) of faces, outwards."""
     a, b, c, d = (points[sides[:, i]] for i in (0, 1, 2, -1))
     normals = np.cross(b - a, c - a) if sides.shape[1] == 3 else np.cross(c - a, d - b)
     return normals / np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-300)
 
 
-def corner_normals(
-    points: NDArray[np.float64], faces: list[NDArray[np.int64]]
-) -> list[NDArray[np.float64]]:
+def corner_normals(points: Array, faces: list[Ints]) -> list[Array]:
     """Unit normals (n, corners, 3) at the corners of faces.
 
     They are means over the faces at the node without a sharp edge to the face, so that curved
@@ -332,7 +322,7 @@ def corner_normals(
     ]
 
 
-def triangle_nodes(faces: list[NDArray[np.int64]]) -> NDArray[np.int64]:
+def triangle_nodes(faces: list[Ints]) -> Ints:
     """Nodes (n, 3) of the triangles of faces, in the order of `skin_triangles`."""
     return np.concatenate(
         [sides[:, pick] for sides in faces for pick, _ in _HALVES[sides.shape[1]]]
@@ -340,11 +330,7 @@ def triangle_nodes(faces: list[NDArray[np.int64]]) -> NDArray[np.int64]:
 
 
 def drawing_of(
-    triangles: Triangles,
-    panel: Panel,
-    nodes: NDArray[np.int64],
-    outline: NDArray[np.float64],
-    frame: Frame,
+    triangles: Triangles, panel: Panel, nodes: Ints, outline: Array, frame: Frame
 ) -> dict[str, Any]:
     """Arrays for VTK of what `image_of` draws, by the names of `vtk_images.images`."""
     from matplotlib import colormaps
@@ -369,9 +355,7 @@ def drawing_of(
     }
 
 
-def image_of(
-    triangles: Triangles, panel: Panel, outline: NDArray[np.float64], frame: Frame
-) -> NDArray[np.float64]:
+def image_of(triangles: Triangles, panel: Panel, outline: Array, frame: Frame) -> Array:
     """Image (height, width, 3) of a panel; lines (n, 2, 3) in pixels."""
     from matplotlib import colormaps
 
@@ -400,11 +384,7 @@ def image_of(
 
 
 def skin_triangles(
-    points: NDArray[np.float64],
-    faces: list[NDArray[np.int64]],
-    panel: Panel,
-    frame: Frame,
-    levels: NDArray[np.int64],
+    points: Array, faces: list[Ints], panel: Panel, frame: Frame, levels: Ints
 ) -> Triangles:
     """The skin in pixel coordinates; quadrilaterals in two halves, with edges for few faces.
 
@@ -440,9 +420,7 @@ _HALVES = {
 """Corners of the triangles of a face; whether the edge opposite to each is one of the face."""
 
 
-def _at_corners(
-    panel: Panel, points: NDArray[np.float64], sides: NDArray[np.int64], start: int
-) -> NDArray[np.float64]:
+def _at_corners(panel: Panel, points: Array, sides: Ints, start: int) -> Array:
     """Values at the corners of faces, of which `start` is the first, (faces, corners)."""
     if len(panel.values) == len(points):
         return panel.values[sides]
@@ -450,7 +428,7 @@ def _at_corners(
     return np.broadcast_to(of_cells, sides.shape)
 
 
-def _line_pixels(ends: NDArray[np.float64], buffer: DepthBuffer) -> NDArray[np.int64]:
+def _line_pixels(ends: Array, buffer: DepthBuffer) -> Ints:
     """Visible pixels of lines (n, 2, 3)."""
     if not len(ends):
         return np.zeros(0, np.int64)

@@ -12,10 +12,10 @@ from pathlib import Path
 
 import h5py
 import numpy as np
-from numpy.typing import NDArray
 
 from contact_app.errors import ContactError
 from contact_app.results.xdmf import CELL_TYPES
+from meshes.arrays import Array, Ints, Mask
 from meshes.quadratic import EDGES, facet_table
 
 SIDES: dict[str, tuple[tuple[int, ...], ...]] = {
@@ -72,31 +72,31 @@ class Stored:
     point_data, cell_data : {name: (n,) or (n, 3) or (n, 9)}
     """
 
-    points: NDArray[np.float64]
-    cells: dict[str, NDArray[np.int64]]
-    numbers: dict[str, NDArray[np.int64]]
-    point_data: dict[str, NDArray[np.float64]]
-    cell_data: dict[str, NDArray[np.float64]]
+    points: Array
+    cells: dict[str, Ints]
+    numbers: dict[str, Ints]
+    point_data: dict[str, Array]
+    cell_data: dict[str, Array]
 
     @property
     def plane(self) -> bool:
         """Whether the result is two-dimensional."""
         return all(_base(name) in ("triangle", "quadrilateral") for name in self.cells)
 
-    def field(self, name: str) -> NDArray[np.float64]:
+    def field(self, name: str) -> Array:
         """The values of a scalar, the magnitudes of vectors and tensors, (n,)."""
         values = self.point_data[name] if name in self.point_data else self.cell_data[name]
         return values if values.ndim == 1 else np.asarray(np.linalg.norm(values, axis=1))
 
     @property
-    def vertices(self) -> NDArray[np.bool_]:
+    def vertices(self) -> Mask:
         """Mask (nodes,) of the vertices of cells."""
         result = np.zeros(len(self.points), bool)
         for name, cells in self.cells.items():
             result[cells[:, : _CORNERS[_base(name)]]] = True
         return result
 
-    def boundary(self) -> list[NDArray[np.int64]]:
+    def boundary(self) -> list[Ints]:
         """Sides that only one cell has, one array for each number of nodes, cut at middle nodes.
 
         Returns
@@ -105,11 +105,11 @@ class Stored:
         """
         return [sides for sides, _ in self.skin()]
 
-    def skin(self) -> list[tuple[NDArray[np.int64], NDArray[np.int64]]]:
+    def skin(self) -> list[tuple[Ints, Ints]]:
         """The boundary sides, and the row in `cell_data` of the cell of each side (sides,)."""
         return [single(sides, rows) for sides, rows in self._sides() if len(sides)]
 
-    def triangles(self) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    def triangles(self) -> tuple[Ints, Ints]:
         """Cells of the plane as triangles (n, 3), and the row in `cell_data` of each (n,)."""
         corners, rows = [], []
         for name, cells in self.cells.items():
@@ -118,9 +118,9 @@ class Stored:
                 rows.append(self.numbers[name])
         return np.concatenate(corners), np.concatenate(rows)
 
-    def _sides(self) -> Iterator[tuple[NDArray[np.int64], NDArray[np.int64]]]:
-        sides: dict[int, list[NDArray[np.int64]]] = {}
-        rows: dict[int, list[NDArray[np.int64]]] = {}
+    def _sides(self) -> Iterator[tuple[Ints, Ints]]:
+        sides: dict[int, list[Ints]] = {}
+        rows: dict[int, list[Ints]] = {}
         for name, cells in self.cells.items():
             base = _base(name)
             for pieces in _pieces(base, quadratic=name != base):
@@ -192,9 +192,7 @@ def _last_numbers(grid: ElementTree.Element, source: Path) -> str:
     return text.partition(":/")[0] or source.with_suffix(".h5").name
 
 
-def _split(
-    topology: str, numbers: NDArray[np.int64]
-) -> tuple[dict[str, NDArray[np.int64]], dict[str, NDArray[np.int64]]]:
+def _split(topology: str, numbers: Ints) -> tuple[dict[str, Ints], dict[str, Ints]]:
     """Cells and their rows by type."""
     if topology != "Mixed":
         for name, kind in CELL_TYPES.items():
@@ -202,8 +200,8 @@ def _split(
                 return {name: numbers.astype(np.int64)}, {name: np.arange(len(numbers))}
         raise StoredError(f"cells of type {topology!r} are not drawn")
     kinds = {kind.number: (name, kind.vertices) for name, kind in CELL_TYPES.items()}
-    parts: dict[str, list[NDArray[np.int64]]] = {}
-    rows: dict[str, list[NDArray[np.int64]]] = {}
+    parts: dict[str, list[Ints]] = {}
+    rows: dict[str, list[Ints]] = {}
     at = row = 0
     while at < len(numbers):  # once per run of cells of one type
         name, vertices = kinds[int(numbers[at])]
@@ -254,9 +252,7 @@ def edge_middles(cell: str, side: tuple[int, ...]) -> list[int]:
     return [middles[pair] for pair in (pairs[:1] if len(side) == 2 else pairs)]
 
 
-def single(
-    sides: NDArray[np.int64], rows: NDArray[np.int64]
-) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+def single(sides: Ints, rows: Ints) -> tuple[Ints, Ints]:
     """Sides that occur once, in either orientation, and their rows."""
     _, first, count = np.unique(
         np.sort(sides, axis=1), axis=0, return_index=True, return_counts=True

@@ -174,11 +174,7 @@ def drop_parallel(
 
 
 def cut_held(
-    exchange: NodeExchange,
-    rows: ContactRows,
-    held: HeldRows,
-    length: float,
-    sides: int = 1,
+    exchange: NodeExchange, rows: ContactRows, held: HeldRows, length: float, sides: int = 1
 ) -> ContactRows:
     """Move held components from the rows to their gaps; rows without other entries are dropped.
 

@@ -81,10 +81,7 @@ def solve_as_in_the_paper(task: Task) -> Solution:
 
 
 def solve_by_smalbe(
-    task: Task,
-    before: Outcome[State] | None,
-    restart: Restart | None,
-    active_sets: bool = True,
+    task: Task, before: Outcome[State] | None, restart: Restart | None, active_sets: bool = True
 ) -> Solution:
     """Go on where active sets did not settle, or from an interrupted SMALBE (collective).
 
