@@ -30,28 +30,20 @@ CELLS_PER_CUBE = {"triangle": 2, "quadrilateral": 1, "tetrahedron": 6, "hexahedr
 
 @dataclass(frozen=True)
 class BoxShape:
-    """A box of equal cells.
-
-    Attributes
-    ----------
-    lower, upper
-        Opposite corners, in the unit of length of the scene.
-    cells
-        Cells along each axis (cubes, each cut into six, for tetrahedra; squares cut in two for
-        triangles).
-    cell
-        ``hexahedron``, ``tetrahedron``, ``quadrilateral`` or ``triangle``.
-    degree
-        Degree of the displacement. The nodes of degree 2 form a lattice twice as fine: vertices
-        have even indices, and the middles of edges, faces and cells at least one odd index. If a
-        cube is cut into tetrahedra, each such middle lies on an edge.
-    """
+    """A box of equal cells."""
 
     lower: tuple[float, ...]
     upper: tuple[float, ...]
+    """Opposite corners, in the unit of length of the scene."""
     cells: tuple[int, ...]
+    """Cells along each axis (cubes, each cut into six, for tetrahedra; squares cut in two for
+    triangles)."""
     cell: str
+    """``hexahedron``, ``tetrahedron``, ``quadrilateral`` or ``triangle``."""
     degree: int = 1
+    """Degree of the displacement. The nodes of degree 2 form a lattice twice as fine: vertices have
+    even indices, and the middles of edges, faces and cells at least one odd index. If a cube is cut
+    into tetrahedra, each such middle lies on an edge."""
 
     @property
     def dimension(self) -> int:

@@ -40,27 +40,18 @@ MOST = {2: 32, 3: 8}
 
 @dataclass(frozen=True, eq=False)
 class Chords:
-    """The surface as simplices.
+    """The surface as simplices."""
 
-    Attributes
-    ----------
-    places : (nodes, d)
-    simplices : (simplices, d)
-        Rows of `places`; normals by the right-hand rule (in 2D to the right) point outward.
-    facet : (simplices,)
-        Row of the facet of each simplex.
-    deviation : (facets,)
-        Largest distance of the simplices from each facet.
-    size : (facets,)
-        The least of the heights of a facet over its edges (in 2D, its length) and of the height of
-        its cell over it.
-    """
-
-    places: Array
-    simplices: Ints
-    facet: Ints
-    deviation: Array
-    size: Array
+    places: Array  # (nodes, d)
+    simplices: Ints  # (simplices, d)
+    """Rows of `places`; normals by the right-hand rule (in 2D to the right) point outward."""
+    facet: Ints  # (simplices,)
+    """Row of the facet of each simplex."""
+    deviation: Array  # (facets,)
+    """Largest distance of the simplices from each facet."""
+    size: Array  # (facets,)
+    """The least of the heights of a facet over its edges (in 2D, its length) and of the height of
+    its cell over it."""
 
 
 def chords(

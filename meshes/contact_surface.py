@@ -17,30 +17,21 @@ STRAIGHT = 1e-9
 
 @dataclass(frozen=True, eq=False)
 class Surface:
-    """One side of a contact.
-
-    Attributes
-    ----------
-    dimension
-        2 for lines, 3 for triangles and quadrilaterals.
-    nodes : (facets, nodes per facet)
-        Global nodes: first the vertices, anticlockwise seen from outside. Facets of second order
-        then have the middles of the edges that start in each vertex, and quadrilaterals their own
-        middle.
-    points : (facets, nodes per facet, 3)
-        Coordinates.
-    normals : (facets, 3)
-        Outward unit normal of the plane of the vertices; for a warped quadrilateral normal to its
-        diagonals.
-    bulge : (facets, v, v) or None
-        If the facets stand for a smooth surface: its height over a facet is ½ φᵀ bulge φ.
-    """
+    """One side of a contact."""
 
     dimension: int
-    nodes: Ints
-    points: Array
-    normals: Array
-    bulge: Array | None = None
+    """2 for lines, 3 for triangles and quadrilaterals."""
+    nodes: Ints  # (facets, nodes per facet)
+    """Global nodes: first the vertices, anticlockwise seen from outside. Facets of second order
+    then have the middles of the edges that start in each vertex, and quadrilaterals their own
+    middle."""
+    points: Array  # (facets, nodes per facet, 3)
+    """Coordinates."""
+    normals: Array  # (facets, 3)
+    """Outward unit normal of the plane of the vertices; for a warped quadrilateral normal to its
+    diagonals."""
+    bulge: Array | None = None  # (facets, v, v) or None
+    """If the facets stand for a smooth surface: its height over a facet is ½ φᵀ bulge φ."""
 
     @classmethod
     def of(cls, dimension: int, nodes: Ints, points: Array, inside: Array) -> Surface:

@@ -72,23 +72,15 @@ Pairs = tuple[Ints, Ints]
 
 @dataclass(frozen=True, eq=False)
 class ClosedSurface:
-    """A closed surface of segments or plane triangles.
+    """A closed surface of segments or plane triangles."""
 
-    Attributes
-    ----------
-    places : (nodes, d)
-    simplices : (simplices, d)
-        Rows of `places`; normals by the right-hand rule (in 2D to the right) point outward.
-    touch : (simplices,)
-        Depth up to which two simplices merely touch; the smaller value of the two applies.
-    deviation : (simplices,)
-        Largest distance from the true surface; the sum of the two values applies.
-    """
-
-    places: Array
-    simplices: Ints
-    touch: Array
-    deviation: Array
+    places: Array  # (nodes, d)
+    simplices: Ints  # (simplices, d)
+    """Rows of `places`; normals by the right-hand rule (in 2D to the right) point outward."""
+    touch: Array  # (simplices,)
+    """Depth up to which two simplices merely touch; the smaller value of the two applies."""
+    deviation: Array  # (simplices,)
+    """Largest distance from the true surface; the sum of the two values applies."""
 
     def depth(self, i: Ints, j: Ints) -> Array:
         """Depth (pairs,) from which on two simplices count as crossing."""
@@ -98,15 +90,11 @@ class ClosedSurface:
 
 @dataclass(frozen=True, eq=False)
 class Boxes:
-    """Bounding boxes.
-
-    Attributes
-    ----------
-    lower, upper : (boxes, d)
-    """
+    """Bounding boxes."""
 
     lower: Array
     upper: Array
+    """Shape (boxes, d)."""
 
     @classmethod
     def of(cls, places: Array, simplices: NDArray[np.integer]) -> Boxes:

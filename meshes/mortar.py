@@ -77,26 +77,19 @@ NEGLIGIBLE = 1e-13
 
 @dataclass(frozen=True, eq=False)
 class BothSides:
-    """The nodes of two surfaces, those of the `on` side first.
-
-    Attributes
-    ----------
-    nodes, places : (n + m,), (n + m, 3)
-        Nodes and coordinates of both sides.
-    count
-        Number n of nodes of the `on` side.
-    on, against : (facets, nodes per facet)
-        The facets of each side by the places of their nodes in `nodes`.
-    corners : (facets, v)
-        The vertices of the `on` facets.
-    """
+    """The nodes of two surfaces, those of the `on` side first."""
 
     nodes: Ints
     places: Array
+    """Nodes and coordinates of both sides. Shapes (n + m,), (n + m, 3)."""
     count: int
+    """Number n of nodes of the `on` side."""
     on: Ints
     against: Ints
-    corners: Ints
+    """The facets of each side by the places of their nodes in `nodes`. Shape (facets, nodes per
+    facet)."""
+    corners: Ints  # (facets, v)
+    """The vertices of the `on` facets."""
 
     @classmethod
     def of(cls, on: Surface, against: Surface) -> BothSides:
@@ -116,37 +109,26 @@ class BothSides:
 
 @dataclass(frozen=True, eq=False)
 class MeanGaps:
-    """Rows Σ value · u[node, component] ≤ gap, one for each multiplier.
-
-    Attributes
-    ----------
-    nodes, points : (rows,), (rows, 3)
-        The `on` node of each row, and its coordinates.
-    areas : (rows,)
-        W_j, an area: multiplier (force) = mean pressure times W_j.
-    gaps : (rows,)
-        Mean gap, a length; negative where the bodies overlap.
-    normals : (rows, dimension)
-        Mean normal out of the other body: force on the `on` body for a multiplier of one.
-    moments : (rows, 3)
-        Moment of that force about the row's node.
-    row, node, component, value : (entries,)
-        The rows, sorted; values on `on` nodes add up to a mean of n.
-    entry_points : (entries, 3)
-        Coordinates of the nodes.
-    """
+    """Rows Σ value · u[node, component] ≤ gap, one for each multiplier."""
 
     nodes: Ints
     points: Array
-    areas: Array
-    gaps: Array
-    normals: Array
-    moments: Array
+    """The `on` node of each row, and its coordinates. Shapes (rows,), (rows, 3)."""
+    areas: Array  # (rows,)
+    """W_j, an area: multiplier (force) = mean pressure times W_j."""
+    gaps: Array  # (rows,)
+    """Mean gap, a length; negative where the bodies overlap."""
+    normals: Array  # (rows, dimension)
+    """Mean normal out of the other body: force on the `on` body for a multiplier of one."""
+    moments: Array  # (rows, 3)
+    """Moment of that force about the row's node."""
     row: Ints
     node: Ints
     component: Ints
     value: Array
-    entry_points: Array
+    """The rows, sorted; values on `on` nodes add up to a mean of n. Shape (entries,)."""
+    entry_points: Array  # (entries, 3)
+    """Coordinates of the nodes."""
 
     @classmethod
     def of(
@@ -218,27 +200,18 @@ def mean_gaps(on: Surface, against: Surface, comm: MPI.Intracomm = MPI.COMM_SELF
 
 @dataclass(frozen=True, eq=False)
 class Multipliers:
-    """The functions ψ_j of the multipliers on each `on` facet.
+    """The functions ψ_j of the multipliers on each `on` facet."""
 
-    Attributes
-    ----------
-    functions : (facets, v, v)
-        C of ψ = C φ.
-    mass : (facets, v, n)
-        ∫ ψ_k N_l.
-    weight : (facets, v)
-        ∫ ψ_k.
-    sizes : (facets,)
-        Areas.
-    covered : (facets,)
-        Mask of the facets that the other side covers completely.
-    """
-
-    functions: Array
-    mass: Array
-    weight: Array
-    sizes: Array
-    covered: Mask
+    functions: Array  # (facets, v, v)
+    """C of ψ = C φ."""
+    mass: Array  # (facets, v, n)
+    """∫ ψ_k N_l."""
+    weight: Array  # (facets, v)
+    """∫ ψ_k."""
+    sizes: Array  # (facets,)
+    """Areas."""
+    covered: Mask  # (facets,)
+    """Mask of the facets that the other side covers completely."""
 
     @classmethod
     def of(cls, on: Surface, pairs: Overlaps) -> Multipliers:

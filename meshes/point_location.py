@@ -14,19 +14,14 @@ from meshes.subdomains import Reference, vtk_order, vtk_places, vtk_shapes
 
 @dataclass(frozen=True, eq=False)
 class Located:
-    """Location of points in their cells, or at the nearest place of the nearest cell.
-
-    Attributes
-    ----------
-    nodes, shares : (points, nodes per cell)
-        Nodes of the cell, and the values of their shape functions at the point.
-    distance : (points,)
-        Distance from the mesh; rounding errors if a cell contains the point.
-    """
+    """Location of points in their cells, or at the nearest place of the nearest cell."""
 
     nodes: NDArray[np.int32]
     shares: Array
-    distance: Array
+    """Nodes of the cell, and the values of their shape functions at the point. Shape (points, nodes
+    per cell)."""
+    distance: Array  # (points,)
+    """Distance from the mesh; rounding errors if a cell contains the point."""
 
 
 def locate_in(

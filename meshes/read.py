@@ -66,34 +66,23 @@ PLANE_NAMES = {"3": "CPS3", "4": "CPS4", "6": "CPE6", "8": "S8R"}
 
 @dataclass(frozen=True, eq=False)
 class FileContent:
-    """Cells of one type and the groups of a file, before any check or repair.
-
-    Attributes
-    ----------
-    points : (nodes, 3)
-    cells : (cells, corners)
-        In VTK order; nodes may be unused.
-    cell_groups
-        Ascending rows of `cells` by name.
-    facet_groups
-        Corner nodes of facets by name, (facets, corners).
-    point_groups
-        Nodes by name.
-    nodes
-        All nodes of the cells as the file has them, block by block in the order of `cells`: blocks
-        of cells of second order have more than the corners.
-    notes
-        Notes on data that were left out, one sentence each.
-    """
+    """Cells of one type and the groups of a file, before any check or repair."""
 
     kind: CellKind
-    points: Array
-    cells: Ints
+    points: Array  # (nodes, 3)
+    cells: Ints  # (cells, corners)
+    """In VTK order; nodes may be unused."""
     cell_groups: dict[str, Ints]
+    """Ascending rows of `cells` by name."""
     facet_groups: dict[str, Ints]
+    """Corner nodes of facets by name, (facets, corners)."""
     point_groups: dict[str, Ints]
+    """Nodes by name."""
     nodes: tuple[Ints, ...]
+    """All nodes of the cells as the file has them, block by block in the order of `cells`: blocks
+    of cells of second order have more than the corners."""
     notes: tuple[str, ...]
+    """Notes on data that were left out, one sentence each."""
 
     @property
     def second_order(self) -> bool:

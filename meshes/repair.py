@@ -70,22 +70,15 @@ REVERSED = {
 
 @dataclass(frozen=True)
 class Placement:
-    """Placement of a mesh file in the scene: scaled, then rotated, then moved.
-
-    Attributes
-    ----------
-    scale
-        Factor on the coordinates.
-    axis, angle
-        Axis of the rotation, and the angle in degrees.
-    translation
-        Displacement in the unit of length of the scene.
-    """
+    """Placement of a mesh file in the scene: scaled, then rotated, then moved."""
 
     scale: float = 1.0
+    """Factor on the coordinates."""
     axis: tuple[float, float, float] = (0.0, 0.0, 1.0)
     angle: float = 0.0
+    """Axis of the rotation, and the angle in degrees."""
     translation: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    """Displacement in the unit of length of the scene."""
 
     def __call__(self, points: Array) -> Array:
         """Move points (n, 3); Rodrigues' formula."""

@@ -90,29 +90,20 @@ def _normals_at_vertices(corners: Ints, points: Array, normals: Array) -> Array:
 
 @dataclass(frozen=True, eq=False)
 class _Facets:
-    """The facets of a surface.
+    """The facets of a surface."""
 
-    Attributes
-    ----------
-    place : (facets, v)
-        Vertices of each.
-    vertices : (vertices, 3)
-    centres, normals : (facets, 3)
-    areas : (facets,)
-        In their order of magnitude.
-    vertices_of : (facets, vertices)
-        Ones at the vertices of each.
-    neighbours : (facets, facets)
-        Positive where two share a vertex.
-    """
-
-    place: Ints
-    vertices: Array
+    place: Ints  # (facets, v)
+    """Vertices of each."""
+    vertices: Array  # (vertices, 3)
     centres: Array
     normals: Array
-    areas: Array
-    vertices_of: csr_matrix
-    neighbours: csr_matrix
+    """Shape (facets, 3)."""
+    areas: Array  # (facets,)
+    """In their order of magnitude."""
+    vertices_of: csr_matrix  # (facets, vertices)
+    """Ones at the vertices of each."""
+    neighbours: csr_matrix  # (facets, facets)
+    """Positive where two share a vertex."""
 
     @classmethod
     def of(cls, place: Ints, vertices: Array, points: Array, normals: Array) -> _Facets:

@@ -99,37 +99,25 @@ def _parallelograms(nodes: Array) -> bool:
 
 @dataclass(frozen=True, eq=False)
 class Reference:
-    """Mesh of one congruence class of subdomains, on one process.
-
-    Attributes
-    ----------
-    mesh
-        The dolfinx mesh; its geometry nodes come first among the nodes. If edges are curved, its
-        geometry is of second order and has all nodes of degree 2.
-    cell
-        Name of the cell, e.g. ``hexahedron``.
-    degree
-        Degree of the displacement, 1 or 2, which decides the nodes.
-    points : (nodes, 3)
-        Coordinates.
-    cells : (cells, nodes per cell)
-        Nodes of each cell in VTK order, vertices first.
-    facets : (facets, nodes per facet)
-        Nodes of the facets on the surface of the subdomain, in dolfinx's order, vertices first.
-    facet_entities : (facets,)
-        The same facets as entities of `mesh`.
-    tags : (cells,)
-        Number of each cell's material among those of the body, in the order of `cells`.
-    """
+    """Mesh of one congruence class of subdomains, on one process."""
 
     mesh: Any
+    """The dolfinx mesh; its geometry nodes come first among the nodes. If edges are curved, its
+    geometry is of second order and has all nodes of degree 2."""
     cell: str
+    """Name of the cell, e.g. ``hexahedron``."""
     degree: int
-    points: Array
-    cells: NDArray[np.int32]
-    facets: NDArray[np.int32]
-    facet_entities: NDArray[np.int32]
-    tags: NDArray[np.int32]
+    """Degree of the displacement, 1 or 2, which decides the nodes."""
+    points: Array  # (nodes, 3)
+    """Coordinates."""
+    cells: NDArray[np.int32]  # (cells, nodes per cell)
+    """Nodes of each cell in VTK order, vertices first."""
+    facets: NDArray[np.int32]  # (facets, nodes per facet)
+    """Nodes of the facets on the surface of the subdomain, in dolfinx's order, vertices first."""
+    facet_entities: NDArray[np.int32]  # (facets,)
+    """The same facets as entities of `mesh`."""
+    tags: NDArray[np.int32]  # (cells,)
+    """Number of each cell's material among those of the body, in the order of `cells`."""
 
     @property
     def curved(self) -> bool:
@@ -233,29 +221,20 @@ def _sides_of_facets(mesh: Any, entities: NDArray[np.int32]) -> tuple[NDArray[np
 
 @dataclass(frozen=True, eq=False)
 class Subdomain:
-    """One subdomain: a translated reference with the node numbers of the undecomposed mesh.
-
-    Attributes
-    ----------
-    number
-        Number of the subdomain in the whole scene.
-    body
-        Index of its body.
-    nodes : (nodes,)
-        Number of each node in the undecomposed mesh of the scene.
-    exterior
-        Rows of ``reference.facets`` that lie on the surface of the body.
-    boundaries
-        Rows of ``reference.facets`` by the name of a boundary the mesh itself knows.
-    """
+    """One subdomain: a translated reference with the node numbers of the undecomposed mesh."""
 
     number: int
+    """Number of the subdomain in the whole scene."""
     body: int
+    """Index of its body."""
     reference: Reference
     translation: Array
-    nodes: Ints
+    nodes: Ints  # (nodes,)
+    """Number of each node in the undecomposed mesh of the scene."""
     exterior: NDArray[np.int32]
+    """Rows of ``reference.facets`` that lie on the surface of the body."""
     boundaries: Mapping[str, NDArray[np.int32]]
+    """Rows of ``reference.facets`` by the name of a boundary the mesh itself knows."""
 
     def points(self) -> Array:
         """Coordinates of the nodes, (nodes, 3)."""
@@ -264,32 +243,22 @@ class Subdomain:
 
 @dataclass(frozen=True, eq=False)
 class Partition:
-    """The decomposition of a scene, with the subdomains of this rank.
-
-    Attributes
-    ----------
-    subdomains
-        The subdomains of this rank, by number; ranks hold consecutive numbers.
-    count
-        Number of subdomains on all ranks.
-    subdomains_of_body
-        Number of subdomains of each body.
-    first_node : (bodies + 1,)
-        Nodes of body b are numbered from ``first_node[b]`` up to ``first_node[b + 1]``.
-    first_cell : (bodies + 1,)
-        Cells of body b are numbered from ``first_cell[b]`` up to ``first_cell[b + 1]``.
-    cell_starts
-        Number of the first cell of each local subdomain, in the order of `subdomains`.
-    """
+    """The decomposition of a scene, with the subdomains of this rank."""
 
     comm: MPI.Intracomm
     dimension: int
     subdomains: tuple[Subdomain, ...]
+    """The subdomains of this rank, by number; ranks hold consecutive numbers."""
     count: int
+    """Number of subdomains on all ranks."""
     subdomains_of_body: tuple[int, ...]
-    first_node: Ints
-    first_cell: Ints
+    """Number of subdomains of each body."""
+    first_node: Ints  # (bodies + 1,)
+    """Nodes of body b are numbered from ``first_node[b]`` up to ``first_node[b + 1]``."""
+    first_cell: Ints  # (bodies + 1,)
+    """Cells of body b are numbered from ``first_cell[b]`` up to ``first_cell[b + 1]``."""
     cell_starts: Ints
+    """Number of the first cell of each local subdomain, in the order of `subdomains`."""
 
     @property
     def nodes(self) -> int:

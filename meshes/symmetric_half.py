@@ -33,30 +33,21 @@ class AsymmetryError(ValueError):
 
 @dataclass(frozen=True, eq=False)
 class HalfSurface:
-    """The surface of a half without its cut, and its mirror image.
-
-    Attributes
-    ----------
-    points, images : (nodes, 3)
-        Nodes of the half, and the coordinates of their images in the whole.
-    on_plane : (nodes,)
-        Mask of the nodes that are their own image.
-    facets : (facets, nodes per facet)
-        Vertices first.
-    sides
-        For each named boundary: masks of the facets on it, and of the facets whose images are on
-        it.
-    of
-        Whether the body has these facets, and whether it has their images. If the image is another
-        body, only one of the two is true.
-    """
+    """The surface of a half without its cut, and its mirror image."""
 
     points: Array
     images: Array
-    on_plane: Mask
-    facets: Ints
+    """Nodes of the half, and the coordinates of their images in the whole. Shape (nodes, 3)."""
+    on_plane: Mask  # (nodes,)
+    """Mask of the nodes that are their own image."""
+    facets: Ints  # (facets, nodes per facet)
+    """Vertices first."""
     sides: Mapping[str, tuple[Mask, Mask]]
+    """For each named boundary: masks of the facets on it, and of the facets whose images are on
+    it."""
     of: tuple[bool, bool] = (True, True)
+    """Whether the body has these facets, and whether it has their images. If the image is another
+    body, only one of the two is true."""
 
 
 def half_box(box: BoxShape, axis: int) -> HalfSurface:

@@ -38,41 +38,29 @@ from meshes.mortar import BothSides, MeanGaps, Multipliers, distribute, jumps, s
 
 @dataclass(frozen=True, eq=False)
 class MeanJumps:
-    """Rows Σ value · u[node, component] = 0 of each component of the jump.
-
-    Attributes
-    ----------
-    rows : d records
-        Records as `MeanGaps`; the force on the `on` body for a multiplier of one is minus the unit
-        vector.
-    gap, size
-        Largest mean distance of the sides, and the size of a facet at this place.
-    nodes, held : (n,), (n, d)
-        Nodes of the `on` side, ascending, and their components that are held on both sides.
-    """
+    """Rows Σ value · u[node, component] = 0 of each component of the jump."""
 
     rows: tuple[MeanGaps, ...]
+    """Records as `MeanGaps`; the force on the `on` body for a multiplier of one is minus the unit
+    vector."""
     gap: float
     size: float
+    """Largest mean distance of the sides, and the size of a facet at this place."""
     nodes: Ints
     held: Mask
+    """Nodes of the `on` side, ascending, and their components that are held on both sides. Shapes
+    (n,), (n, d)."""
 
 
 @dataclass(frozen=True, eq=False)
 class Decided:
-    """The displacements that are known before two surfaces are tied.
-
-    Attributes
-    ----------
-    nodes, held : (k,), (k, d)
-        Held nodes, ascending, and their components.
-    tied_before : (l,)
-        Nodes with multipliers of another tie.
-    """
+    """The displacements that are known before two surfaces are tied."""
 
     nodes: Ints
     held: Mask
-    tied_before: Ints
+    """Held nodes, ascending, and their components. Shapes (k,), (k, d)."""
+    tied_before: Ints  # (l,)
+    """Nodes with multipliers of another tie."""
 
     def of(self, nodes: Ints) -> Mask:
         """Mask (n, d) of the held components of some nodes."""
@@ -127,22 +115,15 @@ def mean_jumps(
 
 @dataclass(frozen=True, eq=False)
 class _Ties:
-    """Sums over all facets, before functions are distributed to neighbours.
-
-    Attributes
-    ----------
-    sides, psi
-        The nodes of both sides, and the functions of the multipliers on the `on` facets.
-    jump : (n, n + m)
-        ∫ ψ_j N of both sides; negative for the other side.
-    tilt : (n, n · d · d)
-        ∫ ψ_j n^⊥ by node, component of the displacement and component of the result.
-    """
+    """Sums over all facets, before functions are distributed to neighbours."""
 
     sides: BothSides
     psi: Multipliers
-    jump: sparse.csr_matrix
-    tilt: sparse.csr_matrix
+    """The nodes of both sides, and the functions of the multipliers on the `on` facets."""
+    jump: sparse.csr_matrix  # (n, n + m)
+    """∫ ψ_j N of both sides; negative for the other side."""
+    tilt: sparse.csr_matrix  # (n, n · d · d)
+    """∫ ψ_j n^⊥ by node, component of the displacement and component of the result."""
 
     @classmethod
     def of(cls, on: Surface, against: Surface, pairs: Overlaps) -> _Ties:
@@ -202,17 +183,11 @@ class _Ties:
 
 @dataclass(frozen=True, eq=False)
 class _Distributed:
-    """Sums over facets in which functions are distributed to neighbours, divided by ∫ ψ_j.
-
-    Attributes
-    ----------
-    strong, total : (rows,)
-        Places of the `on` nodes that keep a row, and ∫ ψ_j.
-    jump, tilt : (rows, n + m), (rows, n · d · d)
-        As in `_Ties`.
-    """
+    """Sums over facets in which functions are distributed to neighbours, divided by ∫ ψ_j."""
 
     strong: Ints
     total: Array
+    """Places of the `on` nodes that keep a row, and ∫ ψ_j. Shape (rows,)."""
     jump: sparse.coo_matrix
     tilt: sparse.coo_matrix
+    """Shapes (rows, n + m), (rows, n · d · d)."""

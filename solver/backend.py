@@ -25,20 +25,15 @@ from solver.vectors import Array, Ints, Mask
 
 @dataclass(frozen=True, eq=False)
 class Turn:
-    """Tangential frames of this rank's contact points in space, turned in their planes.
-
-    Attributes
-    ----------
-    first, second : (points,)
-        The two tangential rows of each point.
-    cosine, sine : (points,)
-        Cosine and sine of the angle from the old first direction to the new first direction.
-    """
+    """Tangential frames of this rank's contact points in space, turned in their planes."""
 
     first: Ints
     second: Ints
+    """The two tangential rows of each point. Shape (points,)."""
     cosine: Array
     sine: Array
+    """Cosine and sine of the angle from the old first direction to the new first direction. Shape
+    (points,)."""
 
     def turned(self, x: Array) -> Array:
         """Components (rows,) in the turned frames, from components in the original frames."""
@@ -54,60 +49,41 @@ class Turn:
 
 @dataclass(frozen=True, eq=False)
 class Relaxation:
-    """The last step of a fixed point over slip limits, this rank's points.
+    """The last step of a fixed point over slip limits, this rank's points."""
 
-    Attributes
-    ----------
-    residual : (points,)
-        Limits of the last state minus the limits that were prescribed; zero where a point does not
-        slide.
-    factor
-        Share of this change that was taken.
-    history
-        Prescribed limits and residuals (points,) of the last states whose points all slid.
-    extrapolated
-        Whether the limits are a combination of these.
-    spring
-        Share of the friction forces that is a spring along the slip.
-    """
-
-    residual: Array
+    residual: Array  # (points,)
+    """Limits of the last state minus the limits that were prescribed; zero where a point does not
+    slide."""
     factor: float
+    """Share of this change that was taken."""
     history: tuple[tuple[Array, Array], ...] = ()
+    """Prescribed limits and residuals (points,) of the last states whose points all slid."""
     extrapolated: bool = False
+    """Whether the limits are a combination of these."""
     spring: float = 0.0
+    """Share of the friction forces that is a spring along the slip."""
 
 
 @dataclass(frozen=True, eq=False)
 class Statuses:
-    """The status of each row while a backend solves; local parts.
+    """The status of each row while a backend solves; local parts."""
 
-    Attributes
-    ----------
-    active : (rows,)
-        Contact rows that hold with equality.
-    tractions : (rows,)
-        Prescribed multipliers of the contact rows that are not active. For an active row with a
-        compliance, the traction without a displacement of the row (see `compliance`). None where
-        all are zero.
-    turn
-        Frames of the rows in all of these arrays; None on all ranks where no frame is turned.
-    compliance : (rows,)
-        C of the active rows in B u - c = C (λ - traction), zero for most; None on all ranks where C
-        is zero for all rows.
-    springs : (points,)
-        Sliding points of a friction law whose rows are active with a compliance, as springs; None
-        for none. Backends do not need it.
-    relaxation
-        How the law came from the last state to these statuses; backends do not need it.
-    """
-
-    active: Mask
-    tractions: Array | None = None
+    active: Mask  # (rows,)
+    """Contact rows that hold with equality."""
+    tractions: Array | None = None  # (rows,)
+    """Prescribed multipliers of the contact rows that are not active. For an active row with a
+    compliance, the traction without a displacement of the row (see `compliance`). None where all
+    are zero."""
     turn: Turn | None = None
-    compliance: Array | None = None
-    springs: Mask | None = None
+    """Frames of the rows in all of these arrays; None on all ranks where no frame is turned."""
+    compliance: Array | None = None  # (rows,)
+    """C of the active rows in B u - c = C (λ - traction), zero for most; None on all ranks where C
+    is zero for all rows."""
+    springs: Mask | None = None  # (points,)
+    """Sliding points of a friction law whose rows are active with a compliance, as springs; None
+    for none. Backends do not need it."""
     relaxation: Relaxation | None = None
+    """How the law came from the last state to these statuses; backends do not need it."""
 
     @property
     def holding(self) -> Mask:
@@ -143,28 +119,19 @@ class Statuses:
 
 @dataclass(frozen=True, eq=False)
 class SetState:
-    """The approximate answer on a set; local parts. A backend adds the data that its answer needs.
+    """The approximate answer on a set; local parts. A backend adds the data that it needs."""
 
-    Attributes
-    ----------
-    multiplier : (rows,)
-        λ.
-    active : (rows,)
-        Contact and tangential rows that hold with equality.
-    jumps : (rows,)
-        B u - c.
-    sizes : (rows,)
-        Reference of each row's jump: the displacement of the row's body. In contact rows it is
-        divided by the row's length, so that jumps over references are relative distances.
-    strained
-        a(u, u), twice the energy of the strains.
-    """
-
-    multiplier: Array
-    active: Mask
-    jumps: Array
-    sizes: Array
+    multiplier: Array  # (rows,)
+    """λ."""
+    active: Mask  # (rows,)
+    """Contact and tangential rows that hold with equality."""
+    jumps: Array  # (rows,)
+    """B u - c."""
+    sizes: Array  # (rows,)
+    """Reference of each row's jump: the displacement of the row's body. In contact rows it is
+    divided by the row's length, so that jumps over references are relative distances."""
     strained: float
+    """a(u, u), twice the energy of the strains."""
 
     @property
     def distance(self) -> Array:
@@ -214,18 +181,12 @@ class SetSolve(Protocol[Out]):
 
 @dataclass(frozen=True, eq=False)
 class ConstraintHierarchy:
-    """Constraint hierarchy: the contact rows that may close, level by level.
+    """Constraint hierarchy: the contact rows that may close, level by level."""
 
-    Attributes
-    ----------
-    every : (rows,)
-        Mask of all contact rows.
-    coarse : masks (rows,)
-        Contact rows of this level and of coarse levels after it; empty on the finest level.
-    """
-
-    every: Mask
-    coarse: tuple[Mask, ...] = ()
+    every: Mask  # (rows,)
+    """Mask of all contact rows."""
+    coarse: tuple[Mask, ...] = ()  # masks (rows,)
+    """Contact rows of this level and of coarse levels after it; empty on the finest level."""
 
     @property
     def allowed(self) -> Mask:

@@ -40,21 +40,15 @@ from dataclasses import dataclass, field
 
 @dataclass(frozen=True)
 class Limits:
-    """The limits within which two levels agree.
-
-    Attributes
-    ----------
-    ratio
-        Squared error of the coarser level over that of the finer, from which on they are compared.
-    disagree
-        Quotient from which on estimates do not follow the error.
-    inherited
-        Whether errors of earlier increments change the energy by the first order.
-    """
+    """The limits within which two levels agree."""
 
     ratio: float
+    """Squared error of the coarser level over that of the finer, from which on they are
+    compared."""
     disagree: float
+    """Quotient from which on estimates do not follow the error."""
     inherited: bool = False
+    """Whether errors of earlier increments change the energy by the first order."""
 
 
 FALLING = Limits(ratio=1.7, disagree=4.0)
@@ -91,44 +85,29 @@ EXACT = 1e-5
 
 @dataclass(frozen=True)
 class Measured:
-    """The error of one mesh by its estimate and its energy.
-
-    Attributes
-    ----------
-    degree
-        Of the displacement.
-    energy
-        J(u_h).
-    square
-        η², the square of the estimated error in the same units.
-    strains
-        a(u_h, u_h).
-    """
+    """The error of one mesh by its estimate and its energy."""
 
     degree: int
+    """Degree of the displacement."""
     energy: float
+    """J(u_h)."""
     square: float
+    """η², the square of the estimated error in the same units."""
     strains: float = 0.0
+    """a(u_h, u_h)."""
 
 
 @dataclass(frozen=True)
 class Verdict:
-    """Verdict on an estimate.
-
-    Attributes
-    ----------
-    raised
-        Factor on η², 1 or more.
-    doubt
-        The reason why the estimate is not accepted yet; empty if it is accepted.
-    suspected
-        Largest possible factor on η² in case of doubt; a target that even this estimate meets is
-        met.
-    """
+    """Verdict on an estimate."""
 
     raised: float
+    """Factor on η², 1 or more."""
     doubt: str = ""
+    """The reason why the estimate is not accepted yet; empty if it is accepted."""
     suspected: float = math.inf
+    """Largest possible factor on η² in case of doubt; a target that even this estimate meets is
+    met."""
 
     @property
     def agreed(self) -> bool:
@@ -144,15 +123,10 @@ class Verdict:
 
 @dataclass
 class Agreement:
-    """The levels of a run, with a verdict on the estimate of the last one.
-
-    Attributes
-    ----------
-    limits
-        `FALLING`, `EITHER_WAY` or `INHERITED`.
-    """
+    """The levels of a run, with a verdict on the estimate of the last one."""
 
     limits: Limits = FALLING
+    """`FALLING`, `EITHER_WAY` or `INHERITED`."""
     _levels: list[Measured] = field(default_factory=list)
 
     def __len__(self) -> int:

@@ -58,18 +58,13 @@ match. The gap between them then varies by at most a tenth of the sagitta."""
 
 
 class Distances(NamedTuple):
-    """Largest distances from the round surface near a contact.
-
-    Attributes
-    ----------
-    facets
-        Of flat facets: the sagitta.
-    smooth
-        Of the smooth surface through their vertices, an estimate; zero without `round: true`.
-    """
+    """Largest distances from the round surface near a contact."""
 
     facets: float = 0.0
+    """Distance of flat facets: the sagitta."""
     smooth: float = 0.0
+    """Distance of the smooth surface through their vertices, an estimate; zero without `round:
+    true`."""
 
     def or_larger(self, other: Distances) -> Distances:
         """The larger one of each."""

@@ -59,20 +59,13 @@ REACH = 4.0
 
 @dataclass(frozen=True, eq=False)
 class _Joints:
-    """Edges between two facets of a surface, in the plane nodes.
+    """Edges between two facets of a surface, in the plane nodes."""
 
-    Attributes
-    ----------
-    turns : (joints,)
-        Angle between the normals, negative in re-entrant corners.
-    ends : (joints, d - 1, 3)
-    pressed : (joints, 2)
-        Mask of facets of the contact boundary.
-    """
-
-    turns: Array
-    ends: Array
-    pressed: Mask
+    turns: Array  # (joints,)
+    """Angle between the normals, negative in re-entrant corners."""
+    ends: Array  # (joints, d - 1, 3)
+    pressed: Mask  # (joints, 2)
+    """Mask of facets of the contact boundary."""
 
     @property
     def sharp(self) -> Mask:
@@ -90,24 +83,16 @@ class _Joints:
 
 @dataclass(frozen=True, eq=False)
 class Skin:
-    """The facets of one side of a contact near its largest pressure.
-
-    Attributes
-    ----------
-    surface
-        Facets of the body, in and beside the contact boundary.
-    joints
-        The edges between them.
-    name
-        Of the body.
-    stiffness
-        Its Young's modulus, in a unit common to both sides.
-    """
+    """The facets of one side of a contact near its largest pressure."""
 
     surface: Surface
+    """Facets of the body, in and beside the contact boundary."""
     joints: _Joints
+    """The edges between them."""
     name: str
+    """Name of the body."""
     stiffness: float
+    """Its Young's modulus, in a unit common to both sides."""
 
     @classmethod
     def of(cls, surface: Surface, pressed: Surface, name: str, stiffness: float) -> Skin:

@@ -44,31 +44,21 @@ RESISTED = 1e-12
 
 @dataclass(frozen=True, eq=False)
 class Bodies:
-    """The bodies of a mesh: parts of the mesh connected through nodes.
+    """The bodies of a mesh: parts of the mesh connected through nodes."""
 
-    Attributes
-    ----------
-    of_subdomain : (subdomains,)
-        Body of each subdomain of this rank.
-    of_node : (owned nodes,)
-        Body of each node this rank owns, as the exchange counts owners.
-    first : (bodies,)
-        Number of the first subdomain of each body, among those of all ranks.
-    sizes : (bodies,)
-        Number of subdomains of each body.
-    centres, lengths : (bodies, 3), (bodies,)
-        Centre and length in the definition of rigid motions.
-    halves : (bodies, 3)
-        Half the sides of the box about each body.
-    """
-
-    of_subdomain: Ints
-    of_node: Ints
-    first: Ints
-    sizes: Ints
+    of_subdomain: Ints  # (subdomains,)
+    """Body of each subdomain of this rank."""
+    of_node: Ints  # (owned nodes,)
+    """Body of each node this rank owns, as the exchange counts owners."""
+    first: Ints  # (bodies,)
+    """Number of the first subdomain of each body, among those of all ranks."""
+    sizes: Ints  # (bodies,)
+    """Number of subdomains of each body."""
     centres: Array
     lengths: Array
-    halves: Array
+    """Centre and length in the definition of rigid motions. Shapes (bodies, 3), (bodies,)."""
+    halves: Array  # (bodies, 3)
+    """Half the sides of the box about each body."""
 
     @property
     def count(self) -> int:
@@ -197,47 +187,31 @@ def resisted(
 
 @dataclass(frozen=True, eq=False)
 class Holding:
-    """Supports of the bodies.
+    """Supports of the bodies."""
 
-    Attributes
-    ----------
-    free_motions : one (motions, k) array per body
-        Motions that nothing stops and on which no load does work.
-    held : (bodies,)
-        Whether conditions and springs stop every rigid motion of a body by itself.
-    without_contact
-        Whether they do so for all bodies.
-    loose
-        Motions that nothing resists, or that contact hardly resists.
-    """
-
-    free_motions: list[Array]
-    held: Mask
+    free_motions: list[Array]  # one (motions, k) array per body
+    """Motions that nothing stops and on which no load does work."""
+    held: Mask  # (bodies,)
+    """Whether conditions and springs stop every rigid motion of a body by itself."""
     without_contact: bool
+    """Whether they do so for all bodies."""
     loose: LooseBodies
+    """Motions that nothing resists, or that contact hardly resists."""
 
 
 @dataclass(frozen=True, eq=False)
 class Resisting:
-    """Rows of this rank that may hold the bodies.
-
-    Attributes
-    ----------
-    held, contact
-        Held nodes and contact rows.
-    groups : (bodies,)
-        The group of each body.
-    friction
-        Tangential rows.
-    contacts
-        Number of contacts.
-    """
+    """Rows of this rank that may hold the bodies."""
 
     held: HeldRows
     contact: ContactRows
-    groups: Ints
+    """Held nodes and contact rows."""
+    groups: Ints  # (bodies,)
+    """The group of each body."""
     friction: FrictionRows
+    """Tangential rows."""
     contacts: int
+    """Number of contacts."""
 
 
 def holding(

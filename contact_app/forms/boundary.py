@@ -18,23 +18,15 @@ from meshes.quadratic import FACETS
 
 @dataclass(frozen=True, eq=False)
 class Facets:
-    """Facets of this rank on the surface of the bodies.
+    """Facets of this rank on the surface of the bodies."""
 
-    Attributes
-    ----------
-    copies : (facets, nodes per facet)
-        Copies of the nodes, vertices first.
-    numbers : (facets, nodes per facet)
-        Nodes, as all ranks number them.
-    points : (facets, nodes per facet, 3)
-    inside : (facets, 3)
-        Middle of the cell behind each facet.
-    """
-
-    copies: Ints
-    numbers: Ints
-    points: Array
-    inside: Array
+    copies: Ints  # (facets, nodes per facet)
+    """Copies of the nodes, vertices first."""
+    numbers: Ints  # (facets, nodes per facet)
+    """Nodes, as all ranks number them."""
+    points: Array  # (facets, nodes per facet, 3)
+    inside: Array  # (facets, 3)
+    """Middle of the cell behind each facet."""
 
     def vertices(self, dimension: int) -> Ints:
         """Copies of the vertices, (facets, vertices)."""

@@ -21,23 +21,15 @@ EQUAL = 1e-12
 
 @dataclass(frozen=True, eq=False)
 class Congruent:
-    """Subdomains of this rank that share a stiffness.
+    """Subdomains of this rank that share a stiffness."""
 
-    Attributes
-    ----------
-    members : (members,)
-        Numbers of the subdomains.
-    stiffness : (n, n)
-    points : (nodes, 3)
-        Points of one member, of this rank or another.
-    number
-        Number of the class among the classes of all ranks.
-    """
-
-    members: Ints
-    stiffness: sparse.csr_matrix
-    points: Array
+    members: Ints  # (members,)
+    """Numbers of the subdomains."""
+    stiffness: sparse.csr_matrix  # (n, n)
+    points: Array  # (nodes, 3)
+    """Points of one member, of this rank or another."""
     number: int
+    """Number of the class among the classes of all ranks."""
 
 
 def congruent(

@@ -33,13 +33,6 @@ FLAT = 1e-12
 class SignedDistance:
     """An obstacle of any smooth shape: where a function is negative.
 
-    Attributes
-    ----------
-    distance
-        Points (n, dimension) to values (n,): positive outside, negative inside of the obstacle.
-    gradient
-        Points (n, dimension) to gradients (n, dimension); difference quotients unless given.
-
     Notes
     -----
     The gap is the value over the length of the gradient, the distance to first order.
@@ -49,7 +42,9 @@ class SignedDistance:
     not_in_plane: ClassVar[str] = ""
 
     distance: Callable[[Array], Array]
+    """Points (n, dimension) to values (n,): positive outside, negative inside of the obstacle."""
     gradient: Callable[[Array], Array] | None = None
+    """Points (n, dimension) to gradients (n, dimension); difference quotients unless given."""
 
     def gap_and_normal(self, points: Array, d: int, step: float) -> tuple[Array, Array]:
         """Gap (n,) and normal (n, 3) at points (n, 3).
@@ -121,44 +116,31 @@ def _called(name: str, function: Callable[[Array], Array], x: Array, shape: tupl
 
 @dataclass(frozen=True, eq=False)
 class Contact:
-    """Facets that an obstacle or other facets keep from moving on.
-
-    Attributes
-    ----------
-    facet_tags
-        dolfinx's mesh tags of facets.
-    tag
-        Value of the facets that may touch, or several values.
-    obstacle
-        `Plane`, `Sphere`, `Cylinder`, `SignedDistance`, or a function that takes points
-        (n, dimension) and returns signed distances (n,).
-    against
-        Instead of an obstacle the value (or values) of the facets on the other side. The pressure
-        is a field on `tag`, which should be the side with the finer mesh or the softer body.
-    interference
-        Length along the normal that is subtracted from the gap of the geometry.
-    round
-        Whether the gap is that of smooth surfaces through the nodes of both sides; for pairs.
-    name
-        Name in messages and the summary; by default for example ``facets 3``.
-    friction
-        ``{"coulomb": μ}``, or ``{"tresca": s}`` with the slip limit s, a force per area; or a
-        `Friction`. Slip counts from the displacement zero. No friction unless given.
-    weight
-        Factor of the integrals of the forms, as r of cylindrical coordinates: points (n, dimension)
-        to values (n,) from zero on. Pressures, tractions and areas are those of the body then, and
-        forces those of the forms. For obstacles and spaces of degree 1.
-    """
+    """Facets that an obstacle or other facets keep from moving on."""
 
     facet_tags: Any
+    """dolfinx's mesh tags of facets."""
     tag: int | Sequence[int]
+    """Value of the facets that may touch, or several values."""
     obstacle: Plane | Sphere | Cylinder | SignedDistance | Callable[[Array], Array] | None = None
+    """`Plane`, `Sphere`, `Cylinder`, `SignedDistance`, or a function that takes points (n,
+    dimension) and returns signed distances (n,)."""
     against: int | Sequence[int] | None = None
+    """Instead of an obstacle the value (or values) of the facets on the other side. The pressure is
+    a field on `tag`, which should be the side with the finer mesh or the softer body."""
     interference: float = 0.0
+    """Length along the normal that is subtracted from the gap of the geometry."""
     round: bool = False
+    """Whether the gap is that of smooth surfaces through the nodes of both sides; for pairs."""
     name: str = ""
+    """Name in messages and the summary; by default for example ``facets 3``."""
     friction: Friction | Mapping[str, float] | None = None
+    """``{"coulomb": μ}``, or ``{"tresca": s}`` with the slip limit s, a force per area; or a
+    `Friction`. Slip counts from the displacement zero. No friction unless given."""
     weight: Callable[[Array], Array] | None = None
+    """Factor of the integrals of the forms, as r of cylindrical coordinates: points (n, dimension)
+    to values (n,) from zero on. Pressures, tractions and areas are those of the body then, and
+    forces those of the forms. For obstacles and spaces of degree 1."""
 
     @property
     def law(self) -> Friction:

@@ -32,27 +32,18 @@ nearly each of them."""
 
 @dataclass(frozen=True, eq=False)
 class Grid:
-    """A cut of a regular mesh.
+    """A cut of a regular mesh."""
 
-    Attributes
-    ----------
-    of_cell : (cells,)
-        Sub-box of each cell of this rank.
-    lattice : (nodes,)
-        Number of each node of the space in the lattice, x fastest.
-    cells : (sub-boxes, d)
-        Cells along each axis of each sub-box of all ranks.
-    degree
-        Of the space.
-    bodies : (sub-boxes,)
-        Body of each sub-box; the cells of one body are equal boxes.
-    """
-
-    of_cell: Ints
-    lattice: Ints
-    cells: Ints
+    of_cell: Ints  # (cells,)
+    """Sub-box of each cell of this rank."""
+    lattice: Ints  # (nodes,)
+    """Number of each node of the space in the lattice, x fastest."""
+    cells: Ints  # (sub-boxes, d)
+    """Cells along each axis of each sub-box of all ranks."""
     degree: int
-    bodies: Ints
+    """Degree of the space."""
+    bodies: Ints  # (sub-boxes,)
+    """Body of each sub-box; the cells of one body are equal boxes."""
 
     @property
     def count(self) -> int:

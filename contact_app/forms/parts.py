@@ -26,33 +26,22 @@ from meshes.arrays import Array, Ints
 
 @dataclass(frozen=True, eq=False)
 class Parts:
-    """The cells of this rank in parts, and the copies of nodes that these have.
-
-    Attributes
-    ----------
-    space
-        The vector space whose nodes are copied.
-    torn
-        The space over the copies.
-    of_cell : (cells,)
-        Part of each cell this rank owns.
-    cells : (cells, nodes per cell)
-        Copies of the nodes of each cell, in dolfinx's order.
-    starts : (parts + 1,)
-        First copy of each part, and the number of copies.
-    blocks, numbers : (copies,)
-        Node of each copy in the space, as this rank and as all ranks number it.
-    points : (copies, 3)
-    """
+    """The cells of this rank in parts, and the copies of nodes that these have."""
 
     space: Any
+    """The vector space whose nodes are copied."""
     torn: Any
-    of_cell: Ints
-    cells: Ints
-    starts: Ints
+    """The space over the copies."""
+    of_cell: Ints  # (cells,)
+    """Part of each cell this rank owns."""
+    cells: Ints  # (cells, nodes per cell)
+    """Copies of the nodes of each cell, in dolfinx's order."""
+    starts: Ints  # (parts + 1,)
+    """First copy of each part, and the number of copies."""
     blocks: Ints
     numbers: Ints
-    points: Array
+    """Node of each copy in the space, as this rank and as all ranks number it. Shape (copies,)."""
+    points: Array  # (copies, 3)
 
     @property
     def comm(self) -> MPI.Intracomm:

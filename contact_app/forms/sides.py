@@ -22,21 +22,14 @@ from meshes.mortar import MeanGaps, mean_gaps
 
 @dataclass(frozen=True, eq=False)
 class Sides:
-    """The sides of a contact.
-
-    Attributes
-    ----------
-    facets
-        Facets of `tag` on this rank.
-    surfaces
-        The facets of all ranks, and for a pair those of `against`.
-    gaps
-        Mortar means of the gap of a pair, without its interference; None for an obstacle.
-    """
+    """The sides of a contact."""
 
     facets: Facets
+    """Facets of `tag` on this rank."""
     surfaces: tuple[Surface, ...]
+    """The facets of all ranks, and for a pair those of `against`."""
     gaps: MeanGaps | None = None
+    """Mortar means of the gap of a pair, without its interference; None for an obstacle."""
 
 
 def sides_of(parts: Parts, contact: Contact, number: int) -> Sides:

@@ -24,32 +24,21 @@ Value = TypeVar("Value")
 
 @dataclass(frozen=True, eq=False)
 class Subdomains:
-    """The subdomains that this rank factors and solves.
-
-    Attributes
-    ----------
-    parts
-        The cells of this rank, over which forms are integrated.
-    starts : (subdomains + 1,)
-        First copy of a node of each subdomain, and the number of copies.
-    numbers : (copies,)
-        Node of each copy, as all ranks number it.
-    points : (copies, 3)
-    moved
-        Where the parts go; None where each part is a subdomain of its own rank.
-    grid
-        The cut of a regular mesh; None of others.
-    boxes : (subdomains,)
-        Sub-box of the grid that each is.
-    """
+    """The subdomains that this rank factors and solves."""
 
     parts: Parts
-    starts: Ints
-    numbers: Ints
-    points: Array
+    """The cells of this rank, over which forms are integrated."""
+    starts: Ints  # (subdomains + 1,)
+    """First copy of a node of each subdomain, and the number of copies."""
+    numbers: Ints  # (copies,)
+    """Node of each copy, as all ranks number it."""
+    points: Array  # (copies, 3)
     moved: Moved | None = None
+    """Places that the parts go to; None if each part is a subdomain of its own rank."""
     grid: Grid | None = None
-    boxes: Ints | None = None
+    """The cut of a regular mesh; None of others."""
+    boxes: Ints | None = None  # (subdomains,)
+    """Sub-box of the grid that each is."""
 
     @property
     def comm(self) -> MPI.Intracomm:
@@ -137,26 +126,17 @@ class Subdomains:
 
 @dataclass(frozen=True, eq=False)
 class Moved:
-    """Rank of the subdomain of each part, and positions of a part's nodes in it.
-
-    Attributes
-    ----------
-    comm
-    rank : (parts,)
-        To which each part of this rank goes.
-    subdomain : one number a part that arrives
-        In the order in which the parts arrive.
-    nodes : one (n,) array per arrived part
-        Its nodes among those of the subdomain.
-    count
-        Subdomains of this rank.
-    """
+    """Rank of the subdomain of each part, and positions of a part's nodes in it."""
 
     comm: MPI.Intracomm
-    rank: Ints
+    rank: Ints  # (parts,)
+    """To which each part of this rank goes."""
     subdomain: Ints
-    nodes: list[Ints]
+    """In the order in which the parts arrive."""
+    nodes: list[Ints]  # one (n,) array per arrived part
+    """Its nodes among those of the subdomain."""
     count: int
+    """Subdomains of this rank."""
 
     def exchange(self, values: list[Value]) -> list[Value]:
         """One value per part, sent to the rank of its subdomain (collective)."""

@@ -93,23 +93,15 @@ def cell_stiffness(parts: Parts, grid: Grid, form: Any, body: int) -> Array:
 
 @dataclass(frozen=True, eq=False)
 class EqualCells:
-    """A form on a grid of cells that have the same matrix in each body.
-
-    Attributes
-    ----------
-    matrices
-        K_e of each body.
-    others
-        Integrals that are not in these matrices.
-    nodes : (cells, n)
-        Nodes of the space in the order of the matrices, of the cells that this rank owns.
-    body : (cells,)
-    """
+    """A form on a grid of cells that have the same matrix in each body."""
 
     matrices: list[Array]
+    """K_e of each body."""
     others: Any
-    nodes: Ints
-    body: Ints
+    """Integrals that are not in these matrices."""
+    nodes: Ints  # (cells, n)
+    """Nodes of the space in the order of the matrices, of the cells that this rank owns."""
+    body: Ints  # (cells,)
 
     @classmethod
     def of(cls, parts: Parts, grid: Grid | None, form: Any) -> EqualCells | None:

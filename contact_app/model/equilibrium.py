@@ -230,19 +230,13 @@ def _refuse_held_twice(place: str, body: Body, remaining: Array) -> None:
 
 @dataclass(frozen=True, eq=False)
 class ContactPoints:
-    """Tangential rows by their contact rows.
-
-    Attributes
-    ----------
-    normal : (k,)
-        Contact row of each tangential row.
-    slips : (k, bodies · motions)
-        Tangential rows applied to the rigid motions.
-    """
+    """Tangential rows by their contact rows."""
 
     friction: FrictionRows
-    normal: Ints
-    slips: sparse.csr_matrix
+    normal: Ints  # (k,)
+    """Contact row of each tangential row."""
+    slips: sparse.csr_matrix  # (k, bodies · motions)
+    """Tangential rows applied to the rigid motions."""
 
     def cones(self, chosen: Mask, columns: Ints) -> FrictionCones:
         """The cones of some contact rows (rows,), on the motions of some columns."""

@@ -23,33 +23,23 @@ from meshes.contact_surface import Surface
 
 @dataclass(frozen=True, eq=False)
 class Geometry:
-    """The bodies of a scene, the elastic ones cut into subdomains.
-
-    Attributes
-    ----------
-    bodies, rigid
-        Elastic bodies, and rigid ones.
-    contacts, pairs
-        Contacts with obstacles and rigid bodies, and pairs of elastic bodies that may touch.
-    ties
-        Tied pairs, then boundaries tied to rigid bodies.
-    mirrors
-        Planes of symmetry at which the scene was cut.
-    source
-        The file of the scene.
-    at
-        File, line and key of a condition or contact, to begin a message with.
-    """
+    """The bodies of a scene, the elastic ones cut into subdomains."""
 
     bodies: tuple[Body, ...]
     rigid: RigidBodies
+    """Elastic bodies, and rigid ones."""
     contacts: tuple[Contact, ...]
     pairs: tuple[BodyContact, ...]
+    """Contacts with obstacles and rigid bodies, and pairs of elastic bodies that may touch."""
     ties: tuple[Tie | RigidTie, ...]
+    """Tied pairs, then boundaries tied to rigid bodies."""
     mirrors: tuple[Mirror, ...]
+    """Planes of symmetry at which the scene was cut."""
     partition: Partition
     source: Path
+    """The file of the scene."""
     at: Callable[[str], str]
+    """File, line and key of a condition or contact, to begin a message with."""
 
     @classmethod
     def of(cls, scene: Scene, partition: Partition) -> Geometry:

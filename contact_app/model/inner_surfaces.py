@@ -28,22 +28,15 @@ from meshes.unstructured import FACETS, row_places
 
 @dataclass(frozen=True, eq=False)
 class InnerSurface:
-    """An inner surface.
-
-    Attributes
-    ----------
-    behind
-        For each subdomain of this rank, mask (cells,) of the cells behind the surface; None for
-        other bodies.
-    area
-        Area; in 2D length.
-    centre : (3,)
-        Centroid.
-    """
+    """An inner surface."""
 
     behind: tuple[Mask | None, ...]
+    """For each subdomain of this rank, mask (cells,) of the cells behind the surface; None for
+    other bodies."""
     area: float
-    centre: Array
+    """Area; in 2D length."""
+    centre: Array  # (3,)
+    """Centroid."""
 
 
 def locate_inner_surface(geometry: Geometry, section: InnerSection) -> InnerSurface:

@@ -24,25 +24,17 @@ FacetLoad = Traction | Pressure
 
 @dataclass(frozen=True)
 class Loads:
-    """The loads of a scene, and whether it is plane.
-
-    Attributes
-    ----------
-    on_facets, forces
-        Loads with a given density, on facets of boundaries and on bodies.
-    totals
-        Forces and moments on boundaries.
-    temperatures
-        Rises of temperature of bodies.
-    plane
-        None in space.
-    """
+    """The loads of a scene, and whether it is plane."""
 
     on_facets: tuple[FacetLoad, ...]
     forces: tuple[BodyForce, ...]
+    """Loads with a given density, on facets of boundaries and on bodies."""
     totals: tuple[TotalLoad, ...]
+    """Forces and moments on boundaries."""
     temperatures: tuple[Temperature, ...]
+    """Rises of temperature of bodies."""
     plane: str | None
+    """None in space."""
 
     @classmethod
     def of(cls, scene: Scene) -> Loads:

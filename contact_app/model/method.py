@@ -51,42 +51,32 @@ from solver.tfeti.options import TotalFetiOptions
 
 @dataclass(frozen=True)
 class MethodLimits:
-    """Limits of the rules.
-
-    Attributes
-    ----------
-    least, least_thin
-        Unknowns from which on multigrid is used, and those where one body is thin. With friction it
-        is used for all.
-    largest_thin
-        Unknowns up to which factors of thin scenes are inexpensive, by dimension.
-    patience, patience_unknowns
-        Iterations of Total FETI on a thin scene after which the undecomposed problem is solved, and
-        unknowns in space up to which these cost about as much as the sets of the other method. With
-        more unknowns a factor costs as much as more iterations: 250 on 22,000 unknowns, 600 on
-        86,000, 890 on 48,000 of a disc. Thin trial parts take 55 to 282; if contact peels off row
-        by row, hundreds more change little.
-    patience_in_plane
-        The same in the plane, where factors are cheap: an iteration takes up to two operator
-        applications, and a strip 500 times as long as thick with a lifted end takes 34 by the other
-        method. In all it takes some 500 applications then, with 300 iterations some 680.
-    patience_of_multigrid
-        Iterations of multigrid without friction after which Total FETI is tried. The slowest trial
-        part takes 254; a thin one on which a factor costs too much takes 364.
-    patience_with_friction
-        Iterations of Total FETI with friction after which multigrid is tried. Parts take 18 to 540.
-        Where bodies stand in several frictional contacts at once, conjugate gradients may take
-        thousands on a set: `three_bodies.yaml` with Tresca friction of 3 takes 7,520, multigrid 57.
-    """
+    """Limits of the rules."""
 
     least: int = 5_000
     least_thin: int = 10_000
+    """Unknowns from which on multigrid is used, and those where one body is thin. With friction it
+    is used for all."""
     largest_thin: Mapping[int, int] = field(default_factory=lambda: {2: 500_000, 3: 60_000})
+    """Unknowns up to which factors of thin scenes are inexpensive, by dimension."""
     patience: int = 300
     patience_unknowns: int = 25_000
+    """Iterations of Total FETI on a thin scene after which the undecomposed problem is solved, and
+    unknowns in space up to which these cost about as much as the sets of the other method. With
+    more unknowns a factor costs as much as more iterations: 250 on 22,000 unknowns, 600 on 86,000,
+    890 on 48,000 of a disc. Thin trial parts take 55 to 282; if contact peels off row by row,
+    hundreds more change little."""
     patience_in_plane: int = 200
+    """The same in the plane, where factors are cheap: an iteration takes up to two operator
+    applications, and a strip 500 times as long as thick with a lifted end takes 34 by the other
+    method. In all it takes some 500 applications then, with 300 iterations some 680."""
     patience_of_multigrid: int = 600
+    """Iterations of multigrid without friction after which Total FETI is tried. The slowest trial
+    part takes 254; a thin one on which a factor costs too much takes 364."""
     patience_with_friction: int = 1000
+    """Iterations of Total FETI with friction after which multigrid is tried. Parts take 18 to 540.
+    Where bodies stand in several frictional contacts at once, conjugate gradients may take
+    thousands on a set: `three_bodies.yaml` with Tresca friction of 3 takes 7,520, multigrid 57."""
 
 
 LIMITS = MethodLimits()
@@ -101,24 +91,17 @@ def with_chosen_method(scene: Scene) -> Scene:
 
 @dataclass(frozen=True)
 class MethodChoice:
-    """The properties of a scene on which the choice of its method depends.
-
-    Attributes
-    ----------
-    bodies, ties
-        Elastic bodies, and the tied pairs of them.
-    automatic, decomposed
-        Whether the scene names no method, and whether it names its decomposition.
-    touches, rubs
-        Whether there are contacts, and contacts with friction.
-    """
+    """The properties of a scene on which the choice of its method depends."""
 
     bodies: Sequence[Body]
     ties: Sequence[Tie]
+    """Elastic bodies, and the tied pairs of them."""
     automatic: bool
     decomposed: bool
+    """Whether the scene names no method, and whether it names its decomposition."""
     touches: bool
     rubs: bool
+    """Whether there are contacts, and contacts with friction."""
 
     @classmethod
     def of(cls, scene: Scene) -> MethodChoice:

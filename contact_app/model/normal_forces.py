@@ -18,17 +18,12 @@ Stored = list[list[list[float]]]
 
 @dataclass(frozen=True, eq=False)
 class NormalForces:
-    """Normal forces of this rank's contact rows; rows of other models of the scene may differ.
-
-    Attributes
-    ----------
-    nodes, sources, forces : (rows,)
-        Node, contact and force, sorted by node and then by contact.
-    """
+    """Normal forces of this rank's contact rows; rows of other models of the scene may differ."""
 
     nodes: Ints
     sources: Ints
     forces: Array
+    """Node, contact and force, sorted by node and then by contact. Shape (rows,)."""
 
     @classmethod
     def of(cls, problem: DualProblem, solution: Solution) -> NormalForces:

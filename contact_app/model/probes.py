@@ -27,26 +27,18 @@ ROOM = 0.1
 
 @dataclass(frozen=True, eq=False)
 class Probe:
-    """A point in a cell of this rank.
-
-    Attributes
-    ----------
-    subdomain
-        Number of its subdomain on this rank; None if another rank has it.
-    nodes, shares : (n,)
-        Nodes of the cell in the subdomain, and their shape functions at the point.
-    mirrors
-        Planes of symmetry between the point and the part that is solved.
-    bodies
-        Bodies at the point, on all ranks; the probe is in the first one.
-    """
+    """A point in a cell of this rank."""
 
     name: str
     subdomain: int | None
+    """Number of its subdomain on this rank; None if another rank has it."""
     nodes: Ints
     shares: Array
+    """Nodes of the cell in the subdomain, and their shape functions at the point. Shape (n,)."""
     mirrors: tuple[Mirror, ...]
+    """Planes of symmetry between the point and the part that is solved."""
     bodies: tuple[int, ...] = ()
+    """Bodies at the point, on all ranks; the probe is in the first one."""
 
 
 def locate_probes(

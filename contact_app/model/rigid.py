@@ -54,24 +54,16 @@ FAINT = 1e-12
 
 @dataclass(frozen=True, eq=False)
 class RigidUnknowns:
-    """The unknowns of the moving rigid bodies of a scene.
-
-    Attributes
-    ----------
-    bodies
-        All rigid bodies of the scene.
-    elastic
-        Number of elastic bodies.
-    first
-        Number of their first node: they come after those of the meshes.
-    length
-        L.
-    """
+    """The unknowns of the moving rigid bodies of a scene."""
 
     bodies: RigidBodies
+    """All rigid bodies of the scene."""
     elastic: int
+    """Number of elastic bodies."""
     first: int
+    """Number of their first node: they come after those of the meshes."""
     length: float
+    """L."""
 
     @classmethod
     def of(cls, geometry: Geometry) -> RigidUnknowns:

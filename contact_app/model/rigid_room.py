@@ -28,22 +28,15 @@ are pushed into an obstacle (`solver.tfeti.constraints.merge`)."""
 
 @dataclass(frozen=True, eq=False)
 class HeldNodes:
-    """Rows on the motions of moving rigid bodies alone.
-
-    Attributes
-    ----------
-    body, sources : (rows,)
-        Number of a moving rigid body of the row, and of the contact or tie.
-    vectors : (rows, bodies · motions)
-        A: the rows on the motions of all of them, rotations times the length of the scene.
-    gaps : (rows,)
-        g, in units of length.
-    """
+    """Rows on the motions of moving rigid bodies alone."""
 
     body: Ints
     sources: Ints
-    vectors: Array
-    gaps: Array
+    """Number of a moving rigid body of the row, and of the contact or tie. Shape (rows,)."""
+    vectors: Array  # (rows, bodies · motions)
+    """A: the rows on the motions of all of them, rotations times the length of the scene."""
+    gaps: Array  # (rows,)
+    """g, in units of length."""
 
     @classmethod
     def joined(cls, parts: Sequence[HeldNodes]) -> HeldNodes:
@@ -54,19 +47,13 @@ class HeldNodes:
 
 @dataclass(frozen=True, eq=False)
 class NoRoom:
-    """Contact rows that leave rigid bodies no place.
-
-    Attributes
-    ----------
-    bodies, sources
-        Numbers of the moving rigid bodies and of the contacts.
-    depth
-        The least penetration that remains.
-    """
+    """Contact rows that leave rigid bodies no place."""
 
     bodies: Ints
     sources: Ints
+    """Numbers of the moving rigid bodies and of the contacts."""
     depth: float
+    """The least penetration that remains."""
 
     def message(self, names: Sequence[str], sources: Sequence[str]) -> str:
         """The sentence of an error, with the names of the bodies and the contacts."""

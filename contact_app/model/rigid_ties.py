@@ -39,17 +39,12 @@ SAME = 1e-9
 
 @dataclass(frozen=True, eq=False)
 class ContactsAndTies:
-    """The contacts and ties of a scene, and their rows on this rank, which owns their nodes.
-
-    Attributes
-    ----------
-    contact, tied
-        Rows of the contacts and of the ties.
-    """
+    """The contacts and ties of a scene, and their rows on this rank, which owns their nodes."""
 
     geometry: Geometry
     contact: ContactRows
     tied: ContactRows
+    """Rows of the contacts and of the ties."""
 
     def of(self, some: Mask) -> ContactsAndTies:
         """The same with some of the contact rows, (rows,)."""

@@ -28,30 +28,20 @@ from meshes.quadratic import VERTICES
 
 @dataclass(frozen=True, eq=False)
 class SectionPiece:
-    """A section of the solved body, for one of its mirror images.
-
-    Attributes
-    ----------
-    name
-    body
-        The body that is solved.
-    mirrors
-        The planes of the image.
-    behind
-        For each subdomain of this rank, mask (cells,) of the cells of the body behind the section;
-        None for other bodies.
-    area
-        Area of the cut; in 2D its length.
-    centre : (3,)
-        Centroid of the cut; a point of the plane if the cut is empty.
-    """
+    """A section of the solved body, for one of its mirror images."""
 
     name: str
     body: int
+    """The body that is solved."""
     mirrors: tuple[Mirror, ...]
+    """The planes of the image."""
     behind: tuple[Mask | None, ...]
+    """For each subdomain of this rank, mask (cells,) of the cells of the body behind the section;
+    None for other bodies."""
     area: float
-    centre: Array
+    """Area of the cut; in 2D its length."""
+    centre: Array  # (3,)
+    """Centroid of the cut; a point of the plane if the cut is empty."""
 
 
 def locate_sections(

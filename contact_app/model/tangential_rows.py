@@ -48,25 +48,17 @@ facets of 23°.
 
 @dataclass(frozen=True, eq=False)
 class RoughContact:
-    """A contact with friction.
-
-    Attributes
-    ----------
-    number
-        Of the contact, as `sources` of contact rows count it.
-    law
-        Its law of friction.
-    shares
-        From numbers of nodes this rank owns, (n,), to ∫ φ_k over the boundary (collective).
-    slips
-        From the contact rows of the contact to their tangential rows, and the mask of those along
-        which something can slide (collective).
-    """
+    """A contact with friction."""
 
     number: int
+    """Number of the contact, as `sources` of contact rows count it."""
     law: Friction
+    """Its law of friction."""
     shares: Callable[[Ints], Array]
+    """From numbers of nodes this rank owns, (n,), to ∫ φ_k over the boundary (collective)."""
     slips: Callable[[ContactRows], tuple[ContactRows, Mask]]
+    """From the contact rows of the contact to their tangential rows, and the mask of those along
+    which something can slide (collective)."""
 
     def limits(self, rows: ContactRows) -> Array:
         """Given slip limits of contact rows, forces (rows,); zero without any (collective)."""

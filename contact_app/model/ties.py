@@ -33,18 +33,12 @@ FAR = 0.1
 
 @dataclass(frozen=True, eq=False)
 class TiedRows:
-    """The tied rows of a scene.
-
-    Attributes
-    ----------
-    rows
-        Rows that this rank owns, without held components; `sources` counts the ties.
-    notes
-        Sentences on sides that are apart.
-    """
+    """The tied rows of a scene."""
 
     rows: ContactRows
+    """Rows that this rank owns, without held components; `sources` counts the ties."""
     notes: tuple[str, ...]
+    """Sentences on sides that are apart."""
 
 
 def tied_rows(geometry: Geometry, exchange: NodeExchange, held: HeldRows) -> TiedRows:

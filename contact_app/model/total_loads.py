@@ -31,13 +31,7 @@ THIN = 1e-12
 
 @dataclass(frozen=True, eq=False)
 class LinearTraction:
-    """t(x) = uniform + turn × (x - centre) on a boundary; all three are (3,).
-
-    Attributes
-    ----------
-    area
-        Area of the boundary; in 2D its length.
-    """
+    """t(x) = uniform + turn × (x - centre) on a boundary; all three are (3,)."""
 
     body: int
     boundary: str
@@ -46,6 +40,7 @@ class LinearTraction:
     turn: Array
     centre: Array
     area: float
+    """Area of the boundary; in 2D its length."""
 
     def at(self, points: Array, dimension: int) -> Array:
         """Tractions (…, dimension) at points (…, 3)."""

@@ -44,21 +44,14 @@ END, MIDDLE, FADED = 4.0 / 3.0, 2.0 / 3.0, 0.5
 
 @dataclass(frozen=True, eq=False)
 class Lines:
-    """Lines of nodes of facets.
+    """Lines of nodes of facets."""
 
-    Attributes
-    ----------
-    nodes : (lines, 3)
-        Copies of nodes: end, middle, end.
-    along : (lines, 3)
-        Unit vectors.
-    weight : (lines,)
-        One over the length.
-    """
-
-    nodes: Ints
-    along: Array
-    weight: Array
+    nodes: Ints  # (lines, 3)
+    """Copies of nodes: end, middle, end."""
+    along: Array  # (lines, 3)
+    """Unit vectors."""
+    weight: Array  # (lines,)
+    """One over the length."""
 
     @classmethod
     def of(cls, facets: Sequence[Ints], points: Array) -> Lines:

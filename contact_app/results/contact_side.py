@@ -75,29 +75,20 @@ class ContactSide:
     """The facets of the `on` side of a contact, and their nodes at the owners.
 
     Methods are collective.
-
-    Attributes
-    ----------
-    degree, dimension
-    facets : (f, nodes per facet), (f, nodes per facet) each
-        Copies of the nodes of this rank's facets, vertices first, and ∫ φ_k over each facet.
-    points : (copies, 3)
-    owned : (n,)
-        Ascending numbers of the nodes that this rank owns.
-    exchange
-        Of nodes with their owners.
-    sums, copies
-        From the copies of nodes (copies,) to their owners (n,), and back.
     """
 
     degree: int
     dimension: int
-    facets: Sequence[tuple[Ints, Array]]
-    points: Array
-    owned: Ints
+    facets: Sequence[tuple[Ints, Array]]  # (f, nodes per facet), (f, nodes per facet) each
+    """Copies of the nodes of this rank's facets, vertices first, and ∫ φ_k over each facet."""
+    points: Array  # (copies, 3)
+    owned: Ints  # (n,)
+    """Ascending numbers of the nodes that this rank owns."""
     exchange: NodeExchange
+    """Exchange of nodes with their owners."""
     sums: Callable[[Array], Array]
     copies: Callable[[Array], Array]
+    """From the copies of nodes (copies,) to their owners (n,), and back."""
 
     @cached_property
     def shares(self) -> Array:

@@ -45,41 +45,28 @@ EQUAL = 1e-6
 
 @dataclass(frozen=True, eq=False)
 class ContactLoads:
-    """Forces of contacts at the nodes that this rank owns, each contact at most once per node.
-
-    Attributes
-    ----------
-    sources, nodes : (loads,)
-        Contact, as `Scene.touching` counts them, and number of the node.
-    force : (loads,)
-        Magnitude of the normal force, zero or more.
-    vectors, moments : (loads, 3)
-        Force on the body of `on`, and its moment about the node.
-    areas : (loads,)
-        Area on which it acts; NaN where it is the node's share of the boundary.
-    friction : (loads, 3)
-        The part of `vectors` that is along the surface.
-    slips : (loads, 3)
-        Slip along the other side.
-    sticks : (loads,)
-        Whether the node sticks.
-    rubs : (loads,)
-        Whether it has a friction force with a given limit, independent of a contact force.
-    rows
-        The contact row of each.
-    """
+    """Forces of contacts at the nodes that this rank owns, each contact at most once per node."""
 
     sources: Ints
     nodes: Ints
-    force: Array
+    """Contact, as `Scene.touching` counts them, and number of the node. Shape (loads,)."""
+    force: Array  # (loads,)
+    """Magnitude of the normal force, zero or more."""
     vectors: Array
     moments: Array
-    areas: Array
-    friction: Array
-    slips: Array
-    sticks: Mask
-    rubs: Mask
+    """Force on the body of `on`, and its moment about the node. Shape (loads, 3)."""
+    areas: Array  # (loads,)
+    """Area on which it acts; NaN where it is the node's share of the boundary."""
+    friction: Array  # (loads, 3)
+    """The part of `vectors` that is along the surface."""
+    slips: Array  # (loads, 3)
+    """Slip along the other side."""
+    sticks: Mask  # (loads,)
+    """Whether the node sticks."""
+    rubs: Mask  # (loads,)
+    """Whether it has a friction force with a given limit, independent of a contact force."""
     rows: ContactRows
+    """The contact row of each."""
 
 
 def contact_loads(model: Model, solution: Solution, surface: SurfaceNodes) -> ContactLoads:

@@ -43,53 +43,36 @@ CELL_FIELDS = ("stress", "von_mises", "body", "material")
 
 @dataclass(frozen=True, eq=False)
 class NodeFields:
-    """Fields at the nodes that this rank owns, from node `first` on.
-
-    Attributes
-    ----------
-    points : (nodes, 3)
-    displacement : (nodes, dimension)
-    contact_pressure : (nodes,)
-        The largest over the contacts of a node, as `pressure` evaluates them; 0 elsewhere.
-    smoothed_contact_pressure : (nodes,)
-        The same of `smoothed_pressure`.
-    contacts
-        Each contact at its nodes, in the order of `Scene.touching`.
-    gap : (nodes,)
-        Remaining distance to the nearest obstacle along its normal, between bodies its average
-        about a node of `on`; NaN without a contact row.
-    friction_traction, slip : (nodes, dimension)
-        Friction force per area on the body of `on`, and its slip along the other side; where
-        contacts overlap, those of the contact with the largest pressure.
-    contact_status : (nodes,)
-        0 open, 1 stick, 2 slip.
-    contact_force : (3,)
-        Resultant of the obstacles on the bodies, of this rank's nodes.
-    pair_forces : (pairs, 3)
-        Force of the `against` body of each pair on the other, of this rank's nodes.
-    without_area
-        Number of nodes in contact that lie on no facet of the contact boundary.
-    slack : (rows,)
-        Remaining distance along the omitted candidate rows of this rank.
-    surface
-        The nodes of the bodies' surfaces.
-    """
+    """Fields at the nodes that this rank owns, from node `first` on."""
 
     first: int
-    points: Array
-    displacement: Array
-    contact_pressure: Array
-    smoothed_contact_pressure: Array
+    points: Array  # (nodes, 3)
+    displacement: Array  # (nodes, dimension)
+    contact_pressure: Array  # (nodes,)
+    """The largest over the contacts of a node, as `pressure` evaluates them; 0 elsewhere."""
+    smoothed_contact_pressure: Array  # (nodes,)
+    """The same of `smoothed_pressure`."""
     contacts: tuple[NodesInContact, ...]
-    gap: Array
+    """Each contact at its nodes, in the order of `Scene.touching`."""
+    gap: Array  # (nodes,)
+    """Remaining distance to the nearest obstacle along its normal, between bodies its average about
+    a node of `on`; NaN without a contact row."""
     friction_traction: Array
     slip: Array
-    contact_status: Array
-    contact_force: Array
-    pair_forces: Array
+    """Friction force per area on the body of `on`, and its slip along the other side; where
+    contacts overlap, those of the contact with the largest pressure. Shape (nodes, dimension)."""
+    contact_status: Array  # (nodes,)
+    """0 open, 1 stick, 2 slip."""
+    contact_force: Array  # (3,)
+    """Resultant of the obstacles on the bodies, of this rank's nodes."""
+    pair_forces: Array  # (pairs, 3)
+    """Force of the `against` body of each pair on the other, of this rank's nodes."""
     without_area: int
-    slack: Array
+    """Number of nodes in contact that lie on no facet of the contact boundary."""
+    slack: Array  # (rows,)
+    """Remaining distance along the omitted candidate rows of this rank."""
     surface: SurfaceNodes
+    """The nodes of the bodies' surfaces."""
 
 
 def node_fields(model: Model, solution: Solution) -> NodeFields:
@@ -144,29 +127,20 @@ def _friction(
 
 @dataclass(frozen=True, eq=False)
 class CellFields:
-    """Fields in this rank's cells, in the order of its subdomains, from cell `first` on.
-
-    Attributes
-    ----------
-    cells : list of (cells, vertices)
-        Nodes of each subdomain's cells in VTK order.
-    stress : (cells, 6)
-        xx, yy, zz, xy, yz, xz.
-    von_mises : (cells,)
-    energy_of_means : (bodies,)
-        Σ |T| σ̄ : ε̄ over this rank's cells T of each body, of the cell means σ̄ and ε̄; the rest
-        of a(u, u) lies in strains that vary within cells.
-    largest_strain, largest_rotation
-        Largest strain component, and largest rotation in radians, of any cell of this rank.
-    """
+    """Fields in this rank's cells, in the order of its subdomains, from cell `first` on."""
 
     first: int
-    cells: list[Ints]
-    stress: Array
-    von_mises: Array
-    energy_of_means: Array
+    cells: list[Ints]  # list of (cells, vertices)
+    """Nodes of each subdomain's cells in VTK order."""
+    stress: Array  # (cells, 6)
+    """xx, yy, zz, xy, yz, xz."""
+    von_mises: Array  # (cells,)
+    energy_of_means: Array  # (bodies,)
+    """Σ |T| σ̄ : ε̄ over this rank's cells T of each body, of the cell means σ̄ and ε̄; the rest of
+    a(u, u) lies in strains that vary within cells."""
     largest_strain: float
     largest_rotation: float
+    """Largest strain component, and largest rotation in radians, of any cell of this rank."""
 
 
 def cell_fields(model: Model, solution: Solution) -> CellFields:

@@ -31,25 +31,17 @@ SMALL = 0.05
 
 @dataclass(frozen=True, eq=False)
 class FreeMotion:
-    """The slide of one body.
-
-    Attributes
-    ----------
-    body
-        Its number.
-    along
-        The motion in words.
-    names
-        Numbers of the rigid motions whose `hold` stops it.
-    largest, without
-        Largest displacement of the body, and without the motion.
-    """
+    """The slide of one body."""
 
     body: int
+    """Its number."""
     along: str
+    """The motion in words."""
     names: tuple[int, ...]
+    """Numbers of the rigid motions whose `hold` stops it."""
     largest: float
     without: float
+    """Largest displacement of the body, and without the motion."""
 
     def record(self, name: str) -> dict[str, Any]:
         """The record in `summary.json`."""

@@ -37,24 +37,16 @@ REVERSED = {
 
 @dataclass(frozen=True, eq=False)
 class Image:
-    """A mirror image of the solved part about some of the planes.
-
-    Attributes
-    ----------
-    mirrors
-        The planes; none for the solved part itself.
-    numbers : (nodes,)
-        Number in the whole of each node that this rank owns.
-    new : (nodes,)
-        Mask of the nodes that are not nodes of an earlier image, too.
-    first
-        Number of this rank's first new node.
-    """
+    """A mirror image of the solved part about some of the planes."""
 
     mirrors: tuple[Mirror, ...]
-    numbers: Ints
-    new: Mask
+    """The planes; none for the solved part itself."""
+    numbers: Ints  # (nodes,)
+    """Number in the whole of each node that this rank owns."""
+    new: Mask  # (nodes,)
+    """Mask of the nodes that are not nodes of an earlier image, too."""
     first: int
+    """Number of this rank's first new node."""
 
     def origin(self, source: str) -> str:
         """Source in the solved part whose mirror image this source of the whole is."""
@@ -86,20 +78,14 @@ class Image:
 
 @dataclass(frozen=True, eq=False)
 class FullMesh:
-    """All mirror images of the solved part; the part itself comes first.
-
-    Attributes
-    ----------
-    nodes, cells
-        Numbers of nodes and cells of the whole.
-    weight : (nodes,)
-        Number of nodes of the whole for each node that this rank owns.
-    """
+    """All mirror images of the solved part; the part itself comes first."""
 
     images: tuple[Image, ...]
     nodes: int
     cells: int
-    weight: Ints
+    """Numbers of nodes and cells of the whole."""
+    weight: Ints  # (nodes,)
+    """Number of nodes of the whole for each node that this rank owns."""
 
 
 def full_mesh(model: Model, nodes: NodeFields) -> FullMesh:

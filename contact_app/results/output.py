@@ -34,17 +34,12 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, eq=False)
 class Fields:
-    """The fields of an answer on this rank.
-
-    Attributes
-    ----------
-    nodal
-        Stresses at the nodes this rank owns, by name.
-    """
+    """The fields of an answer on this rank."""
 
     nodes: NodeFields
     cells: CellFields
     nodal: Mapping[str, Array]
+    """Stresses at the nodes this rank owns, by name."""
 
 
 def write_fields(

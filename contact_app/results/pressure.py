@@ -26,48 +26,34 @@ from solver.contact.solution import Solution
 
 @dataclass(frozen=True, eq=False)
 class NodesInContact:
-    """One contact at the nodes of its boundary that this rank owns.
+    """One contact at the nodes of its boundary that this rank owns."""
 
-    Attributes
-    ----------
-    nodes : (n,)
-        Ascending numbers.
-    pressure, smoothed : (n,), (n,)
-        Contact pressure, also averaged over facets (`smoothed_pressure`), force per area.
-    shares : (n,)
-        ∫ φ_k over the boundary.
-    carriers : (n,)
-        Mask of nodes at which the contact law is enforced: all nodes, or the vertices for rows on
-        averages about vertices.
-    closed : (n,)
-        Mask of carriers with a contact force.
-    areas : (n,)
-        Area that the force at a closed node acts on; 0 at others.
-    forces, moments : (n, 3)
-        Force on the body of `on`, and its moment about the node.
-    traction : (n, 3)
-        Friction force per area on the body of `on`.
-    slips : (n, 3)
-        Slip of the body of `on` along the other side.
-    sticks : (n,)
-        Mask of sticking nodes.
-    rubs : (n,)
-        Mask of nodes with a friction force of a given limit: they may be open.
-    """
-
-    nodes: Ints
+    nodes: Ints  # (n,)
+    """Ascending numbers."""
     pressure: Array
     smoothed: Array
-    shares: Array
-    carriers: Mask
-    closed: Mask
-    areas: Array
+    """Contact pressure, also averaged over facets (`smoothed_pressure`), force per area. Shapes
+    (n,), (n,)."""
+    shares: Array  # (n,)
+    """∫ φ_k over the boundary."""
+    carriers: Mask  # (n,)
+    """Mask of nodes at which the contact law is enforced: all nodes, or the vertices for rows on
+    averages about vertices."""
+    closed: Mask  # (n,)
+    """Mask of carriers with a contact force."""
+    areas: Array  # (n,)
+    """Area that the force at a closed node acts on; 0 at others."""
     forces: Array
     moments: Array
-    traction: Array
-    slips: Array
-    sticks: Mask
-    rubs: Mask
+    """Force on the body of `on`, and its moment about the node. Shape (n, 3)."""
+    traction: Array  # (n, 3)
+    """Friction force per area on the body of `on`."""
+    slips: Array  # (n, 3)
+    """Slip of the body of `on` along the other side."""
+    sticks: Mask  # (n,)
+    """Mask of sticking nodes."""
+    rubs: Mask  # (n,)
+    """Mask of nodes with a friction force of a given limit: they may be open."""
 
     @property
     def status(self) -> Ints:
@@ -80,25 +66,17 @@ class NodesInContact:
 
 @dataclass(frozen=True, eq=False)
 class ContactForces:
-    """Forces of obstacles and other bodies on the surface, at the nodes that this rank owns.
+    """Forces of obstacles and other bodies on the surface, at the nodes that this rank owns."""
 
-    Attributes
-    ----------
-    nodes : (owned,)
-        Numbers of surface nodes.
-    pressure, smoothed : (owned,), (owned,)
-        The largest over the contacts of a node.
-    contacts
-        Each contact separately, in the order of `Scene.touching`.
-    without_area
-        Number of rows with a force at a node that is on no facet of the contact boundary.
-    """
-
-    nodes: Ints
+    nodes: Ints  # (owned,)
+    """Numbers of surface nodes."""
     pressure: Array
     smoothed: Array
+    """The largest over the contacts of a node. Shapes (owned,), (owned,)."""
     contacts: tuple[NodesInContact, ...]
+    """Each contact separately, in the order of `Scene.touching`."""
     without_area: int
+    """Number of rows with a force at a node that is on no facet of the contact boundary."""
 
     @property
     def resultants(self) -> Array:

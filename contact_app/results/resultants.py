@@ -18,18 +18,13 @@ from meshes.arrays import Array, Mask
 
 @dataclass(frozen=True, eq=False)
 class Resultant:
-    """Force and moment about a point, (3,) each.
-
-    Attributes
-    ----------
-    weight
-        Weight of the point in sums of pieces: the area of the boundary.
-    """
+    """Force and moment about a point, (3,) each."""
 
     force: Array
     moment: Array
     point: Array
     weight: float
+    """Weight of the point in sums of pieces: the area of the boundary."""
 
     def image(self, image: Image) -> Resultant:
         """The resultant of a mirror image."""

@@ -48,54 +48,40 @@ SMALL_SHARE = 0.01
 
 @dataclass(frozen=True, eq=False)
 class SharedForces:
-    """Nodes whose force may be divided between their contacts in several ways.
-
-    Attributes
-    ----------
-    nodes
-        Their number.
-    shares : (contacts,)
-        Range of the normal forces of these nodes over all normal forces of the contact.
-    moves
-        Whether the displacement depends on the division.
-    tied
-        Whether a tie takes part.
-    """
+    """Nodes whose force may be divided between their contacts in several ways."""
 
     nodes: int
-    shares: Array
+    """Their number."""
+    shares: Array  # (contacts,)
+    """Range of the normal forces of these nodes over all normal forces of the contact."""
     moves: bool
+    """Whether the displacement depends on the division."""
     tied: bool = False
+    """Whether a tie takes part."""
 
 
 @dataclass(frozen=True, eq=False)
 class SharedNode:
-    """The contacts of a node, or of nodes that contacts between bodies join.
+    """The contacts of a node, or of nodes that contacts between bodies join."""
 
-    Attributes
-    ----------
-    nodes
-        Their number.
-    sources : (contacts,)
-    normals, normal_forces : (contacts, nodes · d), (contacts,)
-        A row of a tie counts as a contact whose force is infinite: it has no limit.
-    tangents, friction : (contacts, d - 1, nodes · d), (contacts, d - 1)
-        Tangents are zero where there is no friction.
-    coefficients, limits : (contacts,), (contacts,)
-    presses, rests : (contacts,), (contacts,)
-        Masks of contacts with a normal force, and of those with friction and without a slip.
-    """
-
-    sources: Ints
+    sources: Ints  # (contacts,)
     normals: Array
     normal_forces: Array
+    """A row of a tie counts as a contact whose force is infinite: it has no limit. Shapes
+    (contacts, nodes · d), (contacts,)."""
     tangents: Array
     friction: Array
+    """Tangents are zero where there is no friction. Shapes (contacts, d - 1, nodes · d), (contacts,
+    d - 1)."""
     coefficients: Array
     limits: Array
+    """Shapes (contacts,), (contacts,)."""
     presses: Mask
     rests: Mask
+    """Masks of contacts with a normal force, and of those with friction and without a slip. Shapes
+    (contacts,), (contacts,)."""
     nodes: int = 1
+    """Their number."""
 
     @property
     def ties(self) -> Mask:
@@ -262,23 +248,17 @@ def _nodes(
 
 @dataclass(frozen=True, eq=False)
 class _Points:
-    """Contact rows with the state of their friction, and rows of ties; arrays (rows, …).
-
-    Attributes
-    ----------
-    friction : (rows, d - 1)
-    presses, rests
-        Masks of rows with a normal force, and of those with friction and without a slip.
-    """
+    """Contact rows with the state of their friction, and rows of ties; arrays (rows, …)."""
 
     nodes: Ints
     sources: Ints
     normal_forces: Array
-    friction: Array
+    friction: Array  # (rows, d - 1)
     coefficients: Array
     limits: Array
     presses: Mask
     rests: Mask
+    """Masks of rows with a normal force, and of those with friction and without a slip."""
 
     @classmethod
     def of(cls, problem: DualProblem, solution: Solution, normal: Array, least: float) -> _Points:

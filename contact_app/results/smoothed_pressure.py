@@ -302,24 +302,16 @@ def _smoothed(points: Array, radii: Array, areas: Array, p: Array) -> Array:
 
 @dataclass(frozen=True, eq=False)
 class _Neighbours:
-    """The nodes within the radius about each of n nodes, with weights.
-
-    Attributes
-    ----------
-    row, column : (entries,), (entries,)
-        The node x of an entry, and its neighbour y.
-    away : (entries, 3)
-        (y - x)/r.
-    weight : (entries,)
-    total : (n,)
-        Sums of the weights.
-    """
+    """The nodes within the radius about each of n nodes, with weights."""
 
     row: Ints
     column: Ints
-    away: Array
-    weight: Array
-    total: Array
+    """The node x of an entry, and its neighbour y. Shapes (entries,), (entries,)."""
+    away: Array  # (entries, 3)
+    """(y - x)/r."""
+    weight: Array  # (entries,)
+    total: Array  # (n,)
+    """Sums of the weights."""
 
     @classmethod
     def of(cls, points: Array, radii: Array, areas: Array) -> _Neighbours:

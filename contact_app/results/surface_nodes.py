@@ -21,24 +21,16 @@ from solver.tfeti.constraints.exchange import NodeExchange
 
 @dataclass(frozen=True, eq=False)
 class SurfaceNodes:
-    """Copies of the nodes on the bodies' surfaces in this rank's subdomains, and their owners.
+    """Copies of the nodes on the bodies' surfaces in this rank's subdomains, and their owners."""
 
-    Attributes
-    ----------
-    local : list of (copies of a subdomain,)
-        Ascending local nodes of each subdomain on the surface of its body.
-    exchange
-        Where the copies meet, one subdomain after another.
-    owned : (owned,)
-        Ascending numbers of the surface nodes this rank owns.
-    place : (arrived,)
-        Row in `owned` of each copy that arrives.
-    """
-
-    local: list[Ints]
+    local: list[Ints]  # list of (copies of a subdomain,)
+    """Ascending local nodes of each subdomain on the surface of its body."""
     exchange: NodeExchange
-    owned: Ints
-    place: Ints
+    """Meeting place of the copies, one subdomain after another."""
+    owned: Ints  # (owned,)
+    """Ascending numbers of the surface nodes this rank owns."""
+    place: Ints  # (arrived,)
+    """Row in `owned` of each copy that arrives."""
 
     @classmethod
     def of(cls, model: Model) -> SurfaceNodes:

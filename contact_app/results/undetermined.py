@@ -49,22 +49,15 @@ SEEN = 1e-9
 
 @dataclass(frozen=True, eq=False)
 class Undetermined:
-    """A motion of one body, with others perhaps, that leaves energy and forces as they are.
-
-    Attributes
-    ----------
-    name
-        Of the body.
-    along
-        The motion in words.
-    reach
-        How far its points can move, from one end to the other; infinite where only one end stops
-        them.
-    """
+    """A motion of one body, with others perhaps, that leaves energy and forces as they are."""
 
     name: str
+    """Name of the body."""
     along: str
+    """The motion in words."""
     reach: float
+    """How far its points can move, from one end to the other; infinite where only one end stops
+    them."""
 
     @property
     def play(self) -> str:
@@ -106,21 +99,14 @@ def undetermined(model: Model, solution: Solution) -> list[Undetermined]:
 
 @dataclass(frozen=True, eq=False)
 class Movable:
-    """Bodies that may move.
-
-    Attributes
-    ----------
-    groups
-        Numbers of the bodies of each group that may touch.
-    names
-        Of each body.
-    size_of
-        Largest displacement of a body, by its number, in a rigid motion (motions,).
-    """
+    """Bodies that may move."""
 
     groups: Sequence[Ints]
+    """Numbers of the bodies of each group that may touch."""
     names: Sequence[str]
+    """Names of each body."""
     size_of: Callable[[int, Array], float]
+    """Largest displacement of a body, by its number, in a rigid motion (motions,)."""
 
     @classmethod
     def of(cls, model: Model) -> Movable:

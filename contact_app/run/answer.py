@@ -40,51 +40,36 @@ class Answer:
 
     On one rank these are all nodes and cells. A scene that was cut at planes of symmetry has the
     arrays of the whole.
-
-    Attributes
-    ----------
-    summary
-        Content of `summary.json`.
-    points : (nodes, 3)
-    displacement : (nodes, dimension)
-    contact_pressure : (nodes,)
-        Force per area; zero away from contact, the largest value where a node lies on several
-        contacts.
-    smoothed_contact_pressure : (nodes,)
-        Contact pressure without the variation within single facets.
-    gap : (nodes,)
-        Remaining distance; NaN where nothing is near.
-    friction_traction, slip : (nodes, dimension)
-        Friction force per area on the body of `on`, and its slip (length) on the other side. None
-        without friction.
-    contact_status : (nodes,)
-        0 where a node is open, 1 where it sticks, 2 where it slides. None without friction.
-    cells : one (cells, nodes of a cell) array per body
-        Rows of `points` (under ``mpirun`` numbers of the nodes of all ranks), in VTK's order;
-        joined they are in the order of `stress`. Mirror images follow with arrays of their own.
-    stress : (cells, 6)
-        Components xx, yy, zz, xy, yz, xz: the mean over each cell.
-    von_mises : (cells,)
-    nodal_stress, nodal_von_mises : (nodes, 6), (nodes,)
-        The stress recovered at nodes; where several materials meet, that of the material with the
-        largest von Mises stress. None if `output.fields` leaves them out or no file of fields is
-        written.
     """
 
     summary: dict[str, Any]
-    points: Array
-    displacement: Array
-    contact_pressure: Array
-    smoothed_contact_pressure: Array
-    gap: Array
+    """Content of `summary.json`."""
+    points: Array  # (nodes, 3)
+    displacement: Array  # (nodes, dimension)
+    contact_pressure: Array  # (nodes,)
+    """Force per area; zero away from contact, the largest value where a node lies on several
+    contacts."""
+    smoothed_contact_pressure: Array  # (nodes,)
+    """Contact pressure without the variation within single facets."""
+    gap: Array  # (nodes,)
+    """Remaining distance; NaN where nothing is near."""
     friction_traction: Array | None
     slip: Array | None
-    contact_status: Array | None
-    cells: list[Ints]
-    stress: Array
-    von_mises: Array
+    """Friction force per area on the body of `on`, and its slip (length) on the other side. None
+    without friction. Shape (nodes, dimension)."""
+    contact_status: Array | None  # (nodes,)
+    """0 where a node is open, 1 where it sticks, 2 where it slides. None without friction."""
+    cells: list[Ints]  # one (cells, nodes of a cell) array per body
+    """Rows of `points` (under ``mpirun`` numbers of the nodes of all ranks), in VTK's order; joined
+    they are in the order of `stress`. Mirror images follow with arrays of their own."""
+    stress: Array  # (cells, 6)
+    """Components xx, yy, zz, xy, yz, xz: the mean over each cell."""
+    von_mises: Array  # (cells,)
     nodal_stress: Array | None
     nodal_von_mises: Array | None
+    """The stress recovered at nodes; where several materials meet, that of the material with the
+    largest von Mises stress. None if `output.fields` leaves them out or no file of fields is
+    written. Shapes (nodes, 6), (nodes,)."""
     solved: SolvedScene
 
     @property
@@ -110,15 +95,10 @@ class Answer:
 
 @dataclass(frozen=True, eq=False)
 class CaseAnswers:
-    """The answers to a scene with load cases.
-
-    Attributes
-    ----------
-    cases
-        The answer to each case, by its name, in the order of the scene.
-    """
+    """The answers to a scene with load cases."""
 
     cases: Mapping[str, Answer]
+    """The answer to each case, by its name, in the order of the scene."""
     _overview: Overview
 
     @property
@@ -141,19 +121,13 @@ class CaseAnswers:
 
 @dataclass(frozen=True, eq=False)
 class StepAnswers:
-    """The answers to a scene with load steps.
-
-    Attributes
-    ----------
-    increments
-        The answer to each increment, in order; the `summary` of each is its record.
-    summary
-        Content of `summary.json`: the summary of the last increment, and `steps` with a record per
-        increment.
-    """
+    """The answers to a scene with load steps."""
 
     increments: Sequence[Answer]
+    """The answer to each increment, in order; the `summary` of each is its record."""
     summary: dict[str, Any]
+    """Content of `summary.json`: the summary of the last increment, and `steps` with a record per
+    increment."""
 
     @property
     def last(self) -> Answer:

@@ -21,18 +21,13 @@ from solver.contact.checkpoint import CHECKPOINT, Attention, Checkpoint
 
 @dataclass(frozen=True, eq=False)
 class Attended:
-    """The parts of a run that react to its user.
-
-    Attributes
-    ----------
-    attention
-        The monitor that stops a solve after an interruption and saves its state.
-    """
+    """The parts of a run that react to its user."""
 
     progress: Progress
     interruption: Interruption
     checkpoint: Checkpoint
     attention: Attention
+    """The monitor that stops a solve after an interruption and saves its state."""
 
 
 @contextmanager

@@ -41,35 +41,24 @@ log = logging.getLogger("contact_app")
 
 @dataclass
 class _Coarser:
-    """The part of a step that is also solved in increments of twice the length.
-
-    Attributes
-    ----------
-    step
-        Number of the step.
-    number
-        Number of its increments so far.
-    last, displacements
-        Scene and displacements at the begin of the present increment of twice the length; the scene
-        is None before the first load.
-    differs
-        Whether these displacements are not those of the answer.
-    reasons
-        Phrases on increments in which the answer depends on the path.
-    failed
-        Whether an increment of twice the length has no answer.
-    multiplications
-        Hessian multiplications of the increments of twice the length.
-    """
+    """The part of a step that is also solved in increments of twice the length."""
 
     step: int = 0
+    """Number of the step."""
     number: int = 0
+    """Number of its increments so far."""
     last: Scene | None = None
     displacements: list[Array] | None = None
+    """Scene and displacements at the begin of the present increment of twice the length; the scene
+    is None before the first load."""
     differs: bool = False
+    """Whether these displacements are not those of the answer."""
     reasons: list[str] = field(default_factory=list)
+    """Phrases on increments in which the answer depends on the path."""
     failed: bool = False
+    """Whether an increment of twice the length has no answer."""
     multiplications: int = 0
+    """Hessian multiplications of the increments of twice the length."""
 
 
 class CoarseIncrements:

@@ -41,18 +41,12 @@ log = logging.getLogger("contact_app")
 
 @dataclass(frozen=True)
 class Change:
-    """The change by halving an increment.
-
-    Attributes
-    ----------
-    forces
-        Sum of the changes of friction forces over that of their limits.
-    displacements
-        Largest change of a component over the largest.
-    """
+    """The change by halving an increment."""
 
     forces: float
+    """Sum of the changes of friction forces over that of their limits."""
     displacements: float
+    """Largest change of a component over the largest."""
 
     def __str__(self) -> str:
         return (

@@ -80,20 +80,7 @@ class Shared(Protocol):
 
 @dataclass(frozen=True, eq=False)
 class _Request:
-    """The scene to solve, its callbacks, and the work spent on it before.
-
-    Attributes
-    ----------
-    start
-        Initial guess from the answer to another scene.
-    needed
-        Candidate rows that become contact rows.
-    cases
-        Models shared with other load cases or increments.
-    moved
-        Displacements under other placements, from which undetermined motions are the least: else
-        bodies that nothing drives would move with each placement.
-    """
+    """The scene to solve, its callbacks, and the work spent on it before."""
 
     scene: Scene
     comm: MPI.Intracomm
@@ -101,11 +88,16 @@ class _Request:
     checkpoint: Checkpoint | None
     report: Report | None
     start: Start | None
+    """Initial guess from the answer to another scene."""
     timings: Timings
     counts_before: Counts = field(default_factory=Counts)
     needed: Needed = "distinct"
+    """Candidate rows that become contact rows."""
     cases: Shared | None = None
+    """Models shared with other load cases or increments."""
     moved: list[Array] | None = None
+    """Displacements under other placements, from which undetermined motions are the least: else
+    bodies that nothing drives would move with each placement."""
 
     def model(self) -> Model:
         """The model of the scene (collective)."""

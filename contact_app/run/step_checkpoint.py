@@ -38,27 +38,19 @@ Displacements = list[Array]
 
 @dataclass(frozen=True, eq=False)
 class Reached:
-    """State of an earlier run.
-
-    Attributes
-    ----------
-    vectors
-        File of the displacements.
-    subdomains, method
-        Decomposition and method of the model that the displacements belong to.
-    pressed
-        Normal forces.
-    last
-        The summary of the last increment.
-    """
+    """State of an earlier run."""
 
     position: Position
     records: list[Record]
     last: Record
+    """The summary of the last increment."""
     vectors: Path
+    """File of the displacements."""
     subdomains: None | int | list[int]
     method: Method
+    """Decomposition and method of the model that the displacements belong to."""
     pressed: Stored
+    """Normal forces."""
 
     def scene(self, scene: Scene) -> Scene:
         """A scene with the decomposition and the method of that state."""

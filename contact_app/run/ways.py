@@ -68,28 +68,19 @@ class Solve(Protocol):
 
 @dataclass(frozen=True)
 class Way:
-    """One method to solve a scene.
-
-    Attributes
-    ----------
-    scene
-        The scene with this method; None for the fewest subdomains, which depend on the failed
-        method.
-    patience
-        Iterations after which the next method is tried; None for the limit of the scene.
-    instead
-        Message when this method is tried after another one that ended for a reason {why}.
-    warns
-        Whether the message is also a warning of the certificate.
-    keeps
-        Whether the answer of the method before counts if this method leaves no certified one.
-    """
+    """One method to solve a scene."""
 
     scene: Scene | None
+    """The scene with this method; None for the fewest subdomains, which depend on the failed
+    method."""
     patience: int | None = None
+    """Iterations after which the next method is tried; None for the limit of the scene."""
     instead: str = ""
+    """Message when this method is tried after another one that ended for a reason {why}."""
     warns: bool = True
+    """Whether the message is also a warning of the certificate."""
     keeps: bool = False
+    """Whether the answer of the method before counts if this method leaves no certified one."""
 
 
 def ways_to(scene: Scene, keeps_subdomains: bool = False) -> Iterator[Way]:

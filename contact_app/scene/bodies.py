@@ -157,32 +157,24 @@ class Box:
 
 @dataclass(frozen=True, eq=False)
 class Body:
-    """An elastic body.
-
-    Attributes
-    ----------
-    materials
-        Materials by the tags of cells; a box has one material.
-    boundaries
-        Boundaries defined by an expression.
-    degree_given
-        Whether the scene fixes the degree, by the key `degree` or by an option of degree 1.
-        Otherwise a run to an accuracy chooses the degree.
-    cuts
-        Boundaries made by cutting a symmetric body; they are not on the surface of the whole body.
-    hold
-        Numbers of the rigid motions that are held in the mean: translations along the axes, then
-        rotations about them, as in `rigid_motions`.
-    """
+    """An elastic body."""
 
     name: str
     mesh: BodyMesh
     degree: int
     materials: tuple[Material, ...]
+    """Materials by the tags of cells; a box has one material."""
     boundaries: dict[str, Expression]
+    """Boundaries defined by an expression."""
     degree_given: bool = True
+    """Whether the scene fixes the degree, by the key `degree` or by an option of degree 1.
+    Otherwise a run to an accuracy chooses the degree."""
     cuts: tuple[str, ...] = ()
+    """Boundaries made by cutting a symmetric body; they are not on the surface of the whole
+    body."""
     hold: tuple[int, ...] = ()
+    """Numbers of the rigid motions that are held in the mean: translations along the axes, then
+    rotations about them, as in `rigid_motions`."""
 
     @property
     def nodes(self) -> int:

@@ -17,19 +17,13 @@ from contact_app.scene.obstacles import Obstacle
 
 @dataclass(frozen=True)
 class Scaled:
-    """A condition whose values a load case multiplies by a factor.
-
-    Attributes
-    ----------
-    scales
-        Names of the fields that are multiplied.
-    name
-        Name by which load cases and steps refer to it.
-    """
+    """A condition whose values a load case multiplies by a factor."""
 
     scales: ClassVar[tuple[str, ...]]
+    """Names of the fields that are multiplied."""
 
     name: str | None = field(default=None, kw_only=True)
+    """Name by which load cases and steps refer to it."""
 
     def scaled(self, factor: float) -> Self:
         """The condition with its values times a factor; free components stay free."""
@@ -83,23 +77,16 @@ class Pressure(Scaled):
 
 @dataclass(frozen=True)
 class TotalLoad(Scaled):
-    """Resultant force and moment of the traction on a boundary.
-
-    Attributes
-    ----------
-    force : (dimension,)
-    moment : (3,)
-    at : (3,) or None
-        Point at which both act; the centroid of the boundary if None.
-    """
+    """Resultant force and moment of the traction on a boundary."""
 
     scales: ClassVar[tuple[str, ...]] = ("force", "moment")
 
     body: int
     boundary: str
-    force: tuple[float, ...]
-    moment: tuple[float, float, float]
-    at: tuple[float, float, float] | None
+    force: tuple[float, ...]  # (dimension,)
+    moment: tuple[float, float, float]  # (3,)
+    at: tuple[float, float, float] | None  # (3,) or None
+    """Point at which both act; the centroid of the boundary if None."""
     source: str
 
 
@@ -127,18 +114,12 @@ class Temperature(Scaled):
 
 @dataclass(frozen=True)
 class Friction:
-    """A law of friction; one of its numbers is None, without friction both.
-
-    Attributes
-    ----------
-    coulomb
-        μ of |λ_t| ≤ μ λ_n.
-    tresca
-        s of |λ_t| ≤ s, force per area, on the whole boundary, open or not.
-    """
+    """A law of friction; one of its numbers is None, without friction both."""
 
     coulomb: float | None = None
+    """μ of |λ_t| ≤ μ λ_n."""
     tresca: float | None = None
+    """s of |λ_t| ≤ s, force per area, on the whole boundary, open or not."""
 
     @property
     def coefficient(self) -> float:
@@ -168,30 +149,22 @@ FRICTIONLESS = Friction()
 
 @dataclass(frozen=True)
 class Contact:
-    """A boundary that may touch an obstacle.
-
-    Attributes
-    ----------
-    obstacle
-        The obstacle; one of a rigid body is placed with it.
-    interference
-        Overlap along the normal (length), added to that of the geometry.
-    rigid, part
-        Number of the rigid body of the obstacle, and number of the obstacle within the body; None
-        and zero for a plain obstacle. A contact with a rigid body of several obstacles is one
-        record for each obstacle, with the same source.
-    law
-        The law of friction.
-    """
+    """A boundary that may touch an obstacle."""
 
     body: int
     boundary: str
     obstacle: Obstacle
+    """The obstacle; one of a rigid body is placed with it."""
     source: str
     interference: float = 0.0
+    """Overlap along the normal (length), added to that of the geometry."""
     law: Friction = FRICTIONLESS
+    """The law of friction."""
     rigid: int | None = None
     part: int = 0
+    """Number of the rigid body of the obstacle, and number of the obstacle within the body; None
+    and zero for a plain obstacle. A contact with a rigid body of several obstacles is one record
+    for each obstacle, with the same source."""
 
     def gap_and_normal(
         self, points: NDArray[np.float64]
@@ -209,17 +182,7 @@ class Contact:
 
 @dataclass(frozen=True)
 class BodyContact:
-    """A boundary that may touch the boundary of another body.
-
-    Attributes
-    ----------
-    interference
-        Overlap along the normal (length), added to that of the geometry.
-    law
-        The law of friction.
-    round
-        Whether flat facets stand for smooth surfaces.
-    """
+    """A boundary that may touch the boundary of another body."""
 
     body: int
     boundary: str
@@ -227,8 +190,11 @@ class BodyContact:
     other_boundary: str
     source: str
     interference: float = 0.0
+    """Overlap along the normal (length), added to that of the geometry."""
     law: Friction = FRICTIONLESS
+    """The law of friction."""
     round: bool = False
+    """Whether flat facets stand for smooth surfaces."""
 
 
 @dataclass(frozen=True)
@@ -254,17 +220,11 @@ class RigidTie:
 
 @dataclass(frozen=True)
 class ContactName:
-    """Names of a contact of the scene file.
-
-    Attributes
-    ----------
-    source
-        Its key in the file, ``contacts[0]``.
-    on, against
-        The contact boundary, body.boundary; and its partner: another such boundary, the name of a
-        rigid body, or the kind of an obstacle.
-    """
+    """Names of a contact of the scene file."""
 
     source: str
+    """Its key in the file, ``contacts[0]``."""
     on: str
     against: str
+    """The contact boundary, body.boundary; and its partner: another such boundary, the name of a
+    rigid body, or the kind of an obstacle."""

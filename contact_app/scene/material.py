@@ -24,23 +24,16 @@ degree 2 at 0.49 to 0.4999, docs/benchmarks/accuracy.md)."""
 
 @dataclass(frozen=True)
 class Material:
-    """Isotropic linear elasticity: Young's modulus (force per area) and Poisson's ratio.
-
-    Attributes
-    ----------
-    mean_dilatation
-        Whether the change of volume is taken as its mean over each cell (B-bar).
-    yield_stress
-        Von Mises stress (force per area) above which the certificate warns; None for no warning.
-    expansion
-        α, strain per degree.
-    """
+    """Isotropic linear elasticity: Young's modulus (force per area) and Poisson's ratio."""
 
     young: float
     poisson: float
     mean_dilatation: bool = False
+    """Whether the change of volume is taken as its mean over each cell (B-bar)."""
     yield_stress: float | None = None
+    """Von Mises stress (force per area) above which the certificate warns; None for no warning."""
     expansion: float = 0.0
+    """α, strain per degree."""
 
     def lame(self, plane: str | None) -> tuple[float, float]:
         """Lamé's λ (reduced in plane stress) and μ, force per area."""

@@ -24,19 +24,14 @@ Vector = tuple[float, float, float]
 
 
 class Obstacle(Protocol):
-    """A rigid obstacle without a mesh.
-
-    Attributes
-    ----------
-    places, directions
-        Names of fields that are points, and of those that are directions (of any non-zero length).
-    not_in_plane
-        Message why the obstacle does not exist in 2D; empty if it does.
-    """
+    """A rigid obstacle without a mesh."""
 
     places: ClassVar[tuple[str, ...]] = ("point",)
     directions: ClassVar[tuple[str, ...]] = ()
+    """Names of fields that are points, and of those that are directions (of any non-zero
+    length)."""
     not_in_plane: ClassVar[str] = ""
+    """Message why the obstacle does not exist in 2D; empty if it does."""
 
     @property
     def curvature_radius(self) -> float | None:
@@ -65,20 +60,14 @@ class Obstacle(Protocol):
 
 @dataclass(frozen=True)
 class Plane(Obstacle):
-    """Half space below a plane.
-
-    Attributes
-    ----------
-    point
-        Any point of the plane.
-    normal
-        Direction out of the obstacle, of any length but zero.
-    """
+    """Half space below a plane."""
 
     directions: ClassVar[tuple[str, ...]] = ("normal",)
 
     point: Vector
+    """Any point of the plane."""
     normal: Vector
+    """Direction out of the obstacle, of any length but zero."""
 
     @property
     def curvature_radius(self) -> None:

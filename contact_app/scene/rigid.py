@@ -31,39 +31,26 @@ NOWHERE: Vector = (0.0, 0.0, 0.0)
 
 @dataclass(frozen=True)
 class RigidBody:
-    """A rigid body.
-
-    Attributes
-    ----------
-    obstacles
-        Its shapes, in their places of the file.
-    center
-        Reference point: the centre or point of the first shape.
-    """
+    """A rigid body."""
 
     name: str
     obstacles: tuple[Obstacle, ...]
+    """Its shapes, in their places of the file."""
     center: Vector
+    """Reference point: the centre or point of the first shape."""
 
 
 @dataclass(frozen=True)
 class RigidMotion(Scaled):
-    """Prescribed motion of a rigid body by component; None for free components.
-
-    Attributes
-    ----------
-    body
-        Number of the rigid body.
-    displacement : (dimension,)
-    rotation : (1,) in the plane, (3,) in space
-        In radians.
-    """
+    """Prescribed motion of a rigid body by component; None for free components."""
 
     scales: ClassVar[tuple[str, ...]] = ("displacement", "rotation")
 
     body: int
-    displacement: tuple[float | None, ...]
-    rotation: tuple[float | None, ...]
+    """Number of the rigid body."""
+    displacement: tuple[float | None, ...]  # (dimension,)
+    rotation: tuple[float | None, ...]  # (1,) in the plane, (3,) in space
+    """In radians."""
     source: str
 
     @property
@@ -74,38 +61,26 @@ class RigidMotion(Scaled):
 
 @dataclass(frozen=True)
 class RigidLoad(Scaled):
-    """Force and moment on a rigid body.
-
-    Attributes
-    ----------
-    body
-        Number of the rigid body.
-    force, moment
-        Force and moment at the reference point; three components each, also in the plane.
-    """
+    """Force and moment on a rigid body."""
 
     scales: ClassVar[tuple[str, ...]] = ("force", "moment")
 
     body: int
+    """Number of the rigid body."""
     force: Vector
     moment: Vector
+    """Force and moment at the reference point; three components each, also in the plane."""
     source: str
 
 
 @dataclass(frozen=True)
 class Placement:
-    """Placement of a rigid body, relative to its place in the scene file.
-
-    Attributes
-    ----------
-    displacement
-        Displacement of the reference point.
-    rotation
-        Rotation vector in radians.
-    """
+    """Placement of a rigid body, relative to its place in the scene file."""
 
     displacement: Vector = NOWHERE
+    """Displacement of the reference point."""
     rotation: Vector = NOWHERE
+    """Rotation vector in radians."""
 
     @classmethod
     def of(cls, values: NDArray[np.float64], dimension: int) -> Placement:
@@ -131,25 +106,17 @@ class Placement:
 
 @dataclass(frozen=True)
 class RigidBodies:
-    """The rigid bodies of a scene.
-
-    Attributes
-    ----------
-    dimension
-        2 or 3.
-    bodies
-        The bodies.
-    motions, loads
-        Their prescribed motions and their loads.
-    placements
-        The placement of each body; empty before they are placed.
-    """
+    """The rigid bodies of a scene."""
 
     dimension: int
+    """2 or 3."""
     bodies: tuple[RigidBody, ...]
+    """The bodies."""
     motions: tuple[RigidMotion, ...]
     loads: tuple[RigidLoad, ...]
+    """Their prescribed motions and their loads."""
     placements: tuple[Placement, ...] = ()
+    """The placement of each body; empty before they are placed."""
 
     def held(self, body: int) -> tuple[NDArray[np.bool_], NDArray[np.float64]]:
         """Mask of the held components of a body, displacement then rotation, and their values."""

@@ -51,81 +51,54 @@ class Decomposition:
 
 @dataclass(frozen=True)
 class Section:
-    """A plane through a body at which the force between the two sides is computed.
-
-    Attributes
-    ----------
-    body
-        Number of the body; if the scene was cut, number of the body whose mirror image it is.
-    of
-        Name of the body in the file.
-    point, normal
-        Point and normal of the plane, in the whole scene.
-    across
-        Axes of the planes of symmetry between the body and the body whose mirror image it is.
-    """
+    """A plane through a body at which the force between the two sides is computed."""
 
     name: str
     body: int
+    """Number of the body; if the scene was cut, number of the body whose mirror image it is."""
     of: str
+    """Name of the body in the file."""
     point: tuple[float, float, float]
     normal: tuple[float, float, float]
+    """Point and normal of the plane, in the whole scene."""
     across: tuple[int, ...] = ()
+    """Axes of the planes of symmetry between the body and the body whose mirror image it is."""
 
 
 @dataclass(frozen=True)
 class InnerSection:
-    """An inner surface of a body at which the force between its two sides is computed.
-
-    Attributes
-    ----------
-    body
-        Number of the body.
-    boundary
-        Name of the surface: of the mesh, or of an expression of the body.
-    behind
-        A point of the side on which the force acts.
-    """
+    """An inner surface of a body at which the force between its two sides is computed."""
 
     name: str
     body: int
+    """Number of the body."""
     boundary: str
+    """Name of the surface: of the mesh, or of an expression of the body."""
     behind: tuple[float, float, float]
+    """A point of the side on which the force acts."""
 
 
 @dataclass(frozen=True)
 class OutputOptions:
-    """Options of the output.
-
-    Attributes
-    ----------
-    probes
-        Name and coordinates (x, y, z) of points at which the displacement is written.
-    sections
-        Planes and inner surfaces at which the force between the two sides of a body is written.
-    """
+    """Options of the output."""
 
     xdmf: bool = True
     vtu: bool = False
     fields: tuple[str, ...] = FIELDS
     probes: tuple[tuple[str, tuple[float, float, float]], ...] = ()
+    """Name and coordinates (x, y, z) of points at which the displacement is written."""
     sections: tuple[Section | InnerSection, ...] = ()
+    """Planes and inner surfaces at which the force between the two sides of a body is written."""
 
 
 @dataclass(frozen=True)
 class LoadCase:
-    """Factors of named conditions in a load case; other names have factor zero.
-
-    Attributes
-    ----------
-    name
-        Name of the case.
-    factors
-        Pairs of a condition's name and its factor.
-    """
+    """Factors of named conditions in a load case; other names have factor zero."""
 
     name: str
+    """Name of the case."""
     factors: tuple[tuple[str, float], ...]
+    """Pairs of a condition's name and its factor."""
 
     def of(self, name: str | None) -> float:
         """Factor of the condition of this name; one for conditions without a name."""
@@ -134,38 +107,26 @@ class LoadCase:
 
 @dataclass(frozen=True)
 class LoadStep:
-    """A step of a load history: named conditions reach factors linearly at its end.
-
-    Attributes
-    ----------
-    factors
-        Pairs of a condition's name and its factor at the end, for all names given so far; other
-        names have factor zero.
-    increments
-        Number of equal parts in which the step is solved.
-    """
+    """A step of a load history: named conditions reach factors linearly at its end."""
 
     factors: tuple[tuple[str, float], ...]
+    """Pairs of a condition's name and its factor at the end, for all names given so far; other
+    names have factor zero."""
     increments: int = 1
+    """Number of equal parts in which the step is solved."""
 
 
 @dataclass(frozen=True)
 class Mirror:
-    """A plane of symmetry of a scene, normal to an axis (0, 1 or 2) at a coordinate.
-
-    Attributes
-    ----------
-    partners
-        Sources of contacts and displacement conditions that are images of each other.
-    contacts, conditions
-        Contacts and conditions of the scene before it was cut at this plane.
-    """
+    """A plane of symmetry of a scene, normal to an axis (0, 1 or 2) at a coordinate."""
 
     axis: int
     at: float
     partners: tuple[tuple[str, str], ...] = ()
+    """Sources of contacts and displacement conditions that are images of each other."""
     contacts: tuple[ContactName, ...] = ()
     conditions: tuple[tuple[str, str], ...] = ()
+    """Contacts and conditions of the scene before it was cut at this plane."""
 
     def image(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
         """Mirror images of points (…, 3)."""
@@ -176,37 +137,7 @@ class Mirror:
 
 @dataclass(frozen=True)
 class Scene:
-    """A scene: the complete input of a run; `plane` is None in space.
-
-    Attributes
-    ----------
-    symmetry
-        Whether the scene may be cut at planes of symmetry.
-    guaranteed
-        Whether to compute a guaranteed bound of the error.
-    mirrors
-        The planes at which the scene was cut: the bodies are the parts below them.
-    total_loads
-        Forces and moments on boundaries.
-    temperatures
-        Rises of temperature of bodies; several rises of one body add up.
-    cases
-        Load cases, in the order of the file; empty if all conditions act in full.
-    case
-        Name of the load case or of the place in the load history that this scene belongs to; empty
-        if none.
-    steps
-        The load history; empty if all conditions act in full at once.
-    in_step
-        Whether this is the scene of a place in a load history.
-    idle
-        Sentences on conditions with a name that no case and no step has.
-    ties, rigid_ties
-        Tied pairs of boundaries, and boundaries tied to rigid bodies; they are not among the
-        contacts.
-    rigid
-        Rigid bodies (without mesh); the obstacles of contacts are placed as they are.
-    """
+    """A scene: the complete input of a run; `plane` is None in space."""
 
     title: str
     dimension: int
@@ -224,18 +155,32 @@ class Scene:
     output: OutputOptions
     source: Path
     rigid: RigidBodies
+    """Rigid bodies (without mesh); the obstacles of contacts are placed as they are."""
     symmetry: bool = False
+    """Whether the scene may be cut at planes of symmetry."""
     guaranteed: bool = False
+    """Whether to compute a guaranteed bound of the error."""
     mirrors: tuple[Mirror, ...] = ()
+    """The planes at which the scene was cut: the bodies are the parts below them."""
     total_loads: tuple[TotalLoad, ...] = ()
+    """Forces and moments on boundaries."""
     temperatures: tuple[Temperature, ...] = ()
+    """Rises of temperature of bodies; several rises of one body add up."""
     cases: tuple[LoadCase, ...] = ()
+    """Load cases, in the order of the file; empty if all conditions act in full."""
     case: str = ""
+    """Name of the load case or of the place in the load history that this scene belongs to; empty
+    if none."""
     steps: tuple[LoadStep, ...] = ()
+    """The load history; empty if all conditions act in full at once."""
     in_step: bool = False
+    """Whether this is the scene of a place in a load history."""
     idle: tuple[str, ...] = ()
+    """Sentences on conditions with a name that no case and no step has."""
     ties: tuple[Tie, ...] = ()
     rigid_ties: tuple[RigidTie, ...] = ()
+    """Tied pairs of boundaries, and boundaries tied to rigid bodies; they are not among the
+    contacts."""
     places: Mapping[str, str] = field(default_factory=dict, compare=False)
 
     def at(self, source: str) -> str:

@@ -46,25 +46,17 @@ PENALTY = 5e6
 
 @dataclass(frozen=True)
 class Part:
-    """A shipped scene of parts in one mesh file.
-
-    Attributes
-    ----------
-    factors
-        Factors of named conditions, for scenes with load cases.
-    degree
-        Degree in place of the file's; None to keep it.
-    push
-        The displacement with which CalculiX has to begin.
-    mesh
-        A mesh file in place of the scene's.
-    """
+    """A shipped scene of parts in one mesh file."""
 
     scene: str
     factors: dict[str, float] = field(default_factory=dict)
+    """Factors of named conditions, for scenes with load cases."""
     degree: int | None = None
+    """Degree in place of the file's; None to keep it."""
     push: Fixed | None = None
+    """The displacement with which CalculiX has to begin."""
     mesh: str = ""
+    """A mesh file in place of the scene's."""
 
 
 PARTS = {

@@ -30,26 +30,18 @@ CASES = 10
 
 
 class Loaded(NamedTuple):
-    """A shipped scene whose loads are replaced, and how ten cases combine the new ones.
-
-    Attributes
-    ----------
-    limit
-        Largest cost of ten cases relative to one.
-    loads
-        Conditions with a name, in place of the tractions, pressures and forces of the file.
-    first, last
-        Factors of the first and of the last case; the others lie between them.
-    cells
-        Cells of the first body's box, in place of the file's.
-    """
+    """A shipped scene whose loads are replaced, and how ten cases combine the new ones."""
 
     scene: str
     limit: float
+    """Largest cost of ten cases relative to one."""
     loads: tuple[dict[str, Any], ...]
+    """Conditions with a name, in place of the tractions, pressures and forces of the file."""
     first: tuple[float, ...]
     last: tuple[float, ...]
+    """Factors of the first and of the last case; the others lie between them."""
     cells: tuple[int, ...] | None = None
+    """Cells of the first body's box, in place of the file's."""
 
 
 SCENES = {

@@ -55,28 +55,20 @@ EVEN, UNEVEN = 2_500_000, 700_000
 
 @dataclass(frozen=True)
 class Variant:
-    """One way to run the scene.
-
-    Attributes
-    ----------
-    factor
-        Cells along each axis relative to the scene's.
-    decomposition, expansion
-        None for the scene's own.
-    degree
-        None leaves it to the scene and its refinement.
-    accuracy
-        Target error for refinement from this mesh on; None without refinement.
-    """
+    """One way to run the scene."""
 
     factor: Fraction
+    """Cells along each axis relative to the scene's."""
     cell: str
     degree: int | None = 1
+    """None leaves it to the scene and its refinement."""
     tolerance: float | str = USUAL
     method: str = APPLICATION
     decomposition: str | None = None
     expansion: str | None = None
+    """None for the scene's own."""
     accuracy: float | None = None
+    """Target error for refinement from this mesh on; None without refinement."""
 
     @property
     def name(self) -> str:
@@ -145,28 +137,19 @@ def scaled(cells: Sequence[int], factor: Fraction) -> tuple[int, ...]:
 
 @dataclass(frozen=True)
 class Sweep:
-    """Runs of a chart.
-
-    Attributes
-    ----------
-    variants
-        In the order they run.
-    references
-        Three references; cells are halved from one to the next.
-    left_out
-        Sentences on settings that the scene does not allow.
-    refine
-        Number of times that the scene itself halves the edges of each mesh from a file.
-    parallel
-        Whether this application runs with a rank on each core instead of threads of BLAS.
-    """
+    """Runs of a chart."""
 
     scene: Scene
     variants: tuple[Variant, ...]
+    """In the order they run."""
     references: tuple[Variant, ...]
+    """Three references; cells are halved from one to the next."""
     left_out: tuple[str, ...]
+    """Sentences on settings that the scene does not allow."""
     refine: tuple[int, ...] = ()
+    """Number of times that the scene itself halves the edges of each mesh from a file."""
     parallel: bool = False
+    """Whether this application runs with a rank on each core instead of threads of BLAS."""
 
     def overrides(self, variant: Variant) -> list[str]:
         """Changes of the scene's file that make a variant."""

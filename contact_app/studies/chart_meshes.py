@@ -27,18 +27,12 @@ REFERENCES = 3
 
 @dataclass(frozen=True)
 class MeshVariant(Variant):
-    """One way to run the scene on a mesh of a directory.
-
-    Attributes
-    ----------
-    settings
-        Changes of the scene's file; empty where the mesh does not matter.
-    mesh
-        Name of the directory.
-    """
+    """One way to run the scene on a mesh of a directory."""
 
     settings: tuple[str, ...] = ()
+    """Changes of the scene's file; empty where the mesh does not matter."""
     mesh: str = ""
+    """Name of the directory."""
 
     @property
     def kind(self) -> MeshVariant:

@@ -45,21 +45,15 @@ second."""
 
 @dataclass(frozen=True)
 class Claim:
-    """A run to a target.
-
-    Attributes
-    ----------
-    claimed, measured
-        Relative errors in energy norm: as reported by the run, and as measured.
-    missed
-        The run's reason why the target was not met; empty if it claims to have met it.
-    """
+    """A run to a target."""
 
     seed: int
     target: float
     claimed: float
     measured: float
+    """Relative errors in energy norm: as reported by the run, and as measured."""
     missed: str
+    """The run's reason why the target was not met; empty if it claims to have met it."""
     levels: int
     dofs: int
     seconds: float

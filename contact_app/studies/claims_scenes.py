@@ -29,19 +29,13 @@ more."""
 
 @dataclass(frozen=True)
 class ClaimScene:
-    """A scene of the study.
-
-    Attributes
-    ----------
-    config
-        The scene as a user would write it, without `accuracy`.
-    breaks
-        Coordinates by axis where a load, a support or a contact begins or ends inside a side.
-    """
+    """A scene of the study."""
 
     seed: int
     config: Config
+    """The scene as a user would write it, without `accuracy`."""
     breaks: tuple[tuple[float, ...], ...]
+    """Coordinates by axis where a load, a support or a contact begins or ends inside a side."""
 
     @property
     def box(self) -> Config:

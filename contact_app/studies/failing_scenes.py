@@ -29,28 +29,18 @@ HOLDS = "holds"
 
 @dataclass(frozen=True)
 class Case:
-    """A scene that provokes a failure.
-
-    Attributes
-    ----------
-    make : callable
-        The scene as a configuration, without decomposition.
-    subdomains : list of int or int, of the decomposed run
-    expected : "holds" or "refused", the required outcome
-    energy : float, optional; exact
-    scale : float, optional
-        Scale of the comparison if the energy is zero.
-    mild : callable, optional
-        A variant without the difficulty, with about the same number of unknowns.
-    """
+    """A scene that provokes a failure."""
 
     name: str
     make: Callable[[], Config]
+    """The scene as a configuration, without decomposition."""
     subdomains: Any = (2, 2)
     expected: str = HOLDS
     energy: float | None = None
     scale: float = 0.0
+    """Scale of the comparison if the energy is zero."""
     mild: Callable[[], Config] | None = None
+    """A variant without the difficulty, with about the same number of unknowns."""
 
 
 def box_body(name: str, lower: Point, upper: Point, cells: list[int], **more: Any) -> Config:

@@ -39,25 +39,17 @@ SHARES = {2: (1, 1), 3: (1, 1, 2), (3, 3): (1, 1, 1), 6: (1, 1, 1, 3, 3, 3),
 
 @dataclass(frozen=True, eq=False)
 class BodyNodes:
-    """Nodes and cells of one body's mesh.
-
-    Attributes
-    ----------
-    points : (nodes, 3)
-    cells : (cells, nodes per cell)
-        In VTK order.
-    tags : (cells,)
-        Numbers of materials.
-    facets : (facets, nodes of a facet)
-        Of the contact boundary, in dolfinx's order, vertices first.
-    """
+    """Nodes and cells of one body's mesh."""
 
     cell: str
     degree: int
-    points: Array
-    cells: Ints
-    tags: NDArray[np.int32]
-    facets: Ints
+    points: Array  # (nodes, 3)
+    cells: Ints  # (cells, nodes per cell)
+    """In VTK order."""
+    tags: NDArray[np.int32]  # (cells,)
+    """Numbers of materials."""
+    facets: Ints  # (facets, nodes of a facet)
+    """Facets of the contact boundary, in dolfinx's order, vertices first."""
 
     @property
     def dimension(self) -> int:

@@ -45,21 +45,14 @@ TEN = 12
 
 
 class FrictionScene(NamedTuple):
-    """A scene, and the friction of its contacts.
-
-    Attributes
-    ----------
-    scene
-        A mapping, or the name of a shipped scene.
-    friction
-        Friction of all contacts; None if the scene has its own.
-    settings
-        Overrides, as in ``--set``.
-    """
+    """A scene, and the friction of its contacts."""
 
     scene: dict[str, Any] | str
+    """A mapping, or the name of a shipped scene."""
     friction: dict[str, float] | None = None
+    """Friction of all contacts; None if the scene has its own."""
     settings: tuple[str, ...] = ()
+    """Overrides, as in ``--set``."""
 
 
 def _box(cells: Sequence[int], upper: Sequence[float], cell: str, **rest: Any) -> dict[str, Any]:
@@ -204,21 +197,14 @@ HISTORIES = {
 
 @dataclass(frozen=True)
 class Work:
-    """Work of a solve.
-
-    Attributes
-    ----------
-    applications
-        Applications of the operator; None without equilibrium.
-    passed
-        Whether all solutions are certified.
-    sets
-        Number of active sets.
-    """
+    """Work of a solve."""
 
     applications: int | None = None
+    """Applications of the operator; None without equilibrium."""
     passed: bool = True
+    """Whether all solutions are certified."""
     sets: int = 0
+    """Number of active sets."""
 
 
 def scene_of(rubbed: FrictionScene, method: str, rough: bool = True, increments: int = 1) -> Scene:

@@ -70,24 +70,18 @@ def cattaneo(increments: Sequence[SolvedIncrement]) -> list[Quantity]:
 
 @dataclass(frozen=True, eq=False)
 class _Strip:
-    """The contact of an increment.
-
-    Attributes
-    ----------
-    x, traction : (n,)
-        Coordinates and traction of the nodes in contact; the traction relative to μ p0.
-    a, sticking
-        Half-width of the contact, and that of the sticking nodes relative to it.
-    share, side
-        |Q| / (μ P), and the sign of Q.
-    """
+    """The contact of an increment."""
 
     x: Array
     traction: Array
+    """Coordinates and traction of the nodes in contact; the traction relative to μ p0. Shape
+    (n,)."""
     a: float
     sticking: float
+    """Half-width of the contact, and that of the sticking nodes relative to it."""
     share: float
     side: float
+    """|Q| / (μ P), and the sign of Q."""
 
     @classmethod
     def of(cls, increment: SolvedIncrement) -> _Strip:

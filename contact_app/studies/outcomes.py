@@ -15,30 +15,21 @@ APPLICATION, WHOLE = "contact-app", "contact-app, whole"
 
 @dataclass(frozen=True)
 class Outcome:
-    """Result of one method on one case.
-
-    Attributes
-    ----------
-    verdict : str
-        One of the verdicts of `stability`.
-    detail : str
-    applications : int
-        Hessian multiplications; for PETSc's solvers multiplications with the stiffness, or factors.
-    energy, penetration : float
-        The penetration relative to the largest displacement.
-    growth : float
-        Work relative to the milder variant; 0 without a variant.
-    strains : tuple of float
-        Twice the strain energy of each body; empty for PETSc's solvers, which take one body.
-    """
+    """Result of one method on one case."""
 
     verdict: str
+    """One of the verdicts of `stability`."""
     detail: str = ""
     applications: int = 0
+    """Hessian multiplications; for PETSc's solvers multiplications with the stiffness, or
+    factors."""
     energy: float = float("nan")
     penetration: float = float("nan")
+    """The penetration relative to the largest displacement."""
     growth: float = 0.0
+    """Work relative to the milder variant; 0 without a variant."""
     strains: tuple[float, ...] = ()
+    """Twice the strain energy of each body; empty for PETSc's solvers, which take one body."""
 
     @property
     def cell(self) -> str:

@@ -60,24 +60,17 @@ HEADING = (
 
 @dataclass(frozen=True)
 class Settings:
-    """Settings of all runs of a benchmark.
-
-    Attributes
-    ----------
-    tolerance
-        Relative tolerance of all methods by their own tests, of this application by the
-        certificate.
-    limit
-        Seconds a run may take, start-up included.
-    parallel
-        Whether this application gets one rank per core instead of threads of BLAS, which are faster
-        where subdomains are congruent. Methods of PETSc have their own rule.
-    """
+    """Settings of all runs of a benchmark."""
 
     tolerance: float = 1e-8
+    """Relative tolerance of all methods by their own tests, of this application by the
+    certificate."""
     degree: int = 1
     limit: float = 120.0
+    """Seconds a run may take, start-up included."""
     parallel: bool = True
+    """Whether this application gets one rank per core instead of threads of BLAS, which are faster
+    where subdomains are congruent. Methods of PETSc have their own rule."""
 
 
 Run = Callable[[Path, str, Sequence[str], Settings], Row]

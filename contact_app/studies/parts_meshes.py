@@ -20,25 +20,17 @@ FUSED = ("ball_in_grooves", "bolted_flange", "hub_on_shaft", "pin_in_lug")
 
 @dataclass(frozen=True)
 class Meshes:
-    """One mesh for each part.
-
-    Attributes
-    ----------
-    name
-        In the table.
-    directory
-        Directory of the files, with the names in the scenes; the scenes' own unless given.
-    factor
-        Draw the meshes there first, with this size of cells near contact relative to the shipped
-        mesh.
-    cells
-        Cells along each edge of the box of a scene, in place of a file.
-    """
+    """One mesh for each part."""
 
     name: str
+    """In the table."""
     directory: Path | None = None
+    """Directory of the files, with the names in the scenes; the scenes' own unless given."""
     factor: float | None = None
+    """Draw the meshes there first, with this size of cells near contact relative to the shipped
+    mesh."""
     cells: int | None = None
+    """Cells along each edge of the box of a scene, in place of a file."""
 
     def overrides(self, scene: Path, degree: int) -> list[str]:
         """``key=value`` for the meshes of a scene, drawn if need be, and the degree of all bodies.

@@ -118,17 +118,12 @@ class _Counter:
 
 @dataclass(frozen=True)
 class Method:
-    """A method of PETSc and its options.
-
-    Attributes
-    ----------
-    parallel
-        Whether it gains from ranks; the others use the threads of BLAS.
-    """
+    """A method of PETSc and its options."""
 
     solve: Callable[[WholeSystem, float], Answer]
     contact: bool
     parallel: bool
+    """Whether it gains from ranks; the others use the threads of BLAS."""
     options: dict[str, str] = field(default_factory=dict)
 
 

@@ -32,32 +32,20 @@ QUANTITIES = ("energy", "displacement", "pressure")
 
 @dataclass(frozen=True, eq=False)
 class Fields:
-    """A solution at the nodes of all bodies, one body after the other.
+    """A solution at the nodes of all bodies, one body after the other."""
 
-    Attributes
-    ----------
-    points : (nodes, 3)
-    displacement : (nodes, dimension)
-    pressure : (nodes,)
-    watched : (nodes,)
-        Nodes with a contact row.
-    first_node : (bodies + 1,)
-    degree : (bodies,)
-    cell : (bodies,)
-    cells, tags, facets
-        Data of each body, as in `BodyNodes`; solutions by PETSc's solvers have no facets.
-    """
-
-    points: Array
-    displacement: Array
-    pressure: Array
-    watched: Mask
-    first_node: Ints
-    degree: Ints
-    cell: NDArray[np.str_]
+    points: Array  # (nodes, 3)
+    displacement: Array  # (nodes, dimension)
+    pressure: Array  # (nodes,)
+    watched: Mask  # (nodes,)
+    """Nodes with a contact row."""
+    first_node: Ints  # (bodies + 1,)
+    degree: Ints  # (bodies,)
+    cell: NDArray[np.str_]  # (bodies,)
     cells: list[Ints] = field(default_factory=list)
     tags: list[NDArray[np.int32]] = field(default_factory=list)
     facets: list[Ints] = field(default_factory=list)
+    """Data of each body, as in `BodyNodes`; solutions by PETSc's solvers have no facets."""
 
     LISTS = ("cells", "tags", "facets")
 
@@ -149,21 +137,15 @@ class Distances:
 
 @dataclass(frozen=True, eq=False)
 class ReferenceAnswer:
-    """The finest solution and its distance from the limit.
-
-    Attributes
-    ----------
-    accuracy : (3,)
-        Relative r of energy norm, displacement and pressure.
-    rates : (3,)
-        p.
-    """
+    """The finest solution and its distance from the limit."""
 
     distances: Distances
     finest: Sampled
     norms: Array
-    accuracy: Array
-    rates: Array
+    accuracy: Array  # (3,)
+    """Relative r of energy norm, displacement and pressure."""
+    rates: Array  # (3,)
+    """p."""
 
     @classmethod
     def of(cls, distances: Distances, answers: Sequence[Sampled]) -> ReferenceAnswer:

@@ -26,63 +26,43 @@ class Fixed(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class PlainBody:
-    """A mesh with its sides and one elastic material.
-
-    Attributes
-    ----------
-    cell, degree
-        ``triangle``, ``tetrahedron`` or ``hexahedron``, of first or second order.
-    points : (nodes, d)
-    cells : (cells, nodes per cell)
-        In VTK order.
-    sides
-        Numbers (facets, nodes per facet) by name, vertices first.
-    """
+    """A mesh with its sides and one elastic material."""
 
     cell: str
     degree: int
-    points: Array
-    cells: Ints
+    """``triangle``, ``tetrahedron`` or ``hexahedron``, of first or second order."""
+    points: Array  # (nodes, d)
+    cells: Ints  # (cells, nodes per cell)
+    """In VTK order."""
     sides: dict[str, Ints]
+    """Numbers (facets, nodes per facet) by name, vertices first."""
     young: float
     poisson: float
 
 
 @dataclass(frozen=True, eq=False)
 class PlainScene:
-    """Elastic bodies, one contact, and a history of factors.
-
-    Attributes
-    ----------
-    on, against
-        Body and side; without `against` the floor, where the last coordinate is zero.
-    fixed
-        Displacements.
-    pressure
-        Body, side and value, times the factor ``press``.
-    factors
-        Load factors of each increment.
-    forces
-        Body, flat side and total force, which act in full.
-    loose
-        Bodies that contact alone holds.
-    push
-        Displacement that CalculiX applies first, to bring bodies into contact.
-    penalty
-        Stiffness of contact in CalculiX, force per volume; chosen unless given.
-    """
+    """Elastic bodies, one contact, and a history of factors."""
 
     bodies: list[PlainBody]
     coefficient: float
     on: tuple[int, str]
     against: tuple[int, str] | None
+    """Body and side; without `against` the floor, where the last coordinate is zero."""
     fixed: list[Fixed]
+    """Displacements."""
     pressure: tuple[int, str, float] | None
+    """Body, side and value, times the factor ``press``."""
     factors: list[dict[str, float]]
+    """Load factors of each increment."""
     forces: Sequence[tuple[int, str, Sequence[float]]] = ()
+    """Body, flat side and total force, which act in full."""
     loose: Sequence[int] = ()
+    """Bodies that contact alone holds."""
     push: Fixed | None = None
+    """Displacement that CalculiX applies first, to bring bodies into contact."""
     penalty: float | None = None
+    """Stiffness of contact in CalculiX, force per volume; chosen unless given."""
 
     @property
     def dimension(self) -> int:
@@ -102,24 +82,17 @@ class PlainScene:
 
 @dataclass(frozen=True, eq=False)
 class Outcome:
-    """The answer of a program at the end of the history.
-
-    Attributes
-    ----------
-    points, displacement
-        (nodes, d) of each body.
-    places, traction : (n, d)
-        Points with known friction on the body of `on` (nodes or centres of facets), and the
-        friction force per area on that body.
-    force : (d,)
-        Contact force on that body.
-    """
+    """The answer of a program at the end of the history."""
 
     points: list[Array]
     displacement: list[Array]
+    """(nodes, d) of each body."""
     places: Array
     traction: Array
-    force: Array
+    """Points with known friction on the body of `on` (nodes or centres of facets), and the friction
+    force per area on that body. Shape (n, d)."""
+    force: Array  # (d,)
+    """Contact force on that body."""
 
     def save(self, file: Path) -> None:
         """Write the outcome."""

@@ -45,19 +45,13 @@ PRESS, PUSH = -0.01, 0.006
 
 @dataclass(frozen=True)
 class Rough:
-    """A scene on a series of meshes.
-
-    Attributes
-    ----------
-    levels
-        Size of a cell, or cells along an edge of length one; the coarsest first.
-    finest
-        The level and degree of the reference.
-    """
+    """A scene on a series of meshes."""
 
     name: str
     levels: tuple[float, ...]
+    """Size of a cell, or cells along an edge of length one; the coarsest first."""
     finest: tuple[float, int]
+    """The level and degree of the reference."""
 
 
 ROUGH = {

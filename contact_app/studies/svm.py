@@ -27,17 +27,11 @@ RTOL = 0.1
 
 @dataclass(frozen=True)
 class Report:
-    """Result of the training.
-
-    Attributes
-    ----------
-    comparisons : tuple of Comparison
-    files : tuple of Path
-        The CSV and the figures.
-    """
+    """Result of the training."""
 
     comparisons: tuple[Comparison, ...]
     files: tuple[Path, ...]
+    """The CSV and the figures."""
 
     def summary(self) -> list[str]:
         """Sentences on the agreement."""

@@ -37,17 +37,10 @@ class DataError(ValueError):
 
 @dataclass(frozen=True)
 class Samples:
-    """Labelled samples.
+    """Labelled samples."""
 
-    Attributes
-    ----------
-    features : csr_array (samples, features)
-    labels : (samples,) of ±1
-    classes : the two labels as written in the file, that of -1 first
-    """
-
-    features: sparse.csr_array
-    labels: Array
+    features: sparse.csr_array  # csr_array (samples, features)
+    labels: Array  # (samples,) of ±1
     classes: tuple[float, float]
 
 

@@ -42,21 +42,14 @@ class UnsuitableError(ValueError):
 
 @dataclass(frozen=True, eq=False)
 class _Rows:
-    """Contact rows n·u ≤ g at nodes of this rank.
+    """Contact rows n·u ≤ g at nodes of this rank."""
 
-    Attributes
-    ----------
-    nodes : (rows,)
-    directions : (rows, dimension)
-        n, of length one, without held components.
-    gaps, areas : (rows,)
-        g, and the share of the boundary's area.
-    """
-
-    nodes: Ints
-    directions: Array
+    nodes: Ints  # (rows,)
+    directions: Array  # (rows, dimension)
+    """n, of length one, without held components."""
     gaps: Array
     areas: Array
+    """g, and the share of the boundary's area. Shape (rows,)."""
 
     @classmethod
     def joined(cls, parts: list[_Rows], d: int) -> _Rows:
@@ -74,38 +67,27 @@ class _Rows:
 
 @dataclass(frozen=True, eq=False)
 class WholeSystem:
-    """min ½ xᵀ A x - bᵀ x + constant subject to lower ≤ x ≤ upper, distributed.
-
-    Attributes
-    ----------
-    turn
-        Q, u = Q x; None where no frame is turned.
-    checked
-        The contact rows that are no bounds.
-    constant
-        Energy of the prescribed displacements.
-    points : (nodes, 3)
-        Nodes of this rank.
-    contact
-        Unknowns (local) with a bound.
-    area : (bounds,)
-        Share of the contact boundary's area of each of them; solvers do not use it.
-    mesh
-        dolfinx's mesh; the matrix uses its communicator.
-    """
+    """min ½ xᵀ A x - bᵀ x + constant subject to lower ≤ x ≤ upper, distributed."""
 
     matrix: PETSc.Mat
     load: PETSc.Vec
     lower: PETSc.Vec
     upper: PETSc.Vec
     turn: PETSc.Mat | None
+    """Q, u = Q x; None where no frame is turned."""
     constant: float
+    """Energy of the prescribed displacements."""
     dimension: int
-    points: Array
+    points: Array  # (nodes, 3)
+    """Nodes of this rank."""
     contact: Ints
-    area: Array
+    """Unknowns (local) with a bound."""
+    area: Array  # (bounds,)
+    """Share of the contact boundary's area of each of them; solvers do not use it."""
     checked: _Rows
+    """The contact rows that are no bounds."""
     mesh: Any
+    """dolfinx's mesh; the matrix uses its communicator."""
 
     @property
     def dofs(self) -> int:

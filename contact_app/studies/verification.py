@@ -101,38 +101,27 @@ class Level:
 
 @dataclass(frozen=True)
 class Case:
-    """A scene with a known solution.
-
-    Attributes
-    ----------
-    name
-        Name of the case, and of its scene in ``configs/`` unless `scene` is given.
-    title
-        Of its section in docs/benchmarks/verification.md, which tells the numbers of the theory.
-    measure
-        Function that returns numbers of a solution with those of the theory.
-    levels
-        Meshes, the coarsest first.
-    sample
-        Mesh of `COARSE` that is refined for levels with a size.
-    bodies
-        Numbers of the bodies that have this mesh.
-    history
-        Function like `measure` of all increments of a load history.
-    graded
-        Function that writes the mesh of the first body, for levels with a number of cells instead
-        of a sample.
-    """
+    """A scene with a known solution."""
 
     name: str
+    """Name of the case, and of its scene in ``configs/`` unless `scene` is given."""
     title: str
+    """Title of its section in docs/benchmarks/verification.md, which tells the numbers of the
+    theory."""
     measure: Callable[[SolvedScene], list[Quantity]] | None
+    """Function that returns numbers of a solution with those of the theory."""
     levels: tuple[Level, ...]
+    """Meshes, the coarsest first."""
     sample: str | None = None
+    """Mesh of `COARSE` that is refined for levels with a size."""
     bodies: tuple[int, ...] = (0,)
+    """Numbers of the bodies that have this mesh."""
     scene: str | None = None
     history: Callable[[Sequence[SolvedIncrement]], list[Quantity]] | None = None
+    """Function like `measure` of all increments of a load history."""
     graded: Callable[[Path, int], Path] | None = None
+    """Function that writes the mesh of the first body, for levels with a number of cells instead of
+    a sample."""
 
     @property
     def config(self) -> str:

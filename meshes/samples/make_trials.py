@@ -35,23 +35,16 @@ STEEL = "{young: 2.1e5, poisson: 0.3}"
 
 @dataclass(frozen=True)
 class Trial:
-    """A part with the boundaries, conditions and contacts of its scene.
-
-    Attributes
-    ----------
-    points, cells
-        Mesh, (nodes, 3) and (tetrahedra, 4).
-    boundaries
-        Expressions in x, y, z, by name.
-    conditions, contacts
-        Lines of the scene.
-    """
+    """A part with the boundaries, conditions and contacts of its scene."""
 
     points: Array
     cells: Cells
+    """Mesh, (nodes, 3) and (tetrahedra, 4)."""
     boundaries: dict[str, str]
+    """Expressions in x, y, z, by name."""
     conditions: tuple[str, ...]
     contacts: tuple[str, ...]
+    """Lines of the scene."""
 
 
 def lifted_plate(size: float) -> Trial:

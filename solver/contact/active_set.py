@@ -42,59 +42,40 @@ from solver.vectors import Array, Mask
 
 @dataclass(frozen=True, eq=False)
 class Start:
-    """Initial data of the loop.
+    """Initial data of the loop."""
 
-    Attributes
-    ----------
-    active : (rows,)
-        The normal rows of the initial active set.
-    multiplier : (rows,)
-        Initial multiplier of the first set; the smallest multiplier in equilibrium if None.
-    is_flat
-        Whether the first set has all contact rows because all gaps are zero. If many of them open
-        in the first two sets, only those of `Backend.estimated_contact` stay: the loop alone would
-        remove row after row.
-    statuses
-        Statuses of the first set; those that the law takes from `active` if None.
-    jumps : (rows,)
-        B u - c near that of the first set; None if unknown.
-    """
-
-    active: Mask
-    multiplier: Array | None = None
+    active: Mask  # (rows,)
+    """The normal rows of the initial active set."""
+    multiplier: Array | None = None  # (rows,)
+    """Initial multiplier of the first set; the smallest multiplier in equilibrium if None."""
     is_flat: bool = False
+    """Whether the first set has all contact rows because all gaps are zero. If many of them open in
+    the first two sets, only those of `Backend.estimated_contact` stay: the loop alone would remove
+    row after row."""
     statuses: Statuses | None = None
-    jumps: Array | None = None
+    """Statuses of the first set; those that the law takes from `active` if None."""
+    jumps: Array | None = None  # (rows,)
+    """B u - c near that of the first set; None if unknown."""
 
 
 @dataclass(frozen=True, eq=False)
 class ActiveSetMethod(Generic[S]):
-    """The method of active sets for one problem.
-
-    Attributes
-    ----------
-    backend
-        Solves on a set.
-    test
-        Accepts or rejects the answer of a set.
-    inner
-        MPRGP; it limits the iterations of all sets together.
-    monitor
-        Called with each iteration.
-    save
-        Saves states for a checkpoint.
-    work_before
-        Work before the first set.
-    """
+    """The method of active sets for one problem."""
 
     backend: Backend[S]
+    """Solves on a set."""
     test: StoppingTest[S]
+    """Accepts or rejects the answer of a set."""
     inner: MPRGP
+    """MPRGP; it limits the iterations of all sets together."""
     monitor: Monitor | None = None
+    """Called with each iteration."""
     save: SaveState[S] | None = None
+    """Saves states for a checkpoint."""
     options: ActiveSetOptions = ActiveSetOptions()
     law: ContactLaw = Frictionless()
     work_before: Counts = field(default_factory=Counts)
+    """Work before the first set."""
 
     def after(self, outcome: Outcome[S]) -> ActiveSetMethod[S]:
         """The same method after an outcome, whose work counts."""

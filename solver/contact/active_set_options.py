@@ -9,19 +9,13 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True)
 class Turnover:
-    """Contact rows that change with a set, on all ranks.
-
-    Attributes
-    ----------
-    joined, left
-        Rows that join the next set, and that leave this set.
-    closed
-        Active rows of this set.
-    """
+    """Contact rows that change with a set, on all ranks."""
 
     joined: int
     left: int
+    """Rows that join the next set, and that leave this set."""
     closed: int
+    """Active rows of this set."""
 
     @property
     def peeled(self) -> int:
@@ -31,145 +25,112 @@ class Turnover:
 
 @dataclass(frozen=True)
 class ActiveSetOptions:
-    """The tuned numbers of the active-set loop, each with the reason for its value.
-
-    Attributes
-    ----------
-    most_sets
-        Largest number of active sets. Where contact peels off row by row, each set costs a handful
-        of operator applications.
-    first_reduction, next_reduction
-        Reduction of the residual before the first evaluation of the KKT residuals on a set and
-        between later ones.
-    sets_before_levels
-        Number of sets on all contact rows after which the loop begins anew on the coarsest level of
-        the constraint hierarchy. Most contact of thin bodies settles in fewer sets: a disc pressed
-        on a plane (`configs/cylinder.yaml`) takes 67 operator applications, and 149 on levels. With
-        friction there are no levels, since points outside of a level would carry no friction.
-    steady
-        The loop begins on levels earlier if rows leave in two sets in a row and no row joins, the
-        second time at least by this ratio to the number of the first time. Where Newton's method
-        converges, the numbers fall faster.
-    few
-        Number of rows that leave at any edge of contact, whether it peels off or not.
-    coarse_reduction
-        `first_reduction` on the coarser levels of the constraint hierarchy: the next level has to
-        undo wrong decisions of a coarser one.
-    evaluations
-        Evaluations on a set before it is solved to the end.
-    significant
-        Relative forces and distances from which on a row changes its status, over the estimate of
-        the error.
-    negligible
-        Tensile multipliers, over the largest multiplier, that do not release a row. Where nothing
-        but a row without a force stops a body from turning, the load, not quite balanced as drawn,
-        pulls it open and the free body closes it again, set after set.
-    largest_error
-        Estimate of the error in energy norm, over the energy norm of the answer, above which the
-        answer on a set does not change the set.
-    first_share
-        The contacts that close within this share of the load after the first contact closes join an
-        empty set.
-    margin
-        Share of the largest admissible jump below which an answer is given to the stopping test.
-    tighten
-        Factor on the residual after a rejected answer.
-    deeper
-        Factor on `first_reduction` each time the loop returns to an earlier set.
-    patience
-        Number of sets after which `first_reduction` is multiplied by `tighten`: with friction no
-        two sets are equal, so the loop cannot detect a decision made too early by a repeated set.
-        Zero for never.
-    careful
-        After as many sets more, repeatedly, factor on `first_reduction` and on `largest_error`: a
-        thin tube that two plates press and friction alone holds took 3,609 operator applications
-        without, and takes 820. Used after the first patience, too, it cost other scenes up to
-        12 %.
-    peeled
-        Share of the active rows that leave in two sets in a row, from which on the contact is said
-        to peel off.
-    settling, unsettled
-        With friction the loop begins anew from the contact without friction if at least this many
-        sets did not settle, each of the last three changed this share of the closed rows, and as
-        many joined in these three together.
-        Friction forces of a wrong contact are wrong, too: a clip that snaps over a round edge took
-        2,442 operator applications without this and 124 with it. In thirteen scenes of
-        `contact_app.studies.friction_cost` the share is below 0.25 from the sixth set on.
-    insists
-        Whether the loop goes on where each set has other contact, or where no contact without
-        friction is found from which it could begin anew. Multigrid goes on with the augmented
-        Lagrangian instead: a hook on a rail with μ = 1 takes 181 operator applications, and took
-        607, since the sets of three more runs did not settle, either.
-    vanishing
-        With friction all contact is opened once a(u, u) fell below this factor of its value in each
-        of three sets in a row, if no body needs contact. Where bodies touch and no load presses
-        them, contact and friction forces of a set cause each other. They fell to a fifth in each
-        set, and twenty sets later, at rounding errors, the answer was not certified.
-    stuck_again
-        Tangential rows that stick after a set without sticking points, over the rows of the sliding
-        points in that set. If they are so many after two such sets, the points of the next such set
-        yield. A split ring has 0.1 to 0.7 and does not settle without; if points yield after one
-        such set or with a share of 0.02, a hub takes 121 operator applications instead of 87, and a
-        bracket 163 instead of 79.
-    sliding
-        Number of sets in a row without a point that sticks, after which friction is said not to
-        hold a body. A belt around a drum has at most seven at 0.99 of its largest load, and
-        slides on at its largest load.
-    jumping
-        Without friction, number of sets in a row with rows that join, each with at least as many
-        changed rows as an earlier one, after which the sets are said not to settle.
-    may_peel
-        Whether sets go on where contact peels off and there are no levels of contact rows. Where a
-        factor is affordable, multigrid has others instead: factors on levels of rows for thin
-        bodies, the augmented Lagrangian for others. A lifted plate of 77,868 unknowns takes 44
-        operator applications with the first, 164 with the second; another took 458 in 60 sets.
-    peeling
-        Number of sets in a row from each of which many rows leave and which no row joins, after
-        which contact peels off in this sense. With two a bar in a vee takes 55 operator
-        applications instead of 36, a cup on a ball 76 instead of 44, the plate 140.
-    dropped, many
-        Share of the active rows, and number of rows, that leave with one set, from which on the
-        backend may correct the next set (`Backend.corrected_contact`): alone the sets would lose a
-        few rows each.
-    looks_ahead
-        Whether a law may release points before the state of a set shows that they slide
-        (`solver.contact.slip_front`), and points with a gap slide in the first set. Where the sets
-        fail, the loop runs once more without.
-    returning
-        Share of the points so released that may stick again before the rule is switched off.
-    """
+    """The tuned numbers of the active-set loop, each with the reason for its value."""
 
     most_sets: int = 60
+    """Largest number of active sets. Where contact peels off row by row, each set costs a handful
+    of operator applications."""
     first_reduction: float = 0.3
     next_reduction: float = 0.1
+    """Reduction of the residual before the first evaluation of the KKT residuals on a set and
+    between later ones."""
     sets_before_levels: int = 8
+    """Number of sets on all contact rows after which the loop begins anew on the coarsest level of
+    the constraint hierarchy. Most contact of thin bodies settles in fewer sets: a disc pressed on a
+    plane (`configs/cylinder.yaml`) takes 67 operator applications, and 149 on levels. With friction
+    there are no levels, since points outside of a level would carry no friction."""
     steady: float = 0.5
+    """The loop begins on levels earlier if rows leave in two sets in a row and no row joins, the
+    second time at least by this ratio to the number of the first time. Where Newton's method
+    converges, the numbers fall faster."""
     few: int = 2
+    """Number of rows that leave at any edge of contact, whether it peels off or not."""
     coarse_reduction: float = 0.1
+    """`first_reduction` on the coarser levels of the constraint hierarchy: the next level has to
+    undo wrong decisions of a coarser one."""
     evaluations: int = 3
+    """Evaluations on a set before it is solved to the end."""
     significant: float = 0.1
+    """Relative forces and distances from which on a row changes its status, over the estimate of
+    the error."""
     negligible: float = 0.0
+    """Tensile multipliers, over the largest multiplier, that do not release a row. Where nothing
+    but a row without a force stops a body from turning, the load, not quite balanced as drawn,
+    pulls it open and the free body closes it again, set after set."""
     largest_error: float = math.inf
+    """Estimate of the error in energy norm, over the energy norm of the answer, above which the
+    answer on a set does not change the set."""
     first_share: float = 0.02
+    """The contacts that close within this share of the load after the first contact closes join an
+    empty set."""
     margin: float = 0.7
+    """Share of the largest admissible jump below which an answer is given to the stopping test."""
     tighten: float = 0.3
+    """Factor on the residual after a rejected answer."""
     deeper: float = 0.1
+    """Factor on `first_reduction` each time the loop returns to an earlier set."""
     patience: int = 0
+    """Number of sets after which `first_reduction` is multiplied by `tighten`: with friction no two
+    sets are equal, so the loop cannot detect a decision made too early by a repeated set. Zero for
+    never."""
     careful: float = 0.1
+    """After as many sets more, repeatedly, factor on `first_reduction` and on `largest_error`: a
+    thin tube that two plates press and friction alone holds took 3,609 operator applications
+    without, and takes 820. Used after the first patience, too, it cost other scenes up to 12 %."""
     peeled: float = 0.1
+    """Share of the active rows that leave in two sets in a row, from which on the contact is said
+    to peel off."""
     settling: int = 8
     unsettled: float = 0.25
+    """With friction the loop begins anew from the contact without friction if at least this many
+    sets did not settle, each of the last three changed this share of the closed rows, and as many
+    joined in these three together. Friction forces of a wrong contact are wrong, too: a clip that
+    snaps over a round edge took 2,442 operator applications without this and 124 with it. In
+    thirteen scenes of `contact_app.studies.friction_cost` the share is below 0.25 from the sixth
+    set on."""
     insists: bool = True
+    """Whether the loop goes on where each set has other contact, or where no contact without
+    friction is found from which it could begin anew. Multigrid goes on with the augmented
+    Lagrangian instead: a hook on a rail with μ = 1 takes 181 operator applications, and took 607,
+    since the sets of three more runs did not settle, either."""
     vanishing: float = 0.1
+    """With friction all contact is opened once a(u, u) fell below this factor of its value in each
+    of three sets in a row, if no body needs contact. Where bodies touch and no load presses them,
+    contact and friction forces of a set cause each other. They fell to a fifth in each set, and
+    twenty sets later, at rounding errors, the answer was not certified."""
     stuck_again: float = 0.1
+    """Tangential rows that stick after a set without sticking points, over the rows of the sliding
+    points in that set. If they are so many after two such sets, the points of the next such set
+    yield. A split ring has 0.1 to 0.7 and does not settle without; if points yield after one such
+    set or with a share of 0.02, a hub takes 121 operator applications instead of 87, and a bracket
+    163 instead of 79."""
     sliding: int = 20
+    """Number of sets in a row without a point that sticks, after which friction is said not to hold
+    a body. A belt around a drum has at most seven at 0.99 of its largest load, and slides on at its
+    largest load."""
     jumping: int = 8
+    """Without friction, number of sets in a row with rows that join, each with at least as many
+    changed rows as an earlier one, after which the sets are said not to settle."""
     may_peel: bool = True
+    """Whether sets go on where contact peels off and there are no levels of contact rows. Where a
+    factor is affordable, multigrid has others instead: factors on levels of rows for thin bodies,
+    the augmented Lagrangian for others. A lifted plate of 77,868 unknowns takes 44 operator
+    applications with the first, 164 with the second; another took 458 in 60 sets."""
     peeling: int = 4
+    """Number of sets in a row from each of which many rows leave and which no row joins, after
+    which contact peels off in this sense. With two a bar in a vee takes 55 operator applications
+    instead of 36, a cup on a ball 76 instead of 44, the plate 140."""
     dropped: float = 0.1
     many: int = 10
+    """Share of the active rows, and number of rows, that leave with one set, from which on the
+    backend may correct the next set (`Backend.corrected_contact`): alone the sets would lose a few
+    rows each."""
     looks_ahead: bool = True
+    """Whether a law may release points before the state of a set shows that they slide
+    (`solver.contact.slip_front`), and points with a gap slide in the first set. Where the sets
+    fail, the loop runs once more without."""
     returning: float = 0.5
+    """Share of the points so released that may stick again before the rule is switched off."""
 
     def peels(self, sets: Sequence[Turnover]) -> bool:
         """Whether contact peels off in the last two sets."""

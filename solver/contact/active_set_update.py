@@ -22,21 +22,15 @@ from solver.vectors import Mask
 
 @dataclass(frozen=True, eq=False)
 class ActiveSetUpdate(Generic[S]):
-    """The primal-dual update: the KKT residuals of a state decide on the next active set.
-
-    Attributes
-    ----------
-    hierarchy
-        Constraint hierarchy: the open rows that may join.
-    looks_ahead
-        Whether the law may release points before a state shows that they slide.
-    """
+    """The primal-dual update: the KKT residuals of a state decide on the next active set."""
 
     backend: Backend[S]
     hierarchy: ConstraintHierarchy
+    """Constraint hierarchy: the open rows that may join."""
     law: ContactLaw
     options: ActiveSetOptions
     looks_ahead: bool = True
+    """Whether the law may release points before a state shows that they slide."""
 
     def following(
         self, on_set: SetSolve[S], state: S
@@ -90,24 +84,16 @@ class ActiveSetUpdate(Generic[S]):
 
 @dataclass(frozen=True, eq=False)
 class SetRules(Generic[S]):
-    """How the next set is solved and changed, given the sets before it.
-
-    Attributes
-    ----------
-    update
-        The primal-dual update.
-    reduction
-        Reduction of the residual before the first evaluation on a set.
-    coarsened
-        Whether the constraint hierarchy has been built, or never will be.
-    visited
-        Fingerprints of the sets since the rules were changed.
-    """
+    """How the next set is solved and changed, given the sets before it."""
 
     update: ActiveSetUpdate[S]
+    """The primal-dual update."""
     reduction: float
+    """Reduction of the residual before the first evaluation on a set."""
     coarsened: bool
+    """Whether the constraint hierarchy has been built, or never will be."""
     visited: frozenset[int] = frozenset()
+    """Fingerprints of the sets since the rules were changed."""
 
     def for_set(
         self, number: int, statuses: Statuses, turnovers: Sequence[Turnover]
@@ -160,17 +146,11 @@ class SetRules(Generic[S]):
 
 @dataclass(frozen=True, eq=False)
 class EarlyReleases:
-    """Tangential rows of points released before a state showed that they slide.
+    """Tangential rows of points released before a state showed that they slide."""
 
-    Attributes
-    ----------
-    released : (rows,)
-    returned : (rows,)
-        The released rows that became active again.
-    """
-
-    released: Mask
-    returned: Mask
+    released: Mask  # (rows,)
+    returned: Mask  # (rows,)
+    """The released rows that became active again."""
 
     @classmethod
     def none(cls, rows: Mask) -> EarlyReleases:

@@ -33,28 +33,19 @@ Its displacement has no correct digits.
 
 @dataclass(frozen=True, eq=False)
 class Bodies:
-    """The bodies of this rank's subdomains, unknowns and rows.
+    """The bodies of this rank's subdomains, unknowns and rows."""
 
-    Attributes
-    ----------
-    groups : (bodies,)
-        Number of the group of each body, from 0.
-    members : one (members,) array for each class
-        Body of each subdomain.
-    columns : (interface,)
-        Body of each interface unknown.
-    rows : (dual, 2)
-        The two bodies that a row of B connects; twice the same body for rows of one body.
-    rigid : (bodies,)
-        Mask of the bodies without stiffness. Their displacements are no reference for the bodies
-        that they touch.
-    """
-
-    groups: Ints
-    members: tuple[Ints, ...]
-    columns: Ints
-    rows: Ints
-    rigid: Mask
+    groups: Ints  # (bodies,)
+    """Number of the group of each body, from 0."""
+    members: tuple[Ints, ...]  # one (members,) array for each class
+    """Body of each subdomain."""
+    columns: Ints  # (interface,)
+    """Body of each interface unknown."""
+    rows: Ints  # (dual, 2)
+    """The two bodies that a row of B connects; twice the same body for rows of one body."""
+    rigid: Mask  # (bodies,)
+    """Mask of the bodies without stiffness. Their displacements are no reference for the bodies
+    that they touch."""
 
     @property
     def count(self) -> int:

@@ -68,51 +68,37 @@ ROUNDED_LIMIT = 1e-6
 
 @dataclass(frozen=True)
 class Certificate:
-    """Numbers of `summary.json`'s certificate, all relative.
-
-    Attributes
-    ----------
-    max_penetration, max_gluing_jump
-        Over the largest displacement; the jump covers gluing, held and tied rows.
-    min_multiplier
-        Most negative contact force over the load; zero or positive when no force is tensile.
-    complementarity
-        Σ λ_i |gap_i| over load times largest displacement.
-    equilibrium
-        ‖K u - f + Bᵀ λ‖ over the load, in the 2-norm over all unknowns that are solved for.
-    duality_gap
-        J(û) - D(λ) over the strain energy, with the terms of rounding errors.
-    friction_cone
-        Excess of friction forces over their limits, summed over all points, over the load.
-    slip_alignment
-        The larger of two numbers: the misalignment of slips and friction forces, over load times
-        largest displacement; and the largest slip of a point below its limit, over the largest
-        displacement.
-    frictional
-        Whether the scene has friction.
-    passed
-        Whether all numbers are below the tolerance.
-    round_off
-        Residual of equilibrium after rounding u to its last digit, over the load. The residual may
-        be as large as this, but not above 1e-6. A stiff body on a soft one moves far with small
-        strains and cannot reach less: its forces are differences of large numbers.
-    worst
-        The body whose number is reported, one for each of `NUMBERS`; empty where there is one body.
-    """
+    """Numbers of `summary.json`'s certificate, all relative."""
 
     max_penetration: float
     max_gluing_jump: float
+    """Over the largest displacement; the jump covers gluing, held and tied rows."""
     min_multiplier: float
+    """Most negative contact force over the load; zero or positive when no force is tensile."""
     complementarity: float
+    """Σ λ_i |gap_i| over load times largest displacement."""
     equilibrium: float
+    """‖K u - f + Bᵀ λ‖ over the load, in the 2-norm over all unknowns that are solved for."""
     duality_gap: float
+    """J(û) - D(λ) over the strain energy, with the terms of rounding errors."""
     passed: bool
+    """Whether all numbers are below the tolerance."""
     round_off: float = 0.0
+    """Residual of equilibrium after rounding u to its last digit, over the load. The residual may
+    be as large as this, but not above 1e-6. A stiff body on a soft one moves far with small strains
+    and cannot reach less: its forces are differences of large numbers."""
     friction_cone: float = 0.0
+    """Excess of friction forces over their limits, summed over all points, over the load."""
     slip_alignment: float = 0.0
+    """The larger of two numbers: the misalignment of slips and friction forces, over load times
+    largest displacement; and the largest slip of a point below its limit, over the largest
+    displacement."""
     frictional: bool = False
+    """Whether the scene has friction."""
     warnings: tuple[str, ...] = field(default=())
     worst: tuple[int, ...] = field(default=())
+    """The body whose number is reported, one for each of `NUMBERS`; empty where there is one
+    body."""
 
     def judged(self, tolerance: float) -> Certificate:
         """The same numbers, compared with a tolerance."""
@@ -150,47 +136,33 @@ class Certificate:
 
 @dataclass(frozen=True, eq=False)
 class Measures:
-    """Sizes of an answer, of each body and of the scene.
+    """Sizes of an answer, of each body and of the scene."""
 
-    Attributes
-    ----------
-    displacements : (bodies,)
-        Largest |u| over all nodes of each body, in units of length; zero for rigid bodies.
-    deformations : (bodies,)
-        Largest |u| without the rigid motions that no row with a force resists: the reference of
-        lengths.
-    loads : (bodies,)
-        Largest of the sums of magnitudes of loads, reactions and contact forces of each body.
-    pressed : (bodies,)
-        Sum of the contact forces on each body.
-    strains : (bodies,)
-        a(u, u) of each body, twice its strain energy.
-    roundings : (bodies,)
-        a(δu, δu) of the change δu that rounding errors may have made to u, among them the residual
-        of equilibrium but for that of an iterative solver, which is in `gaps`.
-    gaps : (groups,)
-        The duality gap J(û) - D(λ) of each group, in units of energy.
-    energy
-        ½ a(û,û) - l(û) of the admissible û. Without friction its error is of second order, at most
-        the duality gap. With friction only J(û), the sum of it and Σ s |ŵ|, is stationary: the
-        error of the energy is of first order, like the root of the gap.
-    groups : (bodies,)
-        The group of each body.
-    scales : (bodies,)
-        Reference of squared errors in energy norm in each body; zero where the body is not
-        strained.
-    """
-
-    displacements: Array
-    deformations: Array
-    loads: Array
-    pressed: Array
-    strains: Array
-    roundings: Array
-    gaps: Array
+    displacements: Array  # (bodies,)
+    """Largest |u| over all nodes of each body, in units of length; zero for rigid bodies."""
+    deformations: Array  # (bodies,)
+    """Largest |u| without the rigid motions that no row with a force resists: the reference of
+    lengths."""
+    loads: Array  # (bodies,)
+    """Largest of the sums of magnitudes of loads, reactions and contact forces of each body."""
+    pressed: Array  # (bodies,)
+    """Sum of the contact forces on each body."""
+    strains: Array  # (bodies,)
+    """a(u, u) of each body, twice its strain energy."""
+    roundings: Array  # (bodies,)
+    """a(δu, δu) of the change δu that rounding errors may have made to u, among them the residual
+    of equilibrium but for that of an iterative solver, which is in `gaps`."""
+    gaps: Array  # (groups,)
+    """The duality gap J(û) - D(λ) of each group, in units of energy."""
     energy: float
-    groups: Ints
-    scales: Array
+    """½ a(û,û) - l(û) of the admissible û. Without friction its error is of second order, at most
+    the duality gap. With friction only J(û), the sum of it and Σ s |ŵ|, is stationary: the error of
+    the energy is of first order, like the root of the gap."""
+    groups: Ints  # (bodies,)
+    """The group of each body."""
+    scales: Array  # (bodies,)
+    """Reference of squared errors in energy norm in each body; zero where the body is not
+    strained."""
 
     @property
     def displacement(self) -> float:

@@ -60,55 +60,39 @@ LIFT = 1e-6
 
 @dataclass(frozen=True, eq=False)
 class BodyBalance:
-    """The equilibrium of one body, or of several that may touch each other.
+    """The equilibrium of one body, or of several that may touch each other."""
 
-    Attributes
-    ----------
-    free_motions : (motions, k)
-        Orthonormal rigid motions on which all rows vanish: the body can slide along them.
-    escape : (motions,) or None
-        The normalised rigid motion in which the bodies leave; None in equilibrium.
-    held : bool
-        Whether the held rows alone stop every rigid motion.
-    steady : bool
-        Whether the held rows and the tied rows of its group together stop every rigid motion.
-    loose : (motions, k)
-        The body's part of orthonormal motions of its group on which the contact rows, or all rows,
-        are nearly zero.
-    allowed : (motions, k)
-        The body's part of orthonormal motions of its group that the held and tied rows leave free.
-    """
-
-    free_motions: Array
-    escape: Array | None
+    free_motions: Array  # (motions, k)
+    """Orthonormal rigid motions on which all rows vanish: the body can slide along them."""
+    escape: Array | None  # (motions,) or None
+    """The normalised rigid motion in which the bodies leave; None in equilibrium."""
     held: bool
+    """Whether the held rows alone stop every rigid motion."""
     steady: bool = False
-    loose: Array = field(default_factory=lambda: np.zeros((0, 0)))
-    allowed: Array = field(default_factory=lambda: np.zeros((0, 0)))
+    """Whether the held rows and the tied rows of its group together stop every rigid motion."""
+    loose: Array = field(default_factory=lambda: np.zeros((0, 0)))  # (motions, k)
+    """The body's part of orthonormal motions of its group on which the contact rows, or all rows,
+    are nearly zero."""
+    allowed: Array = field(default_factory=lambda: np.zeros((0, 0)))  # (motions, k)
+    """The body's part of orthonormal motions of its group that the held and tied rows leave
+    free."""
 
 
 @dataclass(frozen=True, eq=False)
 class FrictionCones:
-    """Tangential rows of this rank's contact points with friction.
+    """Tangential rows of this rank's contact points with friction."""
 
-    Attributes
-    ----------
-    slips : (k, motions)
-        Tangential rows applied to the rigid motions; the tangential rows of one point belong to one
-        contact row.
-    normal : (k,)
-        Contact row of each tangential row.
-    coefficients, limits : (k,), (k,)
-        Coefficient μ and given slip limit (force) of each row; one of the two is 0.
-    acts
-        Whether a contact of any rank has friction.
-    """
-
-    slips: Array
-    normal: Ints
+    slips: Array  # (k, motions)
+    """Tangential rows applied to the rigid motions; the tangential rows of one point belong to one
+    contact row."""
+    normal: Ints  # (k,)
+    """Contact row of each tangential row."""
     coefficients: Array
     limits: Array
+    """Coefficient μ and given slip limit (force) of each row; one of the two is 0. Shapes (k,),
+    (k,)."""
     acts: bool = True
+    """Whether a contact of any rank has friction."""
 
     @classmethod
     def none(cls, motions: int) -> FrictionCones:

@@ -50,95 +50,70 @@ It distinguishes its rows from sticking rows.
 
 @dataclass(frozen=True)
 class FrictionOptions:
-    """The tuned numbers of the law.
-
-    Attributes
-    ----------
-    turn
-        ρ is this factor times the largest slip limit over the largest slip. Larger factors
-        overshoot where the slips are no larger than those that the tractions themselves cause.
-    yields
-        Largest ρ of a point over its stiffness. In small increments directions that were right
-        turned farther in each set: two boxes pushed in ten increments took 909 operator
-        applications without, 329 with 1 and 221 with 0.3; with 0.15 a flange takes 135, not 128.
-    round_off
-        Changes of tractions that count as zero, over the largest multiplier.
-    soft, least_slip
-        Where no point sticks: compliance of a sliding point over its slip, which is at least this
-        share of the largest slip, per force.
-    turns_about
-        Share of the last change of the limits that the next change has to undo before changes of
-        limits are relaxed. A cone pressed into a cone, whose limits turned about by 0.7, took 286
-        to 1,096 operator applications without. From the first set on, relaxation costs a cube with
-        μ = 0.3 39 operator applications instead of 34.
-    least_share
-        Smallest share of a change that is taken. A wedge with the slope 0.1 and μ = 0.5, whose
-        limits turn about by 5, is not certified by active sets with 0.3.
-    aligned
-        Least cosine of the angle between two changes of the limits on one set, from which on limits
-        are extrapolated. With 0.9 half a bush under a shaft with μ = 1 takes 172 operator
-        applications, not 143; with changes of any angle an eye on a pin takes 58, not 48.
-    same, many
-        Points that slide in two sets in a row, over those that slide in one of them, and their
-        number, from which on they may lock: with springs at two points between loose rollers a set
-        took 101 operator applications.
-    spring, least_spring
-        Share of the friction of locked points that is a spring, and share below which none is. A
-        pin in a tapered hole takes 50, 58 and 79 operator applications with μ = 0.1, 0.2 and 0.3,
-        and took 102, 390 and 133 without springs. With a share of 0.9 and μ = 0.2 it takes 81.
-    """
+    """The tuned numbers of the law."""
 
     turn: float = 1.5
+    """ρ is this factor times the largest slip limit over the largest slip. Larger factors overshoot
+    where the slips are no larger than those that the tractions themselves cause."""
     yields: float = 0.3
+    """Largest ρ of a point over its stiffness. In small increments directions that were right
+    turned farther in each set: two boxes pushed in ten increments took 909 operator applications
+    without, 329 with 1 and 221 with 0.3; with 0.15 a flange takes 135, not 128."""
     round_off: float = 1e-13
+    """Changes of tractions that count as zero, over the largest multiplier."""
     soft: float = 1.5
     least_slip: float = 0.5
+    """If no point sticks, compliance of a sliding point over its slip, which is at least this share
+    of the largest slip, per force."""
     turns_about: float = 0.5
+    """Share of the last change of the limits that the next change has to undo before changes of
+    limits are relaxed. A cone pressed into a cone, whose limits turned about by 0.7, took 286 to
+    1,096 operator applications without. From the first set on, relaxation costs a cube with μ = 0.3
+    39 operator applications instead of 34."""
     least_share: float = 0.1
+    """Smallest share of a change that is taken. A wedge with the slope 0.1 and μ = 0.5, whose
+    limits turn about by 5, is not certified by active sets with 0.3."""
     aligned: float = 0.7
+    """Least cosine of the angle between two changes of the limits on one set, from which on limits
+    are extrapolated. With 0.9 half a bush under a shaft with μ = 1 takes 172 operator applications,
+    not 143; with changes of any angle an eye on a pin takes 58, not 48."""
     same: float = 0.75
     many: int = 8
+    """Points that slide in two sets in a row, over those that slide in one of them, and their
+    number, from which on they may lock: with springs at two points between loose rollers a set took
+    101 operator applications."""
     spring: float = 0.6
     least_spring: float = 0.1
+    """Share of the friction of locked points that is a spring, and share below which none is. A pin
+    in a tapered hole takes 50, 58 and 79 operator applications with μ = 0.1, 0.2 and 0.3, and took
+    102, 390 and 133 without springs. With a share of 0.9 and μ = 0.2 it takes 81."""
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Friction(Frictionless):
-    """Signorini's conditions along normals, Coulomb's or Tresca's law in tangential rows.
-
-    Attributes
-    ----------
-    points
-        This rank's contact points with friction.
-    comm
-        Communicator of all ranks.
-    shared_compliance : (k,)
-        Compliance of each tangential row where its node is closed in another contact; None on all
-        ranks where no node is in several.
-    stiffness : (points,)
-        Force per slip of each point alone.
-    has_gap : (points,)
-        Points that have a gap before any load; None for none.
-    may_vanish
-        Whether all bodies are held without contact, so that the forces may vanish.
-    front
-        Finds the points to release ahead of the set that would show that they slide; None for no
-        such points.
-    locks
-        Whether points that lock have springs. In Total FETI conjugate gradients converge slowly
-        with them: a pin in a lug with μ = 0.1 takes 330 operator applications instead of 67.
-    """
+    """Signorini's conditions along normals, Coulomb's or Tresca's law in tangential rows."""
 
     name: str = "friction"
     settles: bool = False
     may_vanish: bool = False
+    """Whether all bodies are held without contact, so that the forces may vanish."""
     points: FrictionPoints
+    """This rank's contact points with friction."""
     comm: MPI.Intracomm
-    stiffness: Array
-    shared_compliance: Array | None = None
-    has_gap: Mask | None = None
+    """Communicator of all ranks."""
+    stiffness: Array  # (points,)
+    """Force per slip of each point alone."""
+    shared_compliance: Array | None = None  # (k,)
+    """Compliance of each tangential row where its node is closed in another contact; None on all
+    ranks where no node is in several."""
+    has_gap: Mask | None = None  # (points,)
+    """Points that have a gap before any load; None for none."""
     front: SlipFront | None = None
+    """Finds the points to release ahead of the set that would show that they slide; None for no
+    such points."""
     locks: bool = False
+    """Whether points that lock have springs. In Total FETI conjugate gradients converge slowly with
+    them: a pin in a lug with μ = 0.1 takes 330 operator applications instead of 67."""
     options: FrictionOptions = FrictionOptions()
 
     def initial(

@@ -22,44 +22,32 @@ The limits of Coulomb's law are met to a share of the largest force, not of each
 
 @dataclass(frozen=True, eq=False)
 class FrictionPoints:
-    """This rank's contact points with friction, by the rows of a problem.
-
-    Attributes
-    ----------
-    rows, normals : (k,)
-        Row of B of each tangential component, and the row of B of its point's normal.
-    point : (k,)
-        Number of the point of each tangential component.
-    first : (points,)
-        One of the tangential rows of each point.
-    coefficients, limits : (points,)
-        Coefficient μ and given slip limit (force) of each point; one of the two is 0.
-    spread, normal_spread : (k,), (k,)
-        Force over multiplier; its inverse is slip over residual.
-    shared, other_rows : (pairs,), (pairs,)
-        Points whose node has other contact rows, and those rows of B.
-    places, sources : (points, 3), (points,)
-        Coordinates of each point, and the number of its contact.
-    tangents : (k, dimension)
-        Direction of each tangential row.
-    acts
-        Whether a contact of any rank has friction.
-    """
+    """This rank's contact points with friction, by the rows of a problem."""
 
     rows: Ints
     normals: Ints
-    point: Ints
-    first: Ints
+    """Row of B of each tangential component, and the row of B of its point's normal. Shape (k,)."""
+    point: Ints  # (k,)
+    """Number of the point of each tangential component."""
+    first: Ints  # (points,)
+    """One of the tangential rows of each point."""
     coefficients: Array
     limits: Array
+    """Coefficient μ and given slip limit (force) of each point; one of the two is 0. Shape
+    (points,)."""
     spread: Array
     normal_spread: Array
+    """Force over multiplier; its inverse is slip over residual. Shapes (k,), (k,)."""
     shared: Ints
     other_rows: Ints
+    """Points whose node has other contact rows, and those rows of B. Shapes (pairs,), (pairs,)."""
     places: Array
     sources: Ints
-    tangents: Array
+    """Coordinates of each point, and the number of its contact. Shapes (points, 3), (points,)."""
+    tangents: Array  # (k, dimension)
+    """Direction of each tangential row."""
     acts: bool = True
+    """Whether a contact of any rank has friction."""
 
     @property
     def planar(self) -> Ints:

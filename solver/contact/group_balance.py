@@ -23,27 +23,18 @@ from solver.vectors import Array, Mask
 
 @dataclass(frozen=True, eq=False)
 class GroupRows:
-    """This rank's rows on the rigid motions of a group of bodies.
+    """This rank's rows on the rigid motions of a group of bodies."""
 
-    Attributes
-    ----------
-    held : one (k, motions) array per body
-        Rows that hold each body by itself.
-    joined : (k, bodies · motions)
-        Rows that hold the bodies together, or on request.
-    contact : (rows, bodies · motions)
-        Contact rows.
-    moved : (rows · dimension, bodies · motions) or None
-        Relative motion of the sides of the contact rows; None if a body of the group is rigid.
-    cones
-        Friction of the contact rows.
-    """
-
-    held: list[Array]
-    joined: Array
-    contact: Array
-    moved: Array | None
+    held: list[Array]  # one (k, motions) array per body
+    """Rows that hold each body by itself."""
+    joined: Array  # (k, bodies · motions)
+    """Rows that hold the bodies together, or on request."""
+    contact: Array  # (rows, bodies · motions)
+    """Contact rows."""
+    moved: Array | None  # (rows · dimension, bodies · motions) or None
+    """Relative motion of the sides of the contact rows; None if a body of the group is rigid."""
     cones: FrictionCones
+    """Friction of the contact rows."""
 
     @property
     def holding(self) -> Array:

@@ -22,19 +22,13 @@ from solver.vectors import Array, Mask, largest_magnitude
 
 @dataclass(frozen=True)
 class StateError:
-    """Numbers of a state that count as zero, given its relative error.
-
-    Attributes
-    ----------
-    force, distance
-        Multipliers, and jumps over the displacement of the row's body, up to which they do.
-    strongest
-        The largest multiplier of an active row.
-    """
+    """Numbers of a state that count as zero, given its relative error."""
 
     force: float
     distance: float
+    """Multipliers, and jumps over the displacement of the row's body, up to which they do."""
     strongest: float
+    """The largest multiplier of an active row."""
 
     @classmethod
     def of(cls, comm: MPI.Intracomm, state: SetState, active: Mask, error: float) -> StateError:

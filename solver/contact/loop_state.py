@@ -27,23 +27,16 @@ class SlidingSets:
     Friction of given size and direction moves the bodies too far on such sets. If many points stick
     again after two of them, the sliding points yield like springs on the next ones. After that a
     single point that sticks again is enough, and the points yield for more sets each time.
-
-    Attributes
-    ----------
-    rows
-        Tangential rows of the sliding points if no point sticks on the last set; zero otherwise.
-    followed
-        Number of such sets after which many points stuck.
-    sticks
-        Whether they stuck after the last such set.
-    yielded
-        Number of sets in a row whose sliding points yield, the last one included.
     """
 
     rows: int = 0
+    """Tangential rows of the sliding points if no point sticks on the last set; zero otherwise."""
     followed: int = 0
+    """Number of such sets after which many points stuck."""
     sticks: bool = False
+    """Whether they stuck after the last such set."""
     yielded: int = 0
+    """Number of sets in a row whose sliding points yield, the last one included."""
 
     def after(
         self, comm: MPI.Intracomm, statuses: Statuses, tangential: Mask, share: float
@@ -71,48 +64,32 @@ class SlidingSets:
 
 @dataclass(frozen=True, eq=False)
 class LoopState(Generic[S]):
-    """The next set, the outcome of the last one, and the history of all.
-
-    Attributes
-    ----------
-    rules
-        Rules by which the set is solved and changed.
-    statuses
-        Statuses of the rows on the set.
-    multiplier : (rows,)
-        Multiplier with which the solve begins; None for the smallest one in equilibrium.
-    outcome
-        Outcome of the last set.
-    counts
-        Work of all sets, that of earlier loops included.
-    early
-        Points that were released before a state showed that they slide.
-    number
-        Number of the set, from 0.
-    unheld
-        Number of sets in a row that left a body unheld.
-    sliding
-        Sets on which no point sticks.
-    turnovers
-        Changes of contact rows from set to set.
-    on_all_rows
-        The changes on the finest level of the constraint hierarchy.
-    strained
-        a(u, u) of each set.
-    """
+    """The next set, the outcome of the last one, and the history of all."""
 
     rules: SetRules[S]
+    """Rules by which the set is solved and changed."""
     statuses: Statuses
-    multiplier: Array | None
+    """Statuses of the rows on the set."""
+    multiplier: Array | None  # (rows,)
+    """Multiplier with which the solve begins; None for the smallest one in equilibrium."""
     outcome: Outcome[S]
+    """Outcome of the last set."""
     counts: Counts
+    """Work of all sets, that of earlier loops included."""
     early: EarlyReleases
+    """Points that were released before a state showed that they slide."""
     number: int = 0
+    """Number of the set, from 0."""
     unheld: int = 0
+    """Number of sets in a row that left a body unheld."""
     sliding: SlidingSets = SlidingSets()
+    """Sets on which no point sticks."""
     turnovers: tuple[Turnover, ...] = ()
+    """Changes of contact rows from set to set."""
     on_all_rows: tuple[Turnover, ...] = ()
+    """The changes on the finest level of the constraint hierarchy."""
     strained: tuple[float, ...] = ()
+    """a(u, u) of each set."""
 
     @property
     def result(self) -> Outcome[S]:

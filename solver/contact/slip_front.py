@@ -29,29 +29,20 @@ No force passes between contacts.
 
 @dataclass(frozen=True)
 class FrontOptions:
-    """The tuned numbers of the rule, measured by `contact_app.studies.friction_cost`.
-
-    Attributes
-    ----------
-    rounds
-        Number of times that forces are passed on.
-    takers
-        Number of nearest sticking points that take the excess force of a point, in the plane and in
-        space.
-    shares
-        Share of the excess force that is passed on each time, in the plane and in space. A sheet in
-        space took 231 operator applications with a share of 1, 206 with 0.8 and 237 with 0.7. A rod
-        in the plane took 4 sets with a share of 1 and 13 with less.
-    carried
-        Where only friction may hold a body: the rule applies to contacts whose forces are below
-        this share of their limits. Otherwise a plate near its sliding load would be released
-        altogether.
-    """
+    """The tuned numbers of the rule, measured by `contact_app.studies.friction_cost`."""
 
     rounds: int = 300
+    """Number of times that forces are passed on."""
     takers: tuple[int, int] = (1, 3)
+    """Number of nearest sticking points that take the excess force of a point, in the plane and in
+    space."""
     shares: tuple[float, float] = (1.0, 0.8)
+    """Share of the excess force that is passed on each time, in the plane and in space. A sheet in
+    space took 231 operator applications with a share of 1, 206 with 0.8 and 237 with 0.7. A rod in
+    the plane took 4 sets with a share of 1 and 13 with less."""
     carried: float = 0.8
+    """If only friction may hold a body, the rule applies to contacts whose forces are below this
+    share of their limits. Otherwise a plate near its sliding load would be released altogether."""
 
 
 class SlipFront:

@@ -16,30 +16,21 @@ class Accuracy:
 
     If several groups of bodies do not touch each other, the errors of the worst group. NaN (null in
     `summary.json`) where all strains are rounding errors.
-
-    Attributes
-    ----------
-    discretisation
-        Estimated error of the mesh.
-    algebraic
-        Bound on the error of the solver, √(2 gap), with the estimate `round_off` of rounding
-        errors.
-    total
-        Root of the sum of their squares.
-    square
-        a(u,u) of the answer.
-    round_off
-        Estimate of the effect of rounding errors: the part of `algebraic` that is not a bound.
-    bodies
-        `discretisation` and `algebraic` of each strained body, relative to its own strains.
     """
 
     discretisation: float
+    """Estimated error of the mesh."""
     algebraic: float
+    """Bound on the error of the solver, √(2 gap), with the estimate `round_off` of rounding
+    errors."""
     total: float
+    """Root of the sum of their squares."""
     square: float
+    """a(u,u) of the answer."""
     round_off: float = 0.0
+    """Estimate of the effect of rounding errors: the part of `algebraic` that is not a bound."""
     bodies: tuple[tuple[float, float], ...] = ()
+    """`discretisation` and `algebraic` of each strained body, relative to its own strains."""
 
     def as_dict(self) -> dict[str, float | None]:
         """The record in `summary.json`."""
@@ -77,58 +68,39 @@ class Accuracy:
 
 @dataclass(frozen=True, eq=False)
 class Guess:
-    """Initial guess of a solve, from answers to nearly equal problems; arrays are local parts.
+    """Initial guess of a solve, from answers to nearly equal problems; arrays are local parts."""
 
-    Attributes
-    ----------
-    multiplier : (dual,)
-        λ.
-    displacements : one (n, members) array for each class
-        None if they are unknown; methods for multipliers do not need them.
-    jumps : (dual,)
-        B u - c near that of the answer, from which points with friction know how far they slide;
-        None if unknown.
-    """
-
-    multiplier: Array
-    displacements: list[Array] | None = None
-    jumps: Array | None = None
+    multiplier: Array  # (dual,)
+    """λ."""
+    displacements: list[Array] | None = None  # one (n, members) array for each class
+    """None if they are unknown; methods for multipliers do not need them."""
+    jumps: Array | None = None  # (dual,)
+    """B u - c near that of the answer, from which points with friction know how far they slide;
+    None if unknown."""
 
 
 @dataclass(frozen=True, eq=False)
 class Solution:
-    """An answer with the work of the solver; arrays are local parts.
+    """An answer with the work of the solver; arrays are local parts."""
 
-    Attributes
-    ----------
-    multiplier : (dual,)
-        λ.
-    displacements : one (n, members) array for each class
-        u of the subdomains.
-    certificate, measures
-        The certificate, and the sizes relative to which it is computed.
-    counts, reason
-        Work of the solver and why it ended.
-    tolerance
-        Tolerance of the certificate.
-    accuracy
-        Errors of the mesh and of the solver; None until they are estimated.
-    method
-        The algorithm that found the answer; "direct" where no iteration was needed.
-    warm
-        Whether the solve began with given multipliers.
-    """
-
-    multiplier: Array
-    displacements: list[Array]
+    multiplier: Array  # (dual,)
+    """λ."""
+    displacements: list[Array]  # one (n, members) array for each class
+    """u of the subdomains."""
     certificate: Certificate
     measures: Measures
+    """The certificate, and the sizes relative to which it is computed."""
     counts: Counts
     reason: Reason
+    """Work of the solver and why it ended."""
     tolerance: float
+    """Tolerance of the certificate."""
     accuracy: Accuracy | None = None
+    """Errors of the mesh and of the solver; None until they are estimated."""
     method: str = "direct"
+    """The algorithm that found the answer; "direct" where no iteration was needed."""
     warm: bool = False
+    """Whether the solve began with given multipliers."""
 
     @property
     def guess(self) -> Guess:

@@ -27,51 +27,34 @@ It saves the state where that is due."""
 
 @dataclass(frozen=True)
 class StoppingTest(Generic[S]):
-    """The test of the answer of a set; the same on all ranks.
-
-    Attributes
-    ----------
-    required_reduction
-        Factor by which the error of a state has to fall before it is certified; one or less where
-        the state should be certified now. Called again after each rejected answer.
-    accept
-        Certifies the answer of a state and returns whether the certificate passes.
-    may_end_early
-        Whether an answer may be accepted although its set still changes.
-    """
+    """The test of the answer of a set; the same on all ranks."""
 
     required_reduction: Callable[[S], float]
+    """Factor by which the error of a state has to fall before it is certified; one or less where
+    the state should be certified now. Called again after each rejected answer."""
     accept: Callable[[S], bool]
+    """Certifies the answer of a state and returns whether the certificate passes."""
     may_end_early: bool = False
+    """Whether an answer may be accepted although its set still changes."""
 
 
 @dataclass(frozen=True, eq=False)
 class Outcome(Generic[S]):
-    """Outcome of the solve on a set, or of the whole loop.
-
-    Attributes
-    ----------
-    reason
-        `ACCEPTED`, another reason why the solver ended, or None where the set has to change.
-    state
-        The last evaluated state.
-    following
-        The statuses of the next set.
-    counts
-        Work of the set, or of all of them.
-    released : (rows,)
-        Tangential rows of points that the law released before the state showed that they slide;
-        None if the set was not changed.
-    hierarchy
-        Level of the constraint hierarchy that changed the set; None if it was not changed.
-    """
+    """Outcome of the solve on a set, or of the whole loop."""
 
     reason: Reason | None
+    """`ACCEPTED`, another reason why the solver ended, or None where the set has to change."""
     state: S | None
+    """The last evaluated state."""
     following: Statuses
+    """The statuses of the next set."""
     counts: Counts
-    released: Mask | None = None
+    """Work of the set, or of all of them."""
+    released: Mask | None = None  # (rows,)
+    """Tangential rows of points that the law released before the state showed that they slide; None
+    if the set was not changed."""
     hierarchy: ConstraintHierarchy | None = None
+    """Level of the constraint hierarchy that changed the set; None if it was not changed."""
 
 
 def solve_on_set(

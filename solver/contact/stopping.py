@@ -29,22 +29,15 @@ Gap = Callable[[], float]
 
 @dataclass(frozen=True)
 class AutomaticOptions:
-    """The tuned numbers of the automatic tolerance.
-
-    Attributes
-    ----------
-    share
-        Algebraic error over discretisation error where a solve ends.
-    loosest
-        Largest tolerance that is chosen.
-    steady
-        Error of the solver over the error of the mesh, below which the mesh error is not estimated
-        anew: the estimate is then right to a few per cent.
-    """
+    """The tuned numbers of the automatic tolerance."""
 
     share: float = 0.1
+    """Algebraic error over discretisation error where a solve ends."""
     loosest: float = 3e-2
+    """Largest tolerance that is chosen."""
     steady: float = 0.15
+    """Error of the solver over the error of the mesh, below which the mesh error is not estimated
+    anew: the estimate is then right to a few per cent."""
 
 
 class StoppingRule:

@@ -28,18 +28,12 @@ whole, up to which it depends on these: on few nodes not all motions are indepen
 
 @dataclass(frozen=True, eq=False)
 class Coarse:
-    """A coarser level.
-
-    Attributes
-    ----------
-    P
-        Smoothed prolongation.
-    rigid : (aggregates, motions, motions)
-        The rigid motions of the coarse level, R_c.
-    """
+    """A coarser level."""
 
     P: BlockRows
-    rigid: Array
+    """Smoothed prolongation."""
+    rigid: Array  # (aggregates, motions, motions)
+    """The rigid motions of the coarse level, R_c."""
 
 
 def coarsened(

@@ -52,80 +52,59 @@ from solver.vectors import Array, Mask
 
 @dataclass(frozen=True)
 class AugmentedOptions:
-    """The tuned numbers of the method.
-
-    Attributes
-    ----------
-    stiffness
-        W over the stiffness of K against a row. With stiffer springs conjugate gradients converge
-        more slowly.
-    reduction
-        Reduction of the residual in a Newton step.
-    faint, stiffest
-        Least and largest stiffness over W of the springs that hold open rows in their last
-        position: a proximal term. Without it steps along nearly free motions are so long that they
-        leave no digits; with stiffer springs bodies need many steps to their places. Half a bearing
-        of seven rollers in the plane was not certified by line searches without them.
-    short, long
-        Step lengths below and above which these springs become ten times as stiff or as soft.
-    first, balanced, least_gradient
-        Gradient of L, over the load, up to which the first forces are kept; later gradients, over
-        that after a change of the forces; and gradient, over the load, that is always small enough.
-        Half a bearing of three rollers, of three balls and of four balls (`tests/bearings.py`) had
-        no answer by multigrid if the set had to settle, and takes 137, 50 and 45 operator
-        applications now.
-    far
-        Gradient of L, over the load, down to which the limits of Coulomb's law follow the forces in
-        each step, and no set is tried with equality. Half a bearing of three rollers takes 58
-        operator applications; with limits that follow until λ changes first it takes 66.
-    most_far
-        Number of steps after which the limits follow λ alone: a hook that all points of a peg let
-        slide was as far after 300 steps, since limits that change lower nothing. With 12 and 20
-        steps it takes the same.
-    full
-        Largest distance of a step length from one at which the set of the step counts as settled.
-    least
-        Step length up to which the set counts as settled, too: rounding errors leave no direction
-        of descent.
-    most_stuck
-        Number of such steps in a row after which no digits are left.
-    most_steps
-        Largest number of Newton steps.
-    """
+    """The tuned numbers of the method."""
 
     stiffness: float = 1.0
+    """W over the stiffness of K against a row. With stiffer springs conjugate gradients converge
+    more slowly."""
     reduction: float = 0.3
+    """Reduction of the residual in a Newton step."""
     faint: float = 1e-8
     stiffest: float = 0.1
+    """Least and largest stiffness over W of the springs that hold open rows in their last position:
+    a proximal term. Without it steps along nearly free motions are so long that they leave no
+    digits; with stiffer springs bodies need many steps to their places. Half a bearing of seven
+    rollers in the plane was not certified by line searches without them."""
     short: float = 0.1
     long: float = 0.5
+    """Step lengths below and above which these springs become ten times as stiff or as soft."""
     first: float = 1e-3
     balanced: float = 0.1
     least_gradient: float = 1e-10
+    """Gradient of L, over the load, up to which the first forces are kept; later gradients, over
+    that after a change of the forces; and gradient, over the load, that is always small enough.
+    Half a bearing of three rollers, of three balls and of four balls (`tests/bearings.py`) had no
+    answer by multigrid if the set had to settle, and takes 137, 50 and 45 operator applications
+    now."""
     far: float = 0.1
+    """Gradient of L, over the load, down to which the limits of Coulomb's law follow the forces in
+    each step, and no set is tried with equality. Half a bearing of three rollers takes 58 operator
+    applications; with limits that follow until λ changes first it takes 66."""
     most_far: int = 20
+    """Number of steps after which the limits follow λ alone: a hook that all points of a peg let
+    slide was as far after 300 steps, since limits that change lower nothing. With 12 and 20 steps
+    it takes the same."""
     full: float = 1e-2
+    """Largest distance of a step length from one at which the set of the step counts as settled."""
     least: float = 1e-12
+    """Step length up to which the set counts as settled, too: rounding errors leave no direction of
+    descent."""
     most_stuck: int = 4
+    """Number of such steps in a row after which no digits are left."""
     most_steps: int = 300
+    """Largest number of Newton steps."""
 
 
 @dataclass(frozen=True, eq=False)
 class _Iterate:
-    """A displacement, its residual and the contact forces of its Lagrangian; local parts.
-
-    Attributes
-    ----------
-    u, left : (unknowns,)
-        u and f - K u.
-    jumps, forces : (rows,)
-        C u - c; λ.
-    """
+    """A displacement, its residual and the contact forces of its Lagrangian; local parts."""
 
     u: Array
     left: Array
+    """u and f - K u. Shape (unknowns,)."""
     jumps: Array
     forces: Array
+    """C u - c; λ. Shape (rows,)."""
 
 
 class AugmentedLagrangian:

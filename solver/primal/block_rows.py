@@ -29,19 +29,13 @@ slow on fresh memory."""
 
 @dataclass(frozen=True, eq=False)
 class BlockRows:
-    """A distributed matrix, of which each rank has some rows.
-
-    Attributes
-    ----------
-    local
-        This rank's rows with all columns, in blocks.
-    columns
-        Number of blocks of columns that belong to this rank.
-    """
+    """A distributed matrix, of which each rank has some rows."""
 
     comm: MPI.Intracomm
     local: sparse.bsr_matrix
+    """This rank's rows with all columns, in blocks."""
     columns: int
+    """Number of blocks of columns that belong to this rank."""
 
     @classmethod
     def of(cls, matrix: PETSc.Mat) -> BlockRows:

@@ -101,23 +101,15 @@ class Cycle:
 
 @dataclass(frozen=True, eq=False)
 class CycleWithSprings:
-    """The cycle of the level below the finest one with springs on contact rows.
-
-    Attributes
-    ----------
-    cycle
-    operators
-        Stiffness of its levels with springs.
-    springs : (rows,)
-        Stiffness of each spring; zero for open rows.
-    rows
-        C on each of its levels.
-    """
+    """The cycle of the level below the finest one with springs on contact rows."""
 
     cycle: Cycle
     operators: Sequence[BlockRows]
-    springs: Array
+    """Stiffness of its levels with springs."""
+    springs: Array  # (rows,)
+    """Stiffness of each spring; zero for open rows."""
     rows: Sequence[PETSc.Mat]
+    """C on each of its levels."""
 
 
 class CycleOnSets:

@@ -36,51 +36,42 @@ bending, which smoothed aggregation cannot resolve, takes a hundred iterations o
 
 @dataclass(frozen=True)
 class FactorOptions:
-    """Limits for the use of a factor.
-
-    Attributes
-    ----------
-    small
-        Predicted seconds of a factor in the plane, or with friction, below which it is used at
-        once: all sets together then take less time than the levels of a multigrid. In space
-        V-cycles are faster on small problems without friction: a leaf spring of 9,018 unknowns
-        takes 0.34 s of CPU time and 3.1 s by factors, `configs/hertz_sphere.yaml` 0.22 and 0.60 s.
-    thin, thin_seconds
-        Longest over shortest extent of a body from which on it counts as thin, and predicted
-        seconds up to which a factor is taken for thin bodies at once. In space bodies that contact
-        holds have the V-cycle: on the leaf spring and the beam on rollers of `make_trials.py
-        --size 1.8`, of degree 2, it takes 2.4 and 1.2 s of CPU time, factors 6.7 and 1.6 s. So have
-        bodies with friction, where many sets would have a factor each and contact hardly peels off.
-        With more seconds, up to `slow_seconds`, factors begin where contact peels off: a pressed
-        plate of degree 2 (75,615 unknowns, `pressed_plate --size 1.2`) takes 4.9 s by V-cycles and
-        7.7 s by factors, a lifted one (72,225) 19 s and 9.5 s.
-    slow, slow_digit, slow_seconds, step, least_step
-        Iterations on one set after which a factor replaces the V-cycle if each digit of the
-        residual took so many, and predicted seconds up to which it does. A bracket of hexahedra
-        takes 52 in all, six a digit: a factor for the last twelve of them doubled its seconds. The
-        iterations on the set have to take as long as the factor, where one takes `least_step` and
-        `step` seconds for each unknown: a ring in a groove of degree 2 (46,161 unknowns) takes 130
-        and 2.5 s of CPU time, and 73 and 4.2 s with a factor after 40.
-    penalty
-        W over the stiffness of K against a row. Each iteration reduces the error by this factor;
-        larger penalties lose digits in the factor.
-    most_changed
-        Rows in which later sets may differ from the set of a factor until a new one is made. Each
-        costs one solve. A pressed plate of degree 2 (33,135 unknowns, `make_trials.py pressed_plate
-        --size 1.8`) takes 5.3, 4.0 and 3.1 s of CPU time with 10, 20 and 40 rows,
-        and 10.4 s with a factor for each set.
-    """
+    """Limits for the use of a factor."""
 
     small: float = 0.02
+    """Predicted seconds of a factor in the plane, or with friction, below which it is used at once:
+    all sets together then take less time than the levels of a multigrid. In space V-cycles are
+    faster on small problems without friction: a leaf spring of 9,018 unknowns takes 0.34 s of CPU
+    time and 3.1 s by factors, `configs/hertz_sphere.yaml` 0.22 and 0.60 s."""
     thin: float = THIN
     thin_seconds: float = 3.0
+    """Longest over shortest extent of a body from which on it counts as thin, and predicted seconds
+    up to which a factor is taken for thin bodies at once. In space bodies that contact holds have
+    the V-cycle: on the leaf spring and the beam on rollers of `make_trials.py --size 1.8`, of
+    degree 2, it takes 2.4 and 1.2 s of CPU time, factors 6.7 and 1.6 s. So have bodies with
+    friction, where many sets would have a factor each and contact hardly peels off. With more
+    seconds, up to `slow_seconds`, factors begin where contact peels off: a pressed plate of degree
+    2 (75,615 unknowns, `pressed_plate --size 1.2`) takes 4.9 s by V-cycles and 7.7 s by factors, a
+    lifted one (72,225) 19 s and 9.5 s."""
     slow: int = 40
     slow_digit: int = 12
     slow_seconds: float = 10.0
     step: float = 2e-7
     least_step: float = 1e-3
+    """Iterations on one set after which a factor replaces the V-cycle if each digit of the residual
+    took so many, and predicted seconds up to which it does. A bracket of hexahedra takes 52 in all,
+    six a digit: a factor for the last twelve of them doubled its seconds. The iterations on the set
+    have to take as long as the factor, where one takes `least_step` and `step` seconds for each
+    unknown: a ring in a groove of degree 2 (46,161 unknowns) takes 130 and 2.5 s of CPU time, and
+    73 and 4.2 s with a factor after 40."""
     penalty: float = 1e4
+    """W over the stiffness of K against a row. Each iteration reduces the error by this factor;
+    larger penalties lose digits in the factor."""
     most_changed: int = 40
+    """Rows in which later sets may differ from the set of a factor until a new one is made. Each
+    costs one solve. A pressed plate of degree 2 (33,135 unknowns, `make_trials.py pressed_plate
+    --size 1.8`) takes 5.3, 4.0 and 3.1 s of CPU time with 10, 20 and 40 rows, and 10.4 s with a
+    factor for each set."""
 
 
 def predicted_seconds(system: MergedSystem) -> float:

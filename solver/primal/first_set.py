@@ -39,22 +39,14 @@ from solver.vectors import Array, Mask
 
 @dataclass(frozen=True, eq=False)
 class FirstSet:
-    """The initial active set of the loop and its displacement.
+    """The initial active set of the loop and its displacement."""
 
-    Attributes
-    ----------
-    active : (rows,)
-    u : (unknowns,)
-    tensions : (rows,)
-        Forces of the springs, as multipliers; None where no springs were used.
-    cycle
-        The cycle of the level below the finest one with springs on contact rows, if there is one.
-    """
-
-    active: Mask
-    u: Array
-    tensions: Array | None = None
+    active: Mask  # (rows,)
+    u: Array  # (unknowns,)
+    tensions: Array | None = None  # (rows,)
+    """Forces of the springs, as multipliers; None where no springs were used."""
     cycle: CycleWithSprings | None = None
+    """The cycle of the level below the finest one with springs on contact rows, if there is one."""
 
 
 def find_first_set(

@@ -19,27 +19,20 @@ from solver.vectors import Array, Ints
 
 @dataclass(frozen=True, eq=False)
 class FrictionSprings:
-    """The points with friction, by the rows of a merged system; forces are multipliers.
-
-    Attributes
-    ----------
-    rows, normals, point : (k,)
-        Row of each tangential component, row of its point's normal, and number of its point.
-    sticking : (k,)
-        Stiffness of the springs while the points stick.
-    coefficients, limits : (points,)
-        Largest friction over the normal multiplier, and given largest friction.
-    acts
-        Whether a contact of any rank has friction.
-    """
+    """The points with friction, by the rows of a merged system; forces are multipliers."""
 
     rows: Ints
     normals: Ints
     point: Ints
-    sticking: Array
+    """Row of each tangential component, row of its point's normal, and number of its point. Shape
+    (k,)."""
+    sticking: Array  # (k,)
+    """Stiffness of the springs while the points stick."""
     coefficients: Array
     limits: Array
+    """Largest friction over the normal multiplier, and given largest friction. Shape (points,)."""
     acts: bool = True
+    """Whether a contact of any rank has friction."""
 
     @classmethod
     def of(cls, system: MergedSystem, stiffness: Array) -> FrictionSprings:

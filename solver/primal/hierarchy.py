@@ -24,48 +24,34 @@ from solver.vectors import Array
 
 @dataclass(frozen=True)
 class MultigridOptions:
-    """The tuned numbers of the multigrid, measured on parts from a mesher.
-
-    Attributes
-    ----------
-    threshold
-        Couplings below this share are left out of aggregates, so that aggregates follow thin walls.
-    aggressive
-        Number of levels with aggressive (squared) coarsening. The second level then has a thirtieth
-        of the unknowns, and a cycle costs little more than its smoothing steps on the finest level.
-    smoothing
-        Chebyshev steps before and after each coarse correction.
-    smallest
-        Unknowns below which no coarser level is made.
-    singular
-        Eigenvalues of the coarsest level below that share of its largest row sum are rigid motions.
-    """
+    """The tuned numbers of the multigrid, measured on parts from a mesher."""
 
     threshold: float = 0.005
+    """Couplings below this share are left out of aggregates, so that aggregates follow thin
+    walls."""
     aggressive: int = 1
+    """Number of levels with aggressive (squared) coarsening. The second level then has a thirtieth
+    of the unknowns, and a cycle costs little more than its smoothing steps on the finest level."""
     smoothing: int = 2
+    """Chebyshev steps before and after each coarse correction."""
     smallest: int = 300
+    """Unknowns below which no coarser level is made."""
     singular: float = 1e-10
+    """Eigenvalues of the coarsest level below that share of its largest row sum are rigid
+    motions."""
 
 
 @dataclass(frozen=True, eq=False)
 class Hierarchy:
-    """Levels from fine to coarse.
-
-    Attributes
-    ----------
-    prolongations
-        Entry k maps level k + 1 to level k; level 0 is the finest.
-    operators
-        Stiffness of each level, K first; coarser ones from `solver.primal.blocks.petsc_blocks`.
-    largest
-        Estimate of the largest eigenvalue of D⁻¹ K; zero where K is the only level.
-    """
+    """Levels from fine to coarse."""
 
     prolongations: tuple[PETSc.Mat, ...]
+    """Entry k maps level k + 1 to level k; level 0 is the finest."""
     operators: tuple[PETSc.Mat, ...]
+    """Stiffness of each level, K first; coarser ones from `solver.primal.blocks.petsc_blocks`."""
     options: MultigridOptions
     largest: float = 0.0
+    """Estimate of the largest eigenvalue of D⁻¹ K; zero where K is the only level."""
 
 
 def no_hierarchy(system: MergedSystem) -> Hierarchy:

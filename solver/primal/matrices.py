@@ -38,33 +38,23 @@ def freed_matrices(comm: MPI.Intracomm) -> Iterator[None]:
 
 @dataclass(frozen=True, eq=False)
 class Matrices:
-    """The undecomposed problem and the data that multigrid derives from it before the first set.
-
-    Attributes
-    ----------
-    seconds
-        Predicted for one factor of K.
-    direct
-        Whether factors solve on the sets.
-    thin
-        Whether bodies are thin and held, so that their contact may peel off row by row.
-    peels
-        Whether they are, and a factor is inexpensive from the first set on:
-        without one the many sets of a constraint hierarchy would cost too many iterations. With
-        friction these are the sets of the contact without friction.
-    hierarchy
-        All levels, or K alone where a factor solves.
-    floating
-        The rigid motions that held unknowns do not stop.
-    """
+    """The undecomposed problem and the data that multigrid derives from it before the first set."""
 
     system: MergedSystem
     seconds: float
+    """Predicted for one factor of K."""
     direct: bool
+    """Whether factors solve on the sets."""
     thin: bool
+    """Whether bodies are thin and held, so that their contact may peel off row by row."""
     peels: bool
+    """Whether they are, and a factor is inexpensive from the first set on: without one the many
+    sets of a constraint hierarchy would cost too many iterations. With friction these are the sets
+    of the contact without friction."""
     hierarchy: Hierarchy
+    """All levels, or K alone where a factor solves."""
     floating: FloatingMotions
+    """The rigid motions that held unknowns do not stop."""
 
     @classmethod
     def of(cls, problem: DecomposedProblem, factors: FactorOptions) -> Matrices:

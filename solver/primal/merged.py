@@ -33,50 +33,34 @@ from solver.vectors import Array, Ints, Mask, largest_magnitude
 
 @dataclass(frozen=True, eq=False)
 class MergedSystem:
-    """The undecomposed problem; local parts throughout.
-
-    Attributes
-    ----------
-    problem
-        The decomposed problem.
-    K
-        Stiffness with the held unknowns taken out.
-    C
-        All rows but those of gluing and held unknowns, (rows, unknowns).
-    c : (rows,)
-        Right-hand side of these.
-    rows : (rows,)
-        Numbers of these rows in B.
-    load : (unknowns,)
-        f - K u_held, and K u_held on held unknowns.
-    held : (unknowns,)
-        Mask of the held unknowns.
-    stiffless : (unknowns,)
-        Mask of the unknowns of rigid bodies without held ones. They come last.
-    rigid : (unknowns, motions)
-        The rigid motions of all bodies, each about its middle.
-    body : (unknowns,)
-    angles : (rows,)
-        Angle by which the frame of a tangential row is turned in its plane; zero for other rows.
-    support : (held, unknowns)
-        The rows of K of held unknowns, before these are eliminated.
-    """
+    """The undecomposed problem; local parts throughout."""
 
     problem: DecomposedProblem
+    """The decomposed problem."""
     nodes: MergedNodes
     K: PETSc.Mat
+    """Stiffness with the held unknowns taken out."""
     C: PETSc.Mat
-    c: Array
-    rows: Ints
-    load: Array
-    held: Mask
-    stiffless: Mask
-    rigid: Array
-    body: Ints
+    """All rows but those of gluing and held unknowns, (rows, unknowns)."""
+    c: Array  # (rows,)
+    """Right-hand side of these."""
+    rows: Ints  # (rows,)
+    """Numbers of these rows in B."""
+    load: Array  # (unknowns,)
+    """f - K u_held, and K u_held on held unknowns."""
+    held: Mask  # (unknowns,)
+    """Mask of the held unknowns."""
+    stiffless: Mask  # (unknowns,)
+    """Mask of the unknowns of rigid bodies without held ones. They come last."""
+    rigid: Array  # (unknowns, motions)
+    """The rigid motions of all bodies, each about its middle."""
+    body: Ints  # (unknowns,)
     transfer: PETSc.Mat
     scatter: PETSc.Scatter
-    angles: Array
-    support: PETSc.Mat
+    angles: Array  # (rows,)
+    """Angle by which the frame of a tangential row is turned in its plane; zero for other rows."""
+    support: PETSc.Mat  # (held, unknowns)
+    """The rows of K of held unknowns, before these are eliminated."""
 
     @property
     def comm(self) -> MPI.Intracomm:

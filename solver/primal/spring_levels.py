@@ -44,66 +44,51 @@ Aggregates with held or too few nodes have unknowns without any stiffness."""
 
 @dataclass(frozen=True)
 class FirstSetOptions:
-    """The tuned numbers of the first set.
-
-    Attributes
-    ----------
-    faint
-        w. With a hundredth contact zones move visibly; below 1e-6 bodies that only these springs
-        hold move so far that no digits are left.
-    proximal
-        w of the proximal steps. Without them most of a slender body starts closed and lifts off row
-        after row: the ribbed panel of 128,112 unknowns takes 119 operator applications in 17 sets
-        instead of 57 in 9.
-    proximal_steps
-        Most proximal steps on the coarsest level; they end where the set stays the same.
-    exact_steps, steps
-        Most Newton steps on the coarsest level, which a factor solves, and on finer ones: three
-        steps, each with a reduction of 0.3, left contact there that had not settled. With eight and
-        0.1 the ribbed panel takes 113 applications instead of 129, with 118,800 unknowns 116
-        instead of 169; the pin in a lug 45 instead of 51, the flange 79 instead of 87, the pillow
-        block 36 instead of 40, all in less time; the eye on a pin takes 45 instead of 42.
-    reduction, iterations
-        Residual reduction, and largest number of iterations, of the conjugate gradients in one
-        Newton step.
-    settled
-        Springs that a step changes, over those that press, at which a level is settled. Without
-        it, or with 0.02, flange, eye on a pin and the panel of 118,800 unknowns take 1 to 11 %
-        more seconds.
-    follows
-        Change of the spring of a tangential row, relative to the stiffer one, from which on it
-        counts as changed. With 0.05, 0.1 and 0.2 the hub of `contact_app.studies.friction_cost`
-        with Tresca friction takes 61, 76 and 75 operator applications, the pillow block 44, 39, 49.
-    sticking
-        Stiffness of the springs of sticking points over that of K against their rows. The levels of
-        two bodies do not fit together, so that stiffer springs let points slide in the first set
-        that stick: with 0.05, 0.1 and 1 the flange takes 103, 119 and 143 applications, the bracket
-        48, 50 and 43.
-    shift
-        Relative addition to the diagonal, for motions that no row and no support stops.
-    largest
-        Unknowns up to which a level is solved by a factor, a dense one. On a bracket of hexahedra
-        (66,843 unknowns) one of 2,100 takes a quarter of the whole solve; from the level below, of
-        474 unknowns, on the first set costs little, and the sets take no more iterations. A ribbed
-        panel of 128,112 unknowns takes 6.4 s with 1,500 and 4.7 s with 900, on two ranks.
-    full
-        Share of entries that are not zero, from which rows on such a level are multiplied as a full
-        matrix: on the flange, where they are a fifth, in a third of the time.
-    """
+    """The tuned numbers of the first set."""
 
     faint: float = 1e-4
+    """w. With a hundredth contact zones move visibly; below 1e-6 bodies that only these springs
+    hold move so far that no digits are left."""
     proximal: float = 1e-7
+    """w of the proximal steps. Without them most of a slender body starts closed and lifts off row
+    after row: the ribbed panel of 128,112 unknowns takes 119 operator applications in 17 sets
+    instead of 57 in 9."""
     proximal_steps: int = 10
+    """Most proximal steps on the coarsest level; they end where the set stays the same."""
     exact_steps: int = 60
     steps: int = 8
+    """Most Newton steps on the coarsest level, which a factor solves, and on finer ones: three
+    steps, each with a reduction of 0.3, left contact there that had not settled. With eight and 0.1
+    the ribbed panel takes 113 applications instead of 129, with 118,800 unknowns 116 instead of
+    169; the pin in a lug 45 instead of 51, the flange 79 instead of 87, the pillow block 36 instead
+    of 40, all in less time; the eye on a pin takes 45 instead of 42."""
     reduction: float = 0.1
     iterations: int = 25
+    """Residual reduction, and largest number of iterations, of the conjugate gradients in one
+    Newton step."""
     settled: float = 0.05
+    """Springs that a step changes, over those that press, at which a level is settled. Without it,
+    or with 0.02, flange, eye on a pin and the panel of 118,800 unknowns take 1 to 11 % more
+    seconds."""
     follows: float = 0.05
+    """Change of the spring of a tangential row, relative to the stiffer one, from which on it
+    counts as changed. With 0.05, 0.1 and 0.2 the hub of `contact_app.studies.friction_cost` with
+    Tresca friction takes 61, 76 and 75 operator applications, the pillow block 44, 39, 49."""
     sticking: float = 0.05
+    """Stiffness of the springs of sticking points over that of K against their rows. The levels of
+    two bodies do not fit together, so that stiffer springs let points slide in the first set that
+    stick: with 0.05, 0.1 and 1 the flange takes 103, 119 and 143 applications, the bracket 48, 50
+    and 43."""
     shift: float = 1e-9
+    """Relative addition to the diagonal, for motions that no row and no support stops."""
     largest: int = 900
+    """Unknowns up to which a level is solved by a factor, a dense one. On a bracket of hexahedra
+    (66,843 unknowns) one of 2,100 takes a quarter of the whole solve; from the level below, of 474
+    unknowns, on the first set costs little, and the sets take no more iterations. A ribbed panel of
+    128,112 unknowns takes 6.4 s with 1,500 and 4.7 s with 900, on two ranks."""
     full: float = 0.12
+    """Share of entries that are not zero, from which rows on such a level are multiplied as a full
+    matrix: on the flange, where they are a fifth, in a third of the time."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -114,18 +99,16 @@ class Rows:
     ----------
     c, stiffness : (rows,)
         Right-hand side, and stiffness of the springs.
-    normal, equality : (rows,)
-        Masks of the contact rows, and of the rows that hold with equality.
-    friction
-        Points with friction.
     """
 
     comm: MPI.Intracomm
     c: Array
     normal: Mask
     equality: Mask
+    """Masks of the contact rows, and of the rows that hold with equality. Shape (rows,)."""
     stiffness: Array
     friction: FrictionSprings
+    """Points with friction."""
 
     def everywhere(self) -> Rows:
         """All rows, on a rank of its own (collective)."""

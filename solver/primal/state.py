@@ -15,28 +15,19 @@ class PrimalState(SetState):
     """The answer of a set as far as it is solved; local parts.
 
     Rows other than contact, tangential and tied rows have no multiplier, no jump and the size one.
-
-    Attributes
-    ----------
-    lengths : (bodies,)
-        Lengths relative to which displacements are measured.
-    u : (unknowns,)
-    error_square
-        Estimate of the squared error in energy norm.
-    errors : (bodies,)
-        Its share in each body.
-    imbalance
-        2-norm of the residual.
-    met : (rows,)
-        Open rows that close; None for all that are penetrated.
     """
 
-    lengths: Array
-    u: Array
+    lengths: Array  # (bodies,)
+    """Lengths relative to which displacements are measured."""
+    u: Array  # (unknowns,)
     error_square: float
-    errors: Array
+    """Estimate of the squared error in energy norm."""
+    errors: Array  # (bodies,)
+    """Its share in each body."""
     imbalance: float
-    met: Mask | None = None
+    """2-norm of the residual."""
+    met: Mask | None = None  # (rows,)
+    """Open rows that close; None for all that are penetrated."""
 
     @property
     def closing(self) -> Array:

@@ -22,19 +22,13 @@ from solver.vectors import Array
 
 @dataclass(frozen=True, eq=False)
 class VertexLevel:
-    """The displacements of degree 1; local parts.
-
-    Attributes
-    ----------
-    P
-        Matrix from vertices to the unknowns of the problem; zero on held unknowns and unknowns of
-        rigid bodies, and from held vertices.
-    rigid : (vertex unknowns, motions)
-        The rigid motions, zero where held.
-    """
+    """The displacements of degree 1; local parts."""
 
     P: PETSc.Mat
-    rigid: Array
+    """Matrix from vertices to the unknowns of the problem; zero on held unknowns and unknowns of
+    rigid bodies, and from held vertices."""
+    rigid: Array  # (vertex unknowns, motions)
+    """The rigid motions, zero where held."""
 
 
 def vertex_level(system: MergedSystem) -> VertexLevel | None:

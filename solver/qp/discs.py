@@ -39,23 +39,15 @@ no correct digits: a cube with μ = 0.1 was not solved in 20,000 multiplications
 
 @dataclass(frozen=True, eq=False)
 class BoxAndDiscs:
-    """A box, and discs of pairs of components that have no bounds.
-
-    Attributes
-    ----------
-    box
-        Bounds of all components; components of discs have none.
-    first, second : (discs,)
-        The two components of each disc.
-    center : (2, discs)
-    radius : (discs,)
-    """
+    """A box, and discs of pairs of components that have no bounds."""
 
     box: Box
+    """Bounds of all components; components of discs have none."""
     first: Ints
     second: Ints
-    center: Array
-    radius: Array
+    """The two components of each disc. Shape (discs,)."""
+    center: Array  # (2, discs)
+    radius: Array  # (discs,)
 
     @property
     def is_everything(self) -> bool:

@@ -17,18 +17,12 @@ from solver.vectors import Vector, on_arrays
 
 @runtime_checkable
 class Equalities(Protocol):
-    """The matrix C of the equalities, on distributed vectors.
-
-    Attributes
-    ----------
-    comm : MPI.Comm
-    rows : int
-        Rows of this rank. An optional attribute ``norm`` is ‖C‖ where it is known (1 for a
-        projector); else the power method finds it.
-    """
+    """The matrix C of the equalities, on distributed vectors."""
 
     comm: MPI.Comm
     rows: int
+    """Rows of this rank. An optional attribute ``norm`` is ‖C‖ where it is known (1 for a
+    projector); else the power method finds it."""
 
     def apply(self, x: Vector, out: Vector, /) -> None:
         """Put Cx (rows,) into out."""

@@ -90,22 +90,15 @@ def opt(it: Iterate, d: Vector, alpha_u: float) -> float:
 
 @dataclass(frozen=True)
 class ProjectedLineSearch:
-    """Half step to the bound, then a projected step along g^f or g^r (paper, Algorithm 3).
-
-    Attributes
-    ----------
-    along, measure : "gf" or "gr"
-        Gradient of the step's direction, and the one that sets its length.
-    length : Length
-    alpha_u : float
-        Between 0 and 2.
-    """
+    """Half step to the bound, then a projected step along g^f or g^r (paper, Algorithm 3)."""
 
     name: str
     along: str = "gf"
     measure: str = "gf"
+    """Gradient of the step's direction, and the one that sets its length."""
     length: Length = fixed
     alpha_u: float = 1.9
+    """Between 0 and 2."""
 
     def prepare(self, it: Iterate) -> None:
         """The first step length is the fixed one, where g^r is used at all."""
@@ -144,19 +137,13 @@ class ProjectedCG:
 
 @dataclass(frozen=True)
 class SafeguardedCG:
-    """Projection of the CG step, shortened or replaced where the cost would rise (see the module).
-
-    Attributes
-    ----------
-    kappa : float
-        κ, the required part of the standard expansion's guaranteed decrease.
-    standard : float
-        Length of the standard expansion's segment in units of 1/‖A‖.
-    """
+    """Projection of the CG step, shortened or replaced where the cost would rise."""
 
     name: str = "projcg-safe"
     kappa: float = 1e-3
+    """κ, the required part of the standard expansion's guaranteed decrease."""
     standard: float = 1.9
+    """Length of the standard expansion's segment in units of 1/‖A‖."""
 
     def prepare(self, it: Iterate) -> None:
         """Do nothing: ‖A‖ is estimated during the solve."""

@@ -36,38 +36,27 @@ TIGHTEN = 0.3
 
 @dataclass(frozen=True)
 class MPRGP:
-    """Solver for box-constrained convex quadratic programs.
-
-    Attributes
-    ----------
-    expansion : str or Expansion
-        Name (see ``expansion_names()``) or object; paper, section 3. The default is the
-        projected CG step with a guaranteed descent; the paper's own is ``projcg``.
-    alpha_u : float
-        Multiple of the expansion's step length, 0 < α_u ≤ 2 (``projcg`` has none).
-    gamma : float
-        Γ of the proportioning test ‖g^c‖² ≤ Γ² g^rᵀg^f. The paper's inequality 2 prints
-        ‖g^f‖² at the right; its counts come from Dostál's g^rᵀg^f, with the step length that an
-        expansion used last. The two are one where no step length is in use (``projcg``).
-    rtol, atol : float
-        The solve ends when ‖g^P‖ ≤ max(rtol ‖b‖, atol); where b = 0, relative to the gradient
-        at the initial guess.
-    max_iterations : int
-        Limit of inner iterations.
-    norm : float or None
-        ‖A‖ if known; else the power method finds it where the expansion needs it.
-    preconditioner : Preconditioner or None
-        Applied to the free gradient; its result is cut to the free components.
-    """
+    """Solver for box-constrained convex quadratic programs."""
 
     expansion: str | Expansion = "projcg-safe"
+    """Name (see ``expansion_names()``) or object; paper, section 3. The default is the projected CG
+    step with a guaranteed descent; the paper's own is ``projcg``."""
     alpha_u: float = 1.9
+    """Multiple of the expansion's step length, 0 < α_u ≤ 2 (``projcg`` has none)."""
     gamma: float = 1.0
+    """Γ of the proportioning test ‖g^c‖² ≤ Γ² g^rᵀg^f. The paper's inequality 2 prints ‖g^f‖² at
+    the right; its counts come from Dostál's g^rᵀg^f, with the step length that an expansion used
+    last. The two are one where no step length is in use (``projcg``)."""
     rtol: float = 1e-6
     atol: float = 0.0
+    """The solve ends when ‖g^P‖ ≤ max(rtol ‖b‖, atol); where b = 0, relative to the gradient at the
+    initial guess."""
     max_iterations: int = 10_000
+    """Limit of inner iterations."""
     norm: float | None = None
+    """‖A‖ if known; else the power method finds it where the expansion needs it."""
     preconditioner: Preconditioner | None = None
+    """Applied to the free gradient; its result is cut to the free components."""
 
     def solve(
         self,

@@ -27,17 +27,12 @@ class Operator(Protocol):
     An operator may have two more attributes: ``image``, an array that is linear in the last x,
     which an iterate updates by recurrence; and ``image_norm(image)``, which SMALBE uses as ‖Cx‖
     (`PenalisedOperator` of the coarse problem has both).
-
-    Attributes
-    ----------
-    comm : MPI.Comm
-        Communicator of all ranks.
-    size : int
-        Components of this rank.
     """
 
     comm: MPI.Comm
+    """Communicator of all ranks."""
     size: int
+    """Components of this rank."""
 
     def apply(self, x: Vector, out: Vector, /) -> None:
         """Put the product with x into out; both (size,), contiguous, and distinct."""

@@ -98,27 +98,21 @@ class Result:
 
     Attributes
     ----------
-    x : ndarray (local part) or PETSc.Vec, the kind of the problem's b
-        Last iterate; always within the bounds.
-    reason : Reason
-        An enum whose value is a sentence; ``reason.converged`` says whether the solve succeeded.
-    counts : Counts
-    gradient : ndarray (local part)
-        Gradient of the cost; in SMALBE of the augmented Lagrangian, which at the end is
-        ``A x - b + C^T multiplier``.
-    multiplier : ndarray (local rows of C) or None
-        Multiplier of the equalities C x = c.
     projected_gradient_norm, equality_residual : float
         ||g^P|| and ||C x - c||, over all ranks.
-    history : list of Step
     """
 
-    x: Any
+    x: Any  # ndarray (local part) or PETSc.Vec, the kind of the problem's b
+    """Last iterate; always within the bounds."""
     reason: Reason
+    """An enum whose value is a sentence; ``reason.converged`` says whether the solve succeeded."""
     counts: Counts
-    gradient: Any
+    gradient: Any  # ndarray (local part)
+    """Gradient of the cost; in SMALBE of the augmented Lagrangian, which at the end is ``A x - b +
+    C^T multiplier``."""
     projected_gradient_norm: float
-    multiplier: Any = None
+    multiplier: Any = None  # ndarray (local rows of C) or None
+    """Multiplier of the equalities C x = c."""
     equality_residual: float = 0.0
     history: list[Step] = field(default_factory=list, repr=False)
 

@@ -46,38 +46,26 @@ LAGRANGIAN_DIGITS = 1e-12
 
 @dataclass(frozen=True)
 class SMALBE:
-    """Solver for convex quadratic programs with bounds and equalities.
-
-    Attributes
-    ----------
-    inner : MPRGP
-        Inner solver; its ``rtol`` and ``atol`` are the tolerances of the whole solve, which ends
-        when ‖g^P‖ and the scaled ‖Cx - c‖ are below max(rtol ‖b‖, atol).
-    rho : float
-        Penalty ρ in units of ‖A‖/‖C‖². With 1, CᵀC adds no eigenvalue outside A's; larger ones
-        save outer iterations, which cost no multiplication here, at the price of more inner ones.
-    M : float
-        First M in units of ‖A‖/‖C‖.
-    shrink : float
-        Divisor of M where the Lagrangian grew too little.
-    eta : float
-        η in units of ‖b‖.
-    max_outer : int
-    growth : float
-        Factor of ρ whenever ‖Cx - c‖ has not fallen tenfold in ten outer iterations, which
-        happens where few rows carry the load (a body on the edge of its support); 1 keeps ρ.
-    recompute_gradient : bool
-        Spend one multiplication on the gradient at each outer iteration, as the paper counts.
-    """
+    """Solver for convex quadratic programs with bounds and equalities."""
 
     inner: MPRGP = field(default_factory=MPRGP)
+    """Inner solver; its ``rtol`` and ``atol`` are the tolerances of the whole solve, which ends
+    when ‖g^P‖ and the scaled ‖Cx - c‖ are below max(rtol ‖b‖, atol)."""
     rho: float = 1.0
+    """Penalty ρ in units of ‖A‖/‖C‖². With 1, CᵀC adds no eigenvalue outside A's; larger ones save
+    outer iterations, which cost no multiplication here, at the price of more inner ones."""
     M: float = 3.0
+    """First M in units of ‖A‖/‖C‖."""
     shrink: float = 2.0
+    """Divisor of M where the Lagrangian grew too little."""
     eta: float = 0.1
+    """η in units of ‖b‖."""
     max_outer: int = 500
     growth: float = 4.0
+    """Factor of ρ whenever ‖Cx - c‖ has not fallen tenfold in ten outer iterations, which happens
+    where few rows carry the load (a body on the edge of its support); 1 keeps ρ."""
     recompute_gradient: bool = False
+    """Spend one multiplication on the gradient at each outer iteration, as the paper counts."""
 
     @classmethod
     def paper(cls, inner: MPRGP | None = None) -> SMALBE:
@@ -153,19 +141,17 @@ class _Problem:
 
     Attributes
     ----------
-    right : (rows,)
-        c, local part.
     norm, C_norm
         ‖A‖ and ‖C‖.
-    multiplications
-        Hessian multiplications spent on ‖A‖.
     """
 
     qp: SeparableQP
     equalities: Equalities
-    right: Vector
+    right: Vector  # (rows,)
+    """c, local part."""
     norm: float
     multiplications: int
+    """Hessian multiplications spent on ‖A‖."""
     C_norm: float
 
 

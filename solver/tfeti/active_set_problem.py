@@ -53,18 +53,12 @@ ROUNDED = 2.0 * float(np.finfo(np.float64).eps)
 
 @dataclass(frozen=True, eq=False)
 class State(SetState):
-    """A multiplier in equilibrium with the loads, and its displacements.
+    """A multiplier in equilibrium with the loads, and its displacements."""
 
-    Attributes
-    ----------
-    motions : (kernels,)
-        α that makes the jumps of the rows that hold with equality smallest.
-    displacements : (interface,)
-        u.
-    """
-
-    motions: Array
-    displacements: Array
+    motions: Array  # (kernels,)
+    """α that makes the jumps of the rows that hold with equality smallest."""
+    displacements: Array  # (interface,)
+    """u."""
 
     def homogenised(self, problem: DualProblem) -> tuple[Array, Array]:
         """x = λ - λ̃ and t = Cᵀ μ = Q (F λ - d) - Gᵀ α, for SMALBE to go on from."""

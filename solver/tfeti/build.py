@@ -34,68 +34,45 @@ Measure = Callable[[], AbstractContextManager[None]]
 
 @dataclass(frozen=True, eq=False)
 class CongruentSubdomains:
-    """Subdomains of this rank that share one stiffness matrix.
+    """Subdomains of this rank that share one stiffness matrix."""
 
-    Attributes
-    ----------
-    stiffness : (n, n)
-        K before any condition is imposed; unknown ``node * dimension + component``.
-    points : (nodes, 3)
-        Coordinates of the nodes of one member; the others are moved copies of it.
-    nodes : (k,)
-        Nodes that constraints may touch, ascending.
-    copies : (members, k)
-        Numbers of these nodes among the copies of nodes on this rank.
-    forces, lifting : (n, members)
-        Loads, and displacements of eliminated unknowns.
-    eliminated : (m,) or None
-        Held unknowns that are eliminated from K; None where the members float.
-    bodies : (members,)
-        The body of each member.
-    kernel : (n, k) or None
-        Basis of the kernel of K; the rigid motions of the points unless given.
-    places
-        Global nodes of the members, for methods that solve for the displacements.
-    thermal : (n, members) or None
-        The part of the forces that comes from heat, as `Loads.thermal`.
-    """
-
-    stiffness: sparse.csr_matrix
-    points: Array
-    nodes: Ints
-    copies: Ints
+    stiffness: sparse.csr_matrix  # (n, n)
+    """K before any condition is imposed; unknown ``node * dimension + component``."""
+    points: Array  # (nodes, 3)
+    """Coordinates of the nodes of one member; the others are moved copies of it."""
+    nodes: Ints  # (k,)
+    """Nodes that constraints may touch, ascending."""
+    copies: Ints  # (members, k)
+    """Numbers of these nodes among the copies of nodes on this rank."""
     forces: Array
     lifting: Array
-    eliminated: Ints | None
-    bodies: Ints
-    kernel: Array | None = None
+    """Loads, and displacements of eliminated unknowns. Shape (n, members)."""
+    eliminated: Ints | None  # (m,) or None
+    """Held unknowns that are eliminated from K; None where the members float."""
+    bodies: Ints  # (members,)
+    """The body of each member."""
+    kernel: Array | None = None  # (n, k) or None
+    """Basis of the kernel of K; the rigid motions of the points unless given."""
     places: NodePlaces | None = None
-    thermal: Array | None = None
+    """Global nodes of the members, for methods that solve for the displacements."""
+    thermal: Array | None = None  # (n, members) or None
+    """The part of the forces that comes from heat, as `Loads.thermal`."""
 
 
 @dataclass(frozen=True, eq=False)
 class ConstraintRows:
-    """The rows of B before their columns are numbered.
-
-    Attributes
-    ----------
-    exchange
-        Exchange between the copies of nodes.
-    rows
-        Gluing, held and contact rows.
-    shared
-        Geometry of the rows over nodes of several ranks, in row order.
-    supports
-        Rows for rigid motions that nothing else holds.
-    held_without_contact
-        Whether all other rows alone stop every rigid motion.
-    """
+    """The rows of B before their columns are numbered."""
 
     exchange: NodeExchange
+    """Exchange between the copies of nodes."""
     rows: Rows
+    """Gluing, held and contact rows."""
     shared: SharedRows
+    """Geometry of the rows over nodes of several ranks, in row order."""
     supports: SupportRows
+    """Rows for rigid motions that nothing else holds."""
     held_without_contact: bool
+    """Whether all other rows alone stop every rigid motion."""
 
 
 def build_system(

@@ -44,18 +44,12 @@ DEPENDENT = 1e-8
 
 @dataclass(frozen=True, eq=False)
 class RowFrame:
-    """Frames and lengths of the rows of a set.
-
-    Attributes
-    ----------
-    turn
-        Turned frames; None where no frame is turned.
-    scale : (dual,)
-        Factors on the rows; None for one.
-    """
+    """Frames and lengths of the rows of a set."""
 
     turn: Turn | None
-    scale: Array | None
+    """Turned frames; None where no frame is turned."""
+    scale: Array | None  # (dual,)
+    """Factors on the rows; None for one."""
 
     def turned(self, vectors: Array) -> Array:
         """Vectors (k, dual) in the turned frames, without the factors."""

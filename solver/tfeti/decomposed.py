@@ -50,28 +50,18 @@ displacement is a rounding error of gaps from which the given motion is subtract
 
 @dataclass(eq=False)
 class SharedPlace:
-    """A place for the matrices of a backend that problems under other loads share.
-
-    Attributes
-    ----------
-    content
-        Matrices of the last solve; None before the first.
-    """
+    """A place for the matrices of a backend that problems under other loads share."""
 
     content: object = None
+    """Matrices of the last solve; None before the first."""
 
 
 @dataclass(frozen=True, eq=False)
 class DecomposedProblem:
-    """The contact problem as methods use it, whether they solve for forces or displacements.
-
-    Attributes
-    ----------
-    system
-        Stiffness, constraints, contact points and loads.
-    """
+    """The contact problem as methods use it, whether they solve for forces or displacements."""
 
     system: ContactSystem
+    """Stiffness, constraints, contact points and loads."""
 
     @property
     def comm(self) -> MPI.Intracomm:

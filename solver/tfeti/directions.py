@@ -38,30 +38,21 @@ ABSENT = 1e-10
 
 @dataclass(frozen=True)
 class RecyclingOptions:
-    """Limits on stored search directions.
-
-    Attributes
-    ----------
-    most
-        Largest number of stored directions.
-    fewest
-        Number of stored directions from which on later sets use them: fewer save little.
-    light
-        Bytes of a direction, over all ranks, up to which storing it takes no time beside an
-        operator application.
-    easy
-        For directions above `light`: number of first steps whose directions are not stored. Once a
-        set takes more steps, it stores the following directions, and later sets store all their
-        directions.
-    memory
-        Largest memory for directions on a rank, in bytes; large problems store no directions.
-    """
+    """Limits on stored search directions."""
 
     most: int = 100
+    """Largest number of stored directions."""
     fewest: int = 9
+    """Number of stored directions from which on later sets use them: fewer save little."""
     light: int = 2**19
+    """Bytes of a direction, over all ranks, up to which storing it takes no time beside an operator
+    application."""
     easy: int = 8
+    """For directions above `light`: number of first steps whose directions are not stored. Once a
+    set takes more steps, it stores the following directions, and later sets store all their
+    directions."""
     memory: int = 2**27
+    """Largest memory for directions on a rank, in bytes; large problems store no directions."""
 
 
 class Directions:

@@ -24,41 +24,27 @@ from solver.vectors import Array, largest_magnitude
 
 @dataclass(frozen=True, eq=False)
 class Reused:
-    """Results of another problem of the same system; None where they have to be computed.
-
-    Attributes
-    ----------
-    operator
-        F.
-    free_solution
-        The displacements under the loads without constraints.
-    d : (dual,)
-        B K⁺ f - c.
-    offset, displacements : (dual,), (interface,)
-        λ̃ if it is not the smallest one, and K⁺ (f - Bᵀ λ̃).
-    place
-        For the matrices of backends without a dual operator.
-    """
+    """Results of another problem of the same system; None where they have to be computed."""
 
     operator: DualOperator | None = None
+    """F."""
     free_solution: FreeSolution | None = None
-    d: Array | None = None
+    """The displacements under the loads without constraints."""
+    d: Array | None = None  # (dual,)
+    """B K⁺ f - c."""
     offset: Array | None = None
     displacements: Array | None = None
+    """λ̃ if it is not the smallest one, and K⁺ (f - Bᵀ λ̃). Shapes (dual,), (interface,)."""
     place: SharedPlace | None = None
+    """For the matrices of backends without a dual operator."""
 
 
 @dataclass(frozen=True, eq=False)
 class DualProblem(DecomposedProblem):
-    """The dual problem with all data of the solve, the recovery and the certificate; local parts.
-
-    Attributes
-    ----------
-    reused
-        Results that other problems of the same system have computed already.
-    """
+    """The dual problem with all data of solve, recovery and certificate; local parts."""
 
     reused: Reused = Reused()
+    """Results that other problems of the same system have computed already."""
 
     def with_loads(
         self,

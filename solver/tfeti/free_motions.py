@@ -32,22 +32,16 @@ RESOLVED = 1e-12
 
 @dataclass(frozen=True, eq=False)
 class LooseBodies:
-    """Rigid motions that nothing resists, or only the facets of round surfaces.
+    """Rigid motions that nothing resists, or only the facets of round surfaces."""
 
-    Attributes
-    ----------
-    along : one (motions, k) array per body
-        L_b; k is equal for all bodies of a group, and 0 without free motions.
-    allowed : one (motions, k) array per body
-        The same for the motions that held and tied rows leave free.
-    centres, lengths : (bodies, 3), (bodies,)
-        Centre and length in the definition of each body's rigid motions.
-    """
-
-    along: Sequence[Array]
-    allowed: Sequence[Array]
+    along: Sequence[Array]  # one (motions, k) array per body
+    """L_b; k is equal for all bodies of a group, and 0 without free motions."""
+    allowed: Sequence[Array]  # one (motions, k) array per body
+    """The same for the motions that held and tied rows leave free."""
     centres: Array
     lengths: Array
+    """Centre and length in the definition of each body's rigid motions. Shapes (bodies, 3),
+    (bodies,)."""
 
     @property
     def any(self) -> bool:
@@ -57,32 +51,22 @@ class LooseBodies:
 
 @dataclass(frozen=True, eq=False)
 class FreeMotions:
-    """Loose bodies, or bodies that contact holds, with the nodes of their subdomains on this rank.
-
-    Attributes
-    ----------
-    groups : (bodies,)
-        Group of each body.
-    points : one (nodes, 3) array per class
-    translations : one (members, 3) array per class
-        Translation of each member from the points of its class.
-    members : one (members,) array per class
-        Body of each subdomain.
-    shares : one (members, nodes) array per class
-        One over the number of copies of each node.
-    rigid : (classes,)
-        Whether the unknowns of a class are the motions of a rigid body.
-    """
+    """Loose bodies, or bodies that contact holds, with the nodes of their subdomains here."""
 
     comm: MPI.Intracomm
     dimension: int
-    groups: Ints
+    groups: Ints  # (bodies,)
+    """Group of each body."""
     loose: LooseBodies
-    points: Sequence[Array]
-    translations: Sequence[Array]
-    members: Sequence[Ints]
-    shares: Sequence[Array]
-    rigid: Sequence[bool]
+    points: Sequence[Array]  # one (nodes, 3) array per class
+    translations: Sequence[Array]  # one (members, 3) array per class
+    """Translation of each member from the points of its class."""
+    members: Sequence[Ints]  # one (members,) array per class
+    """Body of each subdomain."""
+    shares: Sequence[Array]  # one (members, nodes) array per class
+    """One over the number of copies of each node."""
+    rigid: Sequence[bool]  # (classes,)
+    """Whether the unknowns of a class are the motions of a rigid body."""
 
     def of(
         self, displacements: Sequence[Array], along: Sequence[Array] | None = None

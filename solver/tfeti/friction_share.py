@@ -28,21 +28,14 @@ block between walls that cool down hold 0.9 of its loads where it falls."""
 
 @dataclass(frozen=True, eq=False)
 class Overcome:
-    """A group of bodies whose friction the loads overcome.
+    """A group of bodies whose friction the loads overcome."""
 
-    Attributes
-    ----------
-    bodies : (bodies,)
-        Numbers of the bodies of the group.
-    share
-        Share of the loads that friction holds.
-    motion : (bodies · motions,)
-        Rigid motions in which the bodies leave.
-    """
-
-    bodies: Ints
+    bodies: Ints  # (bodies,)
+    """Numbers of the bodies of the group."""
     share: float
-    motion: Array
+    """Share of the loads that friction holds."""
+    motion: Array  # (bodies · motions,)
+    """Rigid motions in which the bodies leave."""
 
 
 def may_hold(problem: DecomposedProblem, solution: Solution) -> bool:

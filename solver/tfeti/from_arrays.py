@@ -29,68 +29,44 @@ from solver.vectors import Array, Ints, Mask
 
 @dataclass(frozen=True, eq=False)
 class Subdomain:
-    """One subdomain of this rank.
+    """One subdomain of this rank."""
 
-    Attributes
-    ----------
-    stiffness : (n, n)
-        K before any condition is imposed, as a PETSc matrix or anything that scipy converts to a
-        sparse matrix; unknown ``node * dimension + component``, force per length. Subdomains with
-        the same matrix object share one factor; their points may then differ by a translation only.
-    load : (n,)
-        f, forces.
-    nodes : (nodes,)
-        Global numbers.
-    points : (nodes, dimension)
-        Coordinates.
-    kernel : (n, k) or None
-        Basis of the kernel of K; the rigid motions of the points unless given.
-    body
-        Number of the subdomain's body. Certificates measure each body by its own sizes.
-    """
-
-    stiffness: Any
-    load: Array
-    nodes: Ints
-    points: Array
-    kernel: Array | None = None
+    stiffness: Any  # (n, n)
+    """K before any condition is imposed, as a PETSc matrix or anything that scipy converts to a
+    sparse matrix; unknown ``node * dimension + component``, force per length. Subdomains with the
+    same matrix object share one factor; their points may then differ by a translation only."""
+    load: Array  # (n,)
+    """f, forces."""
+    nodes: Ints  # (nodes,)
+    """Global numbers."""
+    points: Array  # (nodes, dimension)
+    """Coordinates."""
+    kernel: Array | None = None  # (n, k) or None
+    """Basis of the kernel of K; the rigid motions of the points unless given."""
     body: int = 0
+    """Number of the subdomain's body. Certificates measure each body by its own sizes."""
 
 
 @dataclass(frozen=True, eq=False)
 class Held:
-    """Held nodes; a rank may name nodes of its own subdomains.
+    """Held nodes; a rank may name nodes of its own subdomains."""
 
-    Attributes
-    ----------
-    nodes : (k,)
-    components : (k, dimension)
-        Mask of held components.
-    values : (k, dimension)
-        Prescribed displacements, lengths.
-    """
-
-    nodes: Ints
-    components: Mask
-    values: Array
+    nodes: Ints  # (k,)
+    components: Mask  # (k, dimension)
+    """Mask of held components."""
+    values: Array  # (k, dimension)
+    """Prescribed displacements, lengths."""
 
 
 @dataclass(frozen=True, eq=False)
 class Obstacle:
-    """Nodes in front of an obstacle: a · u ≤ gap.
+    """Nodes in front of an obstacle: a · u ≤ gap."""
 
-    Attributes
-    ----------
-    nodes : (k,)
-    directions : (k, dimension)
-        Unit vectors a into the obstacle.
-    gaps : (k,)
-        Distances to the obstacle.
-    """
-
-    nodes: Ints
-    directions: Array
-    gaps: Array
+    nodes: Ints  # (k,)
+    directions: Array  # (k, dimension)
+    """Unit vectors a into the obstacle."""
+    gaps: Array  # (k,)
+    """Distances to the obstacle."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -58,48 +58,31 @@ ROUNDED = 4.0
 
 @dataclass(frozen=True, eq=False)
 class Equilibrium:
-    """The residual of equilibrium K u - f + Bᵀ λ and its parts.
+    """The residual of equilibrium K u - f + Bᵀ λ and its parts."""
 
-    Attributes
-    ----------
-    imbalance : (bodies,)
-        2-norm of the residual over the free unknowns of each body.
-    reactions : (bodies,)
-        Σ |r_i| over the eliminated unknowns: the reactions.
-    disturbances : (bodies,)
-        Σ r_i² / K_ii, the squared energy norm of an error that leaves a residual r of no pattern.
-    strains : (bodies,)
-        a(u, u), computed so that large rigid motions leave no rounding errors.
-    energy
-        ½ a(u,u) - l(u).
-    """
-
-    imbalance: Array
-    reactions: Array
-    disturbances: Array
-    strains: Array
+    imbalance: Array  # (bodies,)
+    """2-norm of the residual over the free unknowns of each body."""
+    reactions: Array  # (bodies,)
+    """Σ |r_i| over the eliminated unknowns: the reactions."""
+    disturbances: Array  # (bodies,)
+    """Σ r_i² / K_ii, the squared energy norm of an error that leaves a residual r of no pattern."""
+    strains: Array  # (bodies,)
+    """a(u, u), computed so that large rigid motions leave no rounding errors."""
     energy: float
+    """½ a(u,u) - l(u)."""
 
 
 @dataclass(frozen=True, eq=False)
 class BodyForces:
-    """Forces on the bodies: sums of magnitudes, (bodies,) each.
-
-    Attributes
-    ----------
-    loads
-    held
-        Reactions and tied forces.
-    contact
-        Contact and friction forces.
-    rounded
-        Rounding errors of the forces.
-    """
+    """Forces on the bodies: sums of magnitudes, (bodies,) each."""
 
     loads: Array
     held: Array
+    """Reactions and tied forces."""
     contact: Array
+    """Contact and friction forces."""
     rounded: Array
+    """Rounding errors of the forces."""
 
     @property
     def largest(self) -> Array:
@@ -109,19 +92,13 @@ class BodyForces:
 
 @dataclass(frozen=True, eq=False)
 class MeasuredAnswer:
-    """An answer and its sizes in each body; all methods are collective.
-
-    Attributes
-    ----------
-    multiplier : (dual,)
-        λ, local part.
-    displacements : one (n, members) array per class
-        Displacements u.
-    """
+    """An answer and its sizes in each body; all methods are collective."""
 
     problem: DecomposedProblem
-    multiplier: Array
-    displacements: list[Array]
+    multiplier: Array  # (dual,)
+    """λ, local part."""
+    displacements: list[Array]  # one (n, members) array per class
+    """Displacements u."""
 
     @cached_property
     def interface(self) -> Array:

@@ -29,118 +29,80 @@ from solver.vectors import Array, Ints, Mask
 
 @dataclass(frozen=True, eq=False)
 class Constraints:
-    """The left-hand side of all constraints.
+    """The left-hand side of all constraints."""
 
-    Attributes
-    ----------
-    B : (dual, interface)
-        Constraint matrix on interface unknowns.
-    kinds : (dual,)
-        `RowKind` of each row.
-    wide : (dual,)
-        Contact, tangential and tied rows over several nodes, which overlap others.
-    coarse
-        The coarse problem of rigid motions; None where no subdomain floats.
-    held_without_contact
-        Whether the rows that always hold with equality stop every rigid motion.
-    held_unknowns : (dual,)
-        Unknown that a held row holds, node · dimension + component; -1 on other rows.
-    """
-
-    B: ConstraintMatrix
-    kinds: NDArray[np.int8]
-    wide: Mask
+    B: ConstraintMatrix  # (dual, interface)
+    """Constraint matrix on interface unknowns."""
+    kinds: NDArray[np.int8]  # (dual,)
+    """`RowKind` of each row."""
+    wide: Mask  # (dual,)
+    """Contact, tangential and tied rows over several nodes, which overlap others."""
     coarse: CoarseProblem | None
+    """The coarse problem of rigid motions; None where no subdomain floats."""
     held_without_contact: bool
-    held_unknowns: Ints
+    """Whether the rows that always hold with equality stop every rigid motion."""
+    held_unknowns: Ints  # (dual,)
+    """Unknown that a held row holds, node · dimension + component; -1 on other rows."""
 
 
 @dataclass(frozen=True, eq=False)
 class NodePlaces:
-    """Nodes of the subdomains of one class.
+    """Nodes of the subdomains of one class."""
 
-    Attributes
-    ----------
-    numbers : (members, nodes)
-        Global number of each node.
-    translations : (members, 3)
-        Translation of each member from the points of the class.
-    points : (nodes, 3)
-        Coordinates of the class.
-    vertex_weights : (nodes, nodes) or None
-        Degree 2: the functions of degree 1 of the vertices at each node; None for degree 1.
-    """
-
-    numbers: Ints
-    translations: Array
-    points: Array
-    vertex_weights: sparse.csr_matrix | None = None
+    numbers: Ints  # (members, nodes)
+    """Global number of each node."""
+    translations: Array  # (members, 3)
+    """Translation of each member from the points of the class."""
+    points: Array  # (nodes, 3)
+    """Coordinates of the class."""
+    vertex_weights: sparse.csr_matrix | None = None  # (nodes, nodes) or None
+    """Degree 2: the functions of degree 1 of the vertices at each node; None for degree 1."""
 
 
 @dataclass(frozen=True, eq=False)
 class Loads:
-    """A load case.
+    """A load case."""
 
-    Attributes
-    ----------
-    forces : one (n, members) array per class
-        Loads f, forces.
-    lifting : one (n, members) array per class
-        Displacements of eliminated held unknowns, zero elsewhere.
-    c : (dual,)
-        Right-hand side of the constraints: displacements of held rows, gaps of contact rows.
-    e : (kernels,)
-        Work of the forces on the kernels, Rᵀ f.
-    thermal : one (n, members) array per class, or None for a class without heat
-        The part of the forces that comes from heat, or that acts on strains alone as heat does, so
-        that it balances itself; empty without heat.
-    lengths_before : (bodies,) or None
-        Largest displacements of each body at the end of the last increment; None in the first one.
-    displacements_before : one (n, members) array per class
-        Displacements from which undetermined motions are least; empty for those of zero.
-    """
-
-    forces: tuple[Array, ...]
-    lifting: tuple[Array, ...]
-    c: Array
-    e: Array
+    forces: tuple[Array, ...]  # one (n, members) array per class
+    """Loads f, forces."""
+    lifting: tuple[Array, ...]  # one (n, members) array per class
+    """Displacements of eliminated held unknowns, zero elsewhere."""
+    c: Array  # (dual,)
+    """Right-hand side of the constraints: displacements of held rows, gaps of contact rows."""
+    e: Array  # (kernels,)
+    """Work of the forces on the kernels, Rᵀ f."""
     thermal: tuple[Array | None, ...] = ()
-    lengths_before: Array | None = None
-    displacements_before: tuple[Array, ...] = ()
+    """The part of the forces that comes from heat, or that acts on strains alone as heat does, so
+    that it balances itself; empty without heat. Shape one (n, members) array per class, or None for
+    a class without heat."""
+    lengths_before: Array | None = None  # (bodies,) or None
+    """Largest displacements of each body at the end of the last increment; None in the first
+    one."""
+    displacements_before: tuple[Array, ...] = ()  # one (n, members) array per class
+    """Displacements from which undetermined motions are least; empty for those of zero."""
 
 
 @dataclass(frozen=True, eq=False)
 class ContactSystem:
-    """The discrete contact problem; local parts throughout.
-
-    Attributes
-    ----------
-    dimension
-        Components of a node.
-    classes
-        Congruence classes of subdomains on this rank, with the factors of their stiffness.
-    shared
-        Geometry of the contact, tangential, tied and mean rows, each in row order.
-    bodies
-        The body of each subdomain and row.
-    places
-        Nodes of each class if the subdomains are not factored; otherwise empty.
-    nodes
-        Number of nodes on all ranks.
-    free_motions
-        Rigid motions that nothing resists; None without such motions.
-    """
+    """The discrete contact problem; local parts throughout."""
 
     comm: MPI.Intracomm
     dimension: int
+    """Components of a node."""
     classes: tuple[SubdomainClass, ...]
+    """Congruence classes of subdomains on this rank, with the factors of their stiffness."""
     constraints: Constraints
     shared: SharedRows
+    """Geometry of the contact, tangential, tied and mean rows, each in row order."""
     loads: Loads
     bodies: Bodies
+    """The body of each subdomain and row."""
     places: tuple[NodePlaces, ...] = ()
+    """Nodes of each class if the subdomains are not factored; otherwise empty."""
     nodes: int = 0
+    """Number of nodes on all ranks."""
     free_motions: FreeMotions | None = None
+    """Rigid motions that nothing resists; None without such motions."""
 
     def with_loads(
         self,

@@ -30,28 +30,19 @@ from solver.vectors import Array, Mask
 
 @dataclass(frozen=True)
 class WinklerOptions:
-    """The tuned numbers of the foundation and of Newton's method.
-
-    Attributes
-    ----------
-    softness
-        Stiffness of a contact spring over that of its node in K: under a pressure its neighbours
-        move, too.
-    steps
-        Largest number of Newton steps, each with a coarse factor.
-    balanced
-        Relative residual of equilibrium at which the steps end: the model is not more accurate.
-    faint
-        Weight of open contact rows, without which the coarse factor could be singular.
-    shortest
-        Step length below which a step is taken without testing whether φ falls.
-    """
+    """The tuned numbers of the foundation and of Newton's method."""
 
     softness: float = 0.1
+    """Stiffness of a contact spring over that of its node in K: under a pressure its neighbours
+    move, too."""
     steps: int = 40
+    """Largest number of Newton steps, each with a coarse factor."""
     balanced: float = 1e-2
+    """Relative residual of equilibrium at which the steps end: the model is not more accurate."""
     faint: float = 1e-3
+    """Weight of open contact rows, without which the coarse factor could be singular."""
     shortest: float = 1e-4
+    """Step length below which a step is taken without testing whether φ falls."""
 
 
 def contact_stiffness(problem: DualProblem) -> tuple[Array, float]:

@@ -53,18 +53,13 @@ MISFIT = 0.5
 
 @dataclass(frozen=True, eq=False)
 class _Recovered:
-    """An answer, its elastic displacements, the changes that meet its tractions, and σ*.
-
-    Attributes
-    ----------
-    sides
-        σ* at the nodes of each class, by material.
-    """
+    """An answer, its elastic displacements, the changes that meet its tractions, and σ*."""
 
     solution: Solution
     elastic: Sequence[Array]
     changes: Array
     sides: list[list[Array]]
+    """σ* at the nodes of each class, by material."""
 
     @property
     def by_class(self) -> list[list[Array]]:

@@ -88,24 +88,16 @@ def stress_operator(gradients: Array, DV: Array) -> Array:
 
 @dataclass(frozen=True, eq=False)
 class Patches:
-    """The part of a recovery that depends on the meshes of a model, not on its loads.
-
-    Attributes
-    ----------
-    cells
-        Of each class.
-    copies
-        Where the vertices of subdomains meet.
-    surface
-        Nodes on the surface of the bodies.
-    fits
-        Polynomial fits to the samples around each vertex.
-    """
+    """The part of a recovery that depends on the meshes of a model, not on its loads."""
 
     cells: list[Cells]
+    """Cells of each class."""
     copies: Copies
+    """Meeting places of the vertices of subdomains."""
     surface: Surface
+    """Nodes on the surface of the bodies."""
     fits: LinearFits | QuadraticFits
+    """Polynomial fits to the samples around each vertex."""
 
     @classmethod
     def of(

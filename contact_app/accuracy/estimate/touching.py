@@ -20,37 +20,24 @@ from solver.tfeti.dual_operator import interface_slices
 
 @dataclass(frozen=True, eq=False)
 class FrictionAtNodes:
-    """Friction of one contact at the nodes of each class, on both sides of a pair.
-
-    Attributes
-    ----------
-    contact
-        Number among those of `Scene.touching`.
-    sticks : one (nodes, members) array per class
-        Nodes with a point that sticks.
-    forces : one (nodes, members, dimension) array per class
-        Friction forces of points that slide, on the body of the node.
-    """
+    """Friction of one contact at the nodes of each class, on both sides of a pair."""
 
     contact: int
-    sticks: list[Mask]
-    forces: list[Array]
+    """Number among those of `Scene.touching`."""
+    sticks: list[Mask]  # one (nodes, members) array per class
+    """Nodes with a point that sticks."""
+    forces: list[Array]  # one (nodes, members, dimension) array per class
+    """Friction forces of points that slide, on the body of the node."""
 
 
 @dataclass(frozen=True, eq=False)
 class Touching:
-    """Contact at the nodes of each class.
+    """Contact at the nodes of each class."""
 
-    Attributes
-    ----------
-    pushed : one (nodes, members) array per class
-        Nodes that an obstacle or another body pushes.
-    friction
-        Of each contact that has friction.
-    """
-
-    pushed: list[Mask]
+    pushed: list[Mask]  # one (nodes, members) array per class
+    """Nodes that an obstacle or another body pushes."""
     friction: tuple[FrictionAtNodes, ...] = ()
+    """Friction of each contact that has friction."""
 
 
 def touching_nodes(model: Model, solution: Solution) -> Touching:

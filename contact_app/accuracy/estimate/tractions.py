@@ -122,17 +122,11 @@ class Surface:
 
 @dataclass(frozen=True, eq=False)
 class OnSubdomain:
-    """Contact at the nodes of one subdomain.
+    """Contact at the nodes of one subdomain."""
 
-    Attributes
-    ----------
-    pushed : (nodes,)
-    friction
-        Number, sticking nodes (nodes,) and forces (nodes, dimension) of contacts with friction.
-    """
-
-    pushed: Mask
+    pushed: Mask  # (nodes,)
     friction: tuple[tuple[int, Mask, Array], ...]
+    """Number, sticking nodes (nodes,) and forces (nodes, dimension) of contacts with friction."""
 
     @classmethod
     def of(cls, touching: Touching, number: int, column: int) -> OnSubdomain:

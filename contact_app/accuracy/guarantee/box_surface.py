@@ -46,24 +46,16 @@ PARALLEL = 1e-14
 
 @dataclass(frozen=True, eq=False)
 class FacetsOnFace:
-    """Facets of a subdomain's mesh on one face of a box.
-
-    Attributes
-    ----------
-    face
-        Number of the face: x-, x+, y-, …
-    rows : (facets,)
-        Rows of the reference's facets.
-    place : one (facets,) array an axis across
-        Positions of the facets on the grid of the face.
-    share
-        Area of each facet relative to its facet of the grid.
-    """
+    """Facets of a subdomain's mesh on one face of a box."""
 
     face: int
-    rows: NDArray[np.int32]
-    place: Place
+    """Number of the face: x-, x+, y-, …"""
+    rows: NDArray[np.int32]  # (facets,)
+    """Rows of the reference's facets."""
+    place: Place  # one (facets,) array an axis across
+    """Positions of the facets on the grid of the face."""
     share: float
+    """Area of each facet relative to its facet of the grid."""
 
 
 class BoxSurface:

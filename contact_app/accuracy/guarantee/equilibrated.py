@@ -38,47 +38,33 @@ AGREE = 1e-12
 
 @dataclass(frozen=True)
 class SearchOptions:
-    """The tuned numbers of the search for an admissible stress.
-
-    Attributes
-    ----------
-    solved, most_iterations
-        Residual of a projection relative to the projected vector, and its most iterations.
-    balancings
-        Number of projections after which only rounding errors are left of a residual.
-    unbalanced
-        Residual of equilibrium after two projections above which equilibrium is impossible.
-    most_steps
-        Largest number of conjugate gradient steps on one set of pressed facets.
-    look_back, worth
-        The search continues while this number of last steps gains this share of J(û) + J*(σ).
-    worth_pressing
-        Share of J(û) + J*(σ) that pressures on further facets have to gain by a first estimate.
-    most_sets, growing_sets
-        Number of sets of pressed facets that are tried, and number of sets that may be enlarged.
-    direct
-        Largest number of equations that are factored, in the plane and in space: factors of more
-        fill up.
-    shift
-        Shift of a factored matrix relative to its diagonal: it is singular where a body is not
-        held.
-    rounded
-        Square of the gradient, relative to the first one, that counts as rounding error.
-    """
+    """The tuned numbers of the search for an admissible stress."""
 
     solved: float = 1e-4
     most_iterations: int = 1000
+    """Residual of a projection relative to the projected vector, and its most iterations."""
     balancings: int = 8
+    """Number of projections after which only rounding errors are left of a residual."""
     unbalanced: float = 0.01
+    """Residual of equilibrium after two projections above which equilibrium is impossible."""
     most_steps: int = 300
+    """Largest number of conjugate gradient steps on one set of pressed facets."""
     look_back: int = 3
     worth: float = 0.02
+    """The search continues while this number of last steps gains this share of J(û) + J*(σ)."""
     worth_pressing: float = 1e-3
+    """Share of J(û) + J*(σ) that pressures on further facets have to gain by a first estimate."""
     most_sets: int = 40
     growing_sets: int = 15
+    """Number of sets of pressed facets that are tried, and number of sets that may be enlarged."""
     direct: tuple[int, int] = (200_000, 12_000)
+    """Largest number of equations that are factored, in the plane and in space: factors of more
+    fill up."""
     shift: float = 1e-10
+    """Shift of a factored matrix relative to its diagonal: it is singular where a body is not
+    held."""
     rounded: float = 1e-24
+    """Square of the gradient, relative to the first one, that counts as rounding error."""
 
 
 class NoAdmissibleStressError(ContactError):
@@ -87,27 +73,18 @@ class NoAdmissibleStressError(ContactError):
 
 @dataclass(frozen=True, eq=False)
 class FaceData:
-    """The known data of one face of a box; facets are those of the grid.
+    """The known data of one face of a box; facets are those of the grid."""
 
-    Attributes
-    ----------
-    held : (facets…, d)
-        Components whose displacement is known and whose traction is therefore unknown.
-    displacement : (facets…, d)
-        Of the held components.
-    traction : (facets…, d)
-        Load, force per area.
-    contact : (facets…)
-        Facets that an obstacle may push.
-    gap : (facets…)
-        Distance along the outward normal to that obstacle.
-    """
-
-    held: Mask
-    displacement: Array
-    traction: Array
-    contact: Mask
-    gap: Array
+    held: Mask  # (facets…, d)
+    """Components whose displacement is known and whose traction is therefore unknown."""
+    displacement: Array  # (facets…, d)
+    """Displacement of the held components."""
+    traction: Array  # (facets…, d)
+    """Load, force per area."""
+    contact: Mask  # (facets…)
+    """Facets that an obstacle may push."""
+    gap: Array  # (facets…)
+    """Distance along the outward normal to that obstacle."""
 
     @classmethod
     def free(cls, shape: tuple[int, ...], dimension: int) -> FaceData:
@@ -121,29 +98,20 @@ class FaceData:
 
 @dataclass(frozen=True, eq=False)
 class AdmissibleStress:
-    """An admissible stress.
-
-    Attributes
-    ----------
-    stress
-    energy
-        J*(σ).
-    pressures
-        p on the facets of each face (x-, x+, y-, …), zero off the contact.
-    residual
-        Largest component of div σ + f, relative to the largest sum of the magnitudes of its terms.
-    slip
-        Energy norm of the correction that would remove the residual.
-    steps
-        Conjugate gradient steps.
-    """
+    """An admissible stress."""
 
     stress: GridStress
     energy: float
+    """J*(σ)."""
     pressures: list[Array]
+    """p on the facets of each face (x-, x+, y-, …), zero off the contact."""
     residual: float
+    """Largest component of div σ + f, relative to the largest sum of the magnitudes of its
+    terms."""
     slip: float
+    """Energy norm of the correction that would remove the residual."""
     steps: int
+    """Conjugate gradient steps."""
 
 
 class AdmissibleStresses:

@@ -32,21 +32,14 @@ Pair = tuple[int, int]
 
 @dataclass(frozen=True, eq=False)
 class GridStress:
-    """A stress.
-
-    Attributes
-    ----------
-    faces : d arrays
-        σ_ii: along x_i on the grid planes, across by cell.
-    bubbles : d arrays (cells…)
-        Coefficients of 1 - ξ².
-    edges : one array for each pair of axes
-        σ_ij: along x_i and x_j on the grid lines, else by cell.
-    """
+    """A stress."""
 
     faces: list[Array]
-    bubbles: list[Array]
+    """σ_ii: along x_i on the grid planes, across by cell."""
+    bubbles: list[Array]  # d arrays (cells…)
+    """Coefficients of 1 - ξ²."""
     edges: dict[Pair, Array]
+    """σ_ij: along x_i and x_j on the grid lines, else by cell."""
 
     def at(self, cells: Ints, local: Array, pairs: Sequence[Pair]) -> Array:
         """Values at points.

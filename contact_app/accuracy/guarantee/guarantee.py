@@ -66,27 +66,19 @@ errors."""
 
 @dataclass(frozen=True)
 class Guarantee:
-    """The guaranteed bound of an answer.
-
-    Attributes
-    ----------
-    bound
-        Bound of ‖û - u‖ relative to ‖û‖ (energy norms); None if there is no bound.
-    missing
-        The reason why there is no bound.
-    norm
-        ‖û‖ itself.
-    residual
-        Largest unbalanced force of a cell, relative to the largest sum of magnitudes of its terms.
-    steps
-        Conjugate gradient steps spent on the stresses.
-    """
+    """The guaranteed bound of an answer."""
 
     bound: float | None
+    """Bound of ‖û - u‖ relative to ‖û‖ (energy norms); None if there is no bound."""
     missing: str = ""
+    """The reason why there is no bound."""
     norm: float = 0.0
+    """‖û‖ itself."""
     residual: float = 0.0
+    """Largest unbalanced force of a cell, relative to the largest sum of magnitudes of its
+    terms."""
     steps: int = 0
+    """Conjugate gradient steps spent on the stresses."""
 
     def __str__(self) -> str:
         if self.bound is None:

@@ -13,35 +13,25 @@ from contact_app.results.percent import percent
 
 @dataclass(frozen=True)
 class Level:
-    """Result and cost of one mesh.
-
-    Attributes
-    ----------
-    cells, dofs
-        Size of the undecomposed mesh.
-    discretisation, algebraic, total
-        Relative errors in energy norm.
-    hessian_multiplications, seconds
-        The cost: operator applications, and wall-clock time from the scene to its summary.
-    calibration
-        `discretisation` relative to the uncorrected estimate: below 1 if the energies of the levels
-        lowered it, above 1 if they raised it.
-    warm
-        Whether the solve began with the solution of the last level.
-    guaranteed
-        Bound of the error, if the scene requests one and it was found.
-    """
+    """Result and cost of one mesh."""
 
     cells: int
     dofs: int
+    """Size of the undecomposed mesh."""
     discretisation: float
     algebraic: float
     total: float
+    """Relative errors in energy norm."""
     hessian_multiplications: int
     seconds: float
+    """The cost: operator applications, and wall-clock time from the scene to its summary."""
     calibration: float
+    """`discretisation` relative to the uncorrected estimate: below 1 if the energies of the levels
+    lowered it, above 1 if they raised it."""
     warm: bool = False
+    """Whether the solve began with the solution of the last level."""
     guaranteed: float | None = None
+    """Bound of the error, if the scene requests one and it was found."""
 
     @property
     def error(self) -> float:

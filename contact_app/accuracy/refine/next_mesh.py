@@ -22,40 +22,28 @@ from meshes.graded import graded_box
 
 @dataclass(frozen=True)
 class MeshSteps:
-    """Limits of the steps from one mesh to the next.
-
-    Attributes
-    ----------
-    farthest
-        Largest refinement factor from one mesh to the next, along an edge.
-    slowest, fastest
-        Smallest rate, and largest rate by degree, that are accepted.
-    graded
-        Largest accepted rate on graded cells.
-    patient
-        Largest refinement factor between graded meshes of degree 2, whose grid lines follow the
-        error.
-    undecomposed_nodes
-        Nodes by dimension up to which graded bodies are not cut into subdomains.
-    least
-        Smallest refinement factor between graded meshes whose grid lines hardly move any more.
-    settled
-        Predicted relative error after new grid lines from which on grid lines hardly move.
-    first_exponent, smallest_exponent
-        Exponent of the evenness in the predicted relative error after new grid lines: at first, and
-        the smallest later, when the exponent observed with the last grid lines is used.
-    """
+    """Limits of the steps from one mesh to the next."""
 
     farthest: float = 2.0
+    """Largest refinement factor from one mesh to the next, along an edge."""
     slowest: float = 0.4
     fastest: Mapping[int, float] = field(default_factory=lambda: {1: 1.0, 2: 1.5})
+    """Smallest rate, and largest rate by degree, that are accepted."""
     graded: Mapping[int, float] = field(default_factory=lambda: {1: 1.0, 2: 2.0})
+    """Largest accepted rate on graded cells."""
     patient: float = 1.5
+    """Largest refinement factor between graded meshes of degree 2, whose grid lines follow the
+    error."""
     undecomposed_nodes: Mapping[int, float] = field(default_factory=lambda: {2: 500_000, 3: 80_000})
+    """Nodes by dimension up to which graded bodies are not cut into subdomains."""
     least: float = 1.04
+    """Smallest refinement factor between graded meshes whose grid lines hardly move any more."""
     settled: float = 0.85
+    """Predicted relative error after new grid lines from which on grid lines hardly move."""
     first_exponent: float = 0.75
     smallest_exponent: float = 0.3
+    """Exponent of the evenness in the predicted relative error after new grid lines: at first, and
+    the smallest later, when the exponent observed with the last grid lines is used."""
 
 
 STEPS = MeshSteps()

@@ -95,18 +95,12 @@ LARGE = 10_000
 
 @dataclass(frozen=True)
 class Limits:
-    """Limits at which a refinement ends although its target is not met.
-
-    Attributes
-    ----------
-    levels
-        Largest number of meshes.
-    memory
-        Bytes that a rank may use; the available memory of the machine unless given.
-    """
+    """Limits at which a refinement ends although its target is not met."""
 
     levels: int = 12
+    """Largest number of meshes."""
     memory: float | None = None
+    """Bytes that a rank may use; the available memory of the machine unless given."""
 
 
 NO_STRAINS = "the bodies are not strained beyond rounding errors: a relative error does not exist"
@@ -166,22 +160,15 @@ def solve_to_accuracy(
 
 @dataclass(frozen=True, eq=False)
 class _AssessedLevel:
-    """A level with its verdict.
-
-    Attributes
-    ----------
-    solved
-        Its solution with the corrected estimate.
-    confirmed
-        Whether its error is below the target and another mesh confirms this.
-    doubt, why
-        The reason why an error below the target is not confirmed, as a sentence and as a clause.
-    """
+    """A level with its verdict."""
 
     solved: SolvedScene
+    """Its solution with the corrected estimate."""
     confirmed: bool
+    """Whether its error is below the target and another mesh confirms this."""
     doubt: str
     why: str
+    """The reason why an error below the target is not confirmed, as a sentence and as a clause."""
 
 
 class _Levels:

@@ -35,16 +35,11 @@ SLOPE, ROUNDED = 1e-3, 1e-6
 
 @dataclass(frozen=True, eq=False)
 class LastLevel:
-    """The contacts of a solved mesh, on all ranks; construction and calls are collective.
+    """The contacts of a solved mesh, on all ranks; construction and calls are collective."""
 
-    Attributes
-    ----------
-    contacts : (n, 3) and (n,) each
-        Nodes of each contact with a contact row, in the order of `Scene.touching`, and the
-        pressure there: held nodes have no row, and their pressure is not known to be zero.
-    """
-
-    contacts: list[tuple[Array, Array]]
+    contacts: list[tuple[Array, Array]]  # (n, 3) and (n,) each
+    """Nodes of each contact with a contact row, in the order of `Scene.touching`, and the pressure
+    there: held nodes have no row, and their pressure is not known to be zero."""
 
     @classmethod
     def of(cls, solved: SolvedScene) -> LastLevel:

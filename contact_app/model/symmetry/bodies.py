@@ -27,21 +27,14 @@ ROUNDED = 1e-12
 
 @dataclass(frozen=True, eq=False)
 class Half:
-    """A body of a symmetric scene.
-
-    Attributes
-    ----------
-    body
-        The lower half of the body; None if the body is the mirror image of another one.
-    surface
-        Surface of the half and its mirror image.
-    number
-        Number of the body that is solved: the body itself, or the one whose mirror image it is.
-    """
+    """A body of a symmetric scene."""
 
     body: Body | None
+    """The lower half of the body; None if the body is the mirror image of another one."""
     surface: HalfSurface
+    """Surface of the half and its mirror image."""
     number: int
+    """Number of the body that is solved: the body itself, or the one whose mirror image it is."""
 
 
 def middle_plane(bodies: Sequence[Body], axis: int) -> Mirror:

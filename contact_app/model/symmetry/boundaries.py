@@ -17,22 +17,16 @@ Key = tuple[Any, ...]
 
 @dataclass(frozen=True, eq=False)
 class BoundaryPart:
-    """A boundary of a symmetric body, on the surface of its lower half and of the image of it.
-
-    Attributes
-    ----------
-    nodes, facets : (2, nodes), (2, facets)
-        Masks of nodes and facets of the half on the boundary, and of those whose images are on it.
-    off_plane : (nodes,)
-        Mask of the nodes that do not lie on the plane.
-    samples : (2, points)
-        Values of an expression at further points.
-    """
+    """A boundary of a symmetric body, on the surface of its lower half and of the image of it."""
 
     nodes: Mask
     facets: Mask
-    off_plane: Mask
-    samples: Mask
+    """Masks of nodes and facets of the half on the boundary, and of those whose images are on it.
+    Shapes (2, nodes), (2, facets)."""
+    off_plane: Mask  # (nodes,)
+    """Mask of the nodes that do not lie on the plane."""
+    samples: Mask  # (2, points)
+    """Values of an expression at further points."""
 
     def key(self, image: bool = False) -> Key:
         """A key that is equal for equal boundaries; with `image`, the key of the mirror image."""

@@ -50,18 +50,12 @@ AT_CUT = "symmetry across"
 
 @dataclass(frozen=True)
 class Halving:
-    """A scene cut at its planes of symmetry.
-
-    Attributes
-    ----------
-    scene
-        The scene to model; its `mirrors` are the planes.
-    notes
-        One sentence per axis: the cut, or the reason why there is none.
-    """
+    """A scene cut at its planes of symmetry."""
 
     scene: Scene
+    """The scene to model; its `mirrors` are the planes."""
     notes: tuple[str, ...]
+    """One sentence per axis: the cut, or the reason why there is none."""
 
 
 def halved(scene: Scene) -> Halving:

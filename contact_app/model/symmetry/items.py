@@ -28,24 +28,16 @@ Description = tuple[Key, Array]
 
 @dataclass(frozen=True, eq=False)
 class Descriptions:
-    """Describe items so that equal items have equal descriptions.
-
-    Attributes
-    ----------
-    size
-        A length of the scene.
-    number
-        Number of the solved body for each body, as in `Half`.
-    part
-        Function that returns the parts of a boundary of a body.
-    factors
-        Function that returns the factors of an item in each load case; none for contacts.
-    """
+    """Describe items so that equal items have equal descriptions."""
 
     size: float
+    """A length of the scene."""
     number: list[int]
+    """Number of the solved body for each body, as in `Half`."""
     part: Callable[[int, str], BoundaryPart]
+    """Function that returns the parts of a boundary of a body."""
     factors: Callable[[Item], tuple[float, ...]]
+    """Function that returns the factors of an item in each load case; none for contacts."""
 
     def __call__(self, item: Item, mirror: Mirror | None = None) -> Description:
         """Description of an item or its mirror image: words, and numbers of order one.

@@ -164,25 +164,17 @@ def _patches(stored: Stored, pressure: Array, label: str) -> Any:
 
 @dataclass(frozen=True, eq=False)
 class Patch:
-    """A connected piece of surface, laid flat.
+    """A connected piece of surface, laid flat."""
 
-    Attributes
-    ----------
-    across : (n, 2)
-        Coordinates of all points of the result.
-    seen, pressed : (m, 3), (k, 3)
-        Triangles that are shown, and those in contact among them.
-    names
-        Names of the coordinates.
-    middle : (3,)
-        Middle of the triangles in contact.
-    """
-
-    across: Array
+    across: Array  # (n, 2)
+    """Coordinates of all points of the result."""
     seen: Ints
     pressed: Ints
+    """Triangles that are shown, and those in contact among them. Shapes (m, 3), (k, 3)."""
     names: tuple[str, str]
-    middle: Array
+    """Names of the coordinates."""
+    middle: Array  # (3,)
+    """Middle of the triangles in contact."""
 
     @classmethod
     def of(cls, stored: Stored, piece: Ints, acting: Array) -> Patch:

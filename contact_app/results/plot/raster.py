@@ -34,25 +34,17 @@ those of half this height none."""
 
 @dataclass(frozen=True, eq=False)
 class Triangles:
-    """Triangles in pixel coordinates.
+    """Triangles in pixel coordinates."""
 
-    Attributes
-    ----------
-    corners : (n, 3, 3)
-        Pixels to the right, pixels downwards, and depth towards the eye in pixels.
-    values : (n, 3)
-        At the corners; NaN where the body is bare.
-    bright : (n, 3)
-        Brightness at the corners.
-    wired : (n, 3)
-        0 where the edge opposite each corner is not drawn, else the number of parts in which the
-        edges of the face are cut.
-    """
-
-    corners: Array
-    values: Array
-    bright: Array
-    wired: Ints
+    corners: Array  # (n, 3, 3)
+    """Pixels to the right, pixels downwards, and depth towards the eye in pixels."""
+    values: Array  # (n, 3)
+    """At the corners; NaN where the body is bare."""
+    bright: Array  # (n, 3)
+    """Brightness at the corners."""
+    wired: Ints  # (n, 3)
+    """0 where the edge opposite each corner is not drawn, else the number of parts in which the
+    edges of the face are cut."""
 
     def some(self, chosen: Mask) -> Triangles:
         """Some of the triangles."""

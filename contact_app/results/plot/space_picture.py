@@ -57,49 +57,32 @@ VEIL = 0.12
 
 @dataclass(frozen=True, eq=False)
 class Panel:
-    """The field that colours one picture of the skin.
+    """The field that colours one picture of the skin."""
 
-    Attributes
-    ----------
-    values : (nodes,) or (faces,)
-        NaN where the body is left bare.
-    limits
-        Ends of the scale.
-    exceeds
-        Whether values leave the scale at its upper end.
-    colours
-        Name of matplotlib's colour map.
-    label
-    through
-        Whether bare faces are translucent, because coloured ones lie behind them.
-    """
-
-    values: Array
+    values: Array  # (nodes,) or (faces,)
+    """NaN where the body is left bare."""
     limits: tuple[float, float]
+    """Ends of the scale."""
     exceeds: bool
+    """Whether values leave the scale at its upper end."""
     colours: str
+    """Name of matplotlib's colour map."""
     label: str
     through: bool
+    """Whether bare faces are translucent, because coloured ones lie behind them."""
 
 
 @dataclass(frozen=True, eq=False)
 class View:
-    """A look along -`direction` without perspective.
-
-    Attributes
-    ----------
-    direction, up, right : (3,)
-        Unit vectors; `direction` points to the camera.
-    centre : (3,)
-    half : (2,)
-        Half the width and height of the view, in lengths of the bodies.
-    """
+    """A look along -`direction` without perspective."""
 
     direction: Array
     up: Array
     right: Array
-    centre: Array
-    half: Array
+    """Unit vectors; `direction` points to the camera. Shape (3,)."""
+    centre: Array  # (3,)
+    half: Array  # (2,)
+    """Half the width and height of the view, in lengths of the bodies."""
 
     @property
     def light(self) -> Array:
@@ -111,19 +94,13 @@ class View:
 
 @dataclass(frozen=True, eq=False)
 class Frame:
-    """The pixels of a view.
-
-    Attributes
-    ----------
-    scale
-        Pixels per unit of length.
-    size
-        Width and height in pixels.
-    """
+    """The pixels of a view."""
 
     view: View
     scale: float
+    """Pixels per unit of length."""
     size: tuple[int, int]
+    """Width and height in pixels."""
 
     @classmethod
     def of(cls, view: View, inches: tuple[float, float], dots: int) -> Frame:

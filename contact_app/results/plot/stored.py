@@ -60,23 +60,16 @@ class StoredError(ContactError):
 
 @dataclass(frozen=True, eq=False)
 class Stored:
-    """The grid of a result.
+    """The grid of a result."""
 
-    Attributes
-    ----------
-    points : (nodes, 3)
-    cells : {name: (cells, nodes of a cell)}
-        By the names of `contact_app.results.xdmf.CELL_TYPES`; numbers in VTK's order.
-    numbers : {name: (cells,)}
-        Rows of the cells in `cell_data`.
-    point_data, cell_data : {name: (n,) or (n, 3) or (n, 9)}
-    """
-
-    points: Array
-    cells: dict[str, Ints]
-    numbers: dict[str, Ints]
+    points: Array  # (nodes, 3)
+    cells: dict[str, Ints]  # {name: (cells, nodes of a cell)}
+    """By the names of `contact_app.results.xdmf.CELL_TYPES`; numbers in VTK's order."""
+    numbers: dict[str, Ints]  # {name: (cells,)}
+    """Rows of the cells in `cell_data`."""
     point_data: dict[str, Array]
     cell_data: dict[str, Array]
+    """By name, (n,), (n, 3) or (n, 9)."""
 
     @property
     def plane(self) -> bool:

@@ -36,28 +36,22 @@ class ContradictionError(ValueError):
 
 @dataclass(frozen=True, eq=False)
 class NodeConditions:
-    """Conditions at nodes of this rank's subdomains; repeated conditions are allowed.
-
-    Attributes
-    ----------
-    held_nodes, held_points, held, values, held_source
-        Global node (k,), coordinates (k, 3), mask of held components (k, dimension), their
-        displacements (k, dimension), and index of the condition (k,).
-    contact_nodes, contact_points, directions, gaps, contact_source
-        Global node (k,), coordinates (k, 3), unit direction into the obstacle (k, dimension), gap
-        along it (k,), and index of the contact (k,).
-    """
+    """Conditions at nodes of this rank's subdomains; repeated conditions are allowed."""
 
     held_nodes: Ints
     held_points: Array
     held: Mask
     values: Array
     held_source: Ints
+    """Global node (k,), coordinates (k, 3), mask of held components (k, dimension), their
+    displacements (k, dimension), and index of the condition (k,)."""
     contact_nodes: Ints
     contact_points: Array
     directions: Array
     gaps: Array
     contact_source: Ints
+    """Global node (k,), coordinates (k, 3), unit direction into the obstacle (k, dimension), gap
+    along it (k,), and index of the contact (k,)."""
 
     def of_contacts(self, some: Mask) -> NodeConditions:
         """The conditions with some of the contact rows (k,) only."""
@@ -67,39 +61,29 @@ class NodeConditions:
 
 @dataclass(frozen=True, eq=False)
 class HeldRows:
-    """Held nodes that this rank owns.
-
-    Attributes
-    ----------
-    nodes, points : (k,), (k, 3)
-        Global number and coordinates.
-    held, values : (k, dimension), (k, dimension)
-        Mask of held components, and their displacements; 0 for other components.
-    """
+    """Held nodes that this rank owns."""
 
     nodes: Ints
     points: Array
+    """Global number and coordinates. Shapes (k,), (k, 3)."""
     held: Mask
     values: Array
+    """Mask of held components, and their displacements; 0 for other components. Shapes (k,
+    dimension), (k, dimension)."""
 
 
 @dataclass(frozen=True, eq=False)
 class ContactEntries:
-    """Entries of contact rows, over nodes that any rank may own.
+    """Entries of contact rows, over nodes that any rank may own."""
 
-    Attributes
-    ----------
-    row : (entries,)
-        Row among those of this rank.
-    node, points, component, value : (entries,), (entries, 3), (entries,), (entries,)
-        Node, its coordinates, component of the displacement and coefficient.
-    """
-
-    row: Ints
+    row: Ints  # (entries,)
+    """Row among those of this rank."""
     node: Ints
     points: Array
     component: Ints
     value: Array
+    """Node, its coordinates, component of the displacement and coefficient. Shapes (entries,),
+    (entries, 3), (entries,), (entries,)."""
 
     @classmethod
     def none(cls) -> ContactEntries:
@@ -133,46 +117,32 @@ ENTRIES = ("entries", "held", "rigid", "replaced")
 
 @dataclass(frozen=True, eq=False)
 class ContactRows:
-    """This rank's contact rows, Σ value · ū ≤ gap, sorted by node and then by contact.
-
-    Attributes
-    ----------
-    nodes, points, sources
-        Node of each row (k,), its coordinates (k, 3) and the index of the contact (k,).
-    gaps : (k,)
-        Gap of each row, reduced by the displacement of held components.
-    normals : (k, dimension)
-        Force on the body for a multiplier of one: the normal out of the obstacle or other body.
-    moments : (k, 3)
-        Moment of that force about the node: zero unless the row has several nodes of the body.
-    areas : (k,)
-        Area on which the multiplier acts; NaN where this is the node's share of the boundary.
-    spread : (k,)
-        One over the length of the row on the copies. The force is the multiplier of the scaled row
-        times `spread`, and the distance is the residual over `spread`.
-    entries
-        The coefficients, without held components.
-    held
-        The coefficients of held components, after `cut_held` removed them from `entries`.
-    rigid
-        The coefficients of the motions of rigid bodies, at the nodes of rigid bodies. They count
-        neither for the length of a row nor for `wide`, because no stiffness resists them.
-    replaced
-        The coefficients of nodes that are tied to rigid bodies, which those in `rigid` replace.
-    """
+    """This rank's contact rows, Σ value · ū ≤ gap, sorted by node and then by contact."""
 
     nodes: Ints
     points: Array
     sources: Ints
-    gaps: Array
-    normals: Array
-    moments: Array
-    areas: Array
-    spread: Array
+    """Node of each row (k,), its coordinates (k, 3) and the index of the contact (k,)."""
+    gaps: Array  # (k,)
+    """Gap of each row, reduced by the displacement of held components."""
+    normals: Array  # (k, dimension)
+    """Force on the body for a multiplier of one: the normal out of the obstacle or other body."""
+    moments: Array  # (k, 3)
+    """Moment of that force about the node: zero unless the row has several nodes of the body."""
+    areas: Array  # (k,)
+    """Area on which the multiplier acts; NaN where this is the node's share of the boundary."""
+    spread: Array  # (k,)
+    """One over the length of the row on the copies. The force is the multiplier of the scaled row
+    times `spread`, and the distance is the residual over `spread`."""
     entries: ContactEntries
+    """The coefficients, without held components."""
     held: ContactEntries = field(default_factory=ContactEntries.none)
+    """The coefficients of held components, after `cut_held` removed them from `entries`."""
     rigid: ContactEntries = field(default_factory=ContactEntries.none)
+    """The coefficients of the motions of rigid bodies, at the nodes of rigid bodies. They count
+    neither for the length of a row nor for `wide`, because no stiffness resists them."""
     replaced: ContactEntries = field(default_factory=ContactEntries.none)
+    """The coefficients of nodes that are tied to rigid bodies, which those in `rigid` replace."""
 
     @classmethod
     def empty(cls, dimension: int) -> ContactRows:

@@ -23,24 +23,16 @@ from solver.vectors import Array, Ints, Mask, runs
 
 @dataclass(frozen=True, eq=False)
 class FrictionRows:
-    """This rank's tangential rows, sorted by node and then by contact.
-
-    Attributes
-    ----------
-    rows
-        Rows of slips, Σ value · ū; their `normals` are minus the tangents.
-    coefficients : (rows,)
-        μ of Coulomb's law; 0 where the slip limit is given.
-    limits : (rows,)
-        Slip limit of the point, a force; 0 where it is μ λ_n.
-    acts
-        Whether a contact of any rank has friction.
-    """
+    """This rank's tangential rows, sorted by node and then by contact."""
 
     rows: ContactRows
-    coefficients: Array
-    limits: Array
+    """Rows of slips, Σ value · ū; their `normals` are minus the tangents."""
+    coefficients: Array  # (rows,)
+    """μ of Coulomb's law; 0 where the slip limit is given."""
+    limits: Array  # (rows,)
+    """Slip limit of the point, a force; 0 where it is μ λ_n."""
     acts: bool = True
+    """Whether a contact of any rank has friction."""
 
     @classmethod
     def none(cls, contact: ContactRows) -> FrictionRows:

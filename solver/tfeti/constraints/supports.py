@@ -9,18 +9,12 @@ from solver.vectors import Array, Ints
 
 @dataclass(frozen=True, eq=False)
 class SupportRows:
-    """Extra rows of this rank.
+    """Extra rows of this rank."""
 
-    Attributes
-    ----------
-    copies : one (k,) array per row
-        Copies of nodes, by their number on this rank.
-    values : one (k, dimension) array per row
-        Coefficients.
-    """
-
-    copies: list[Ints] = field(default_factory=list)
-    values: list[Array] = field(default_factory=list)
+    copies: list[Ints] = field(default_factory=list)  # one (k,) array per row
+    """Copies of nodes, by their number on this rank."""
+    values: list[Array] = field(default_factory=list)  # one (k, dimension) array per row
+    """Coefficients."""
 
     def add(self, copies: Ints, values: Array) -> None:
         """Add a row with its copies (k,) and coefficients (k, dimension)."""

@@ -19,29 +19,20 @@ from solver.tfeti.dual import DualProblem
 
 @dataclass(frozen=True, eq=False)
 class Task:
-    """A dual problem with the stopping rule, the options and the callbacks of its solve.
-
-    Attributes
-    ----------
-    rule
-        Stopping rule; it may tighten its tolerance during a solve.
-    inner
-        MPRGP with the options of the user; its limit is for the iterations of all algorithms
-        together.
-    monitor
-        Called with each step; may stop the solve.
-    checkpoint
-        Checkpoint to save the state to, and to resume from.
-    active_sets
-        Options of the active-set loop.
-    """
+    """A dual problem with the stopping rule, the options and the callbacks of its solve."""
 
     problem: DualProblem
     rule: StoppingRule
+    """Stopping rule; it may tighten its tolerance during a solve."""
     inner: MPRGP
+    """MPRGP with the options of the user; its limit is for the iterations of all algorithms
+    together."""
     monitor: Monitor | None = None
+    """Called with each step; may stop the solve."""
     checkpoint: Checkpoint | None = None
+    """Checkpoint to save the state to, and to resume from."""
     active_sets: ActiveSetOptions = field(default_factory=ActiveSetOptions)
+    """Options of the active-set loop."""
 
     def active_set_method(
         self, backend: Backend[S], test: CertificateTest[S], save: SaveState[S]

@@ -39,36 +39,24 @@ MEMBERS_AT_ONCE = 128
 
 @dataclass(frozen=True, eq=False)
 class SubdomainClass:
-    """Subdomains of equal stiffness on this rank.
+    """Subdomains of equal stiffness on this rank."""
 
-    Attributes
-    ----------
-    stiffness : (n, n)
-        K, before any condition is imposed.
-    kernel : (n, k)
-        Orthonormal rigid motions R; k = 0 where held unknowns are eliminated instead.
-    motions : (n, r)
-        Orthonormal rigid motions, also where held unknowns are eliminated.
-    free : (m,)
-        Unknowns that are solved for; all unknowns unless held ones are eliminated.
-    interface : (i,)
-        Unknowns with entries in B in some member, in the order of vectors for K⁺.
-    members
-        Number of subdomains in the class.
-    inverse
-        K⁺ on the free unknowns; None where the class is not factored.
-    block : (i, i) or None
-        K⁺ between interface unknowns; None where it does not pay.
-    """
-
-    stiffness: sparse.csr_matrix
-    kernel: Array
-    motions: Array
-    free: Ints
-    interface: Ints
+    stiffness: sparse.csr_matrix  # (n, n)
+    """K, before any condition is imposed."""
+    kernel: Array  # (n, k)
+    """Orthonormal rigid motions R; k = 0 where held unknowns are eliminated instead."""
+    motions: Array  # (n, r)
+    """Orthonormal rigid motions, also where held unknowns are eliminated."""
+    free: Ints  # (m,)
+    """Unknowns that are solved for; all unknowns unless held ones are eliminated."""
+    interface: Ints  # (i,)
+    """Unknowns with entries in B in some member, in the order of vectors for K⁺."""
     members: int
+    """Number of subdomains in the class."""
     inverse: Inverse | None
-    block: Block | None
+    """K⁺ on the free unknowns; None where the class is not factored."""
+    block: Block | None  # (i, i) or None
+    """K⁺ between interface unknowns; None where it does not pay."""
 
     @property
     def unknowns(self) -> int:
@@ -144,31 +132,21 @@ class SubdomainClass:
 
 @dataclass(frozen=True, eq=False)
 class ClassData:
-    """Congruent subdomains, before anything is factored.
+    """Congruent subdomains, before anything is factored."""
 
-    Attributes
-    ----------
-    stiffness : (n, n)
-        K; unknown ``node * dimension + component``. Without entries for a rigid body, whose free
-        unknowns are its kernel.
-    points : (nodes, 3)
-    touched
-        Unknowns with entries in B in some member.
-    members
-        Number of subdomains.
-    eliminated
-        Held unknowns that are eliminated; None where the members float.
-    kernel : (n, k)
-        Basis of the kernel of K; the rigid motions of the points if None.
-    """
-
-    stiffness: sparse.csr_matrix
-    points: Array
+    stiffness: sparse.csr_matrix  # (n, n)
+    """K; unknown ``node * dimension + component``. Without entries for a rigid body, whose free
+    unknowns are its kernel."""
+    points: Array  # (nodes, 3)
     dimension: int
     touched: Ints
+    """Unknowns with entries in B in some member."""
     members: int
+    """Number of subdomains."""
     eliminated: Ints | None
-    kernel: Array | None = None
+    """Held unknowns that are eliminated; None where the members float."""
+    kernel: Array | None = None  # (n, k)
+    """Basis of the kernel of K; the rigid motions of the points if None."""
 
     @property
     def is_rigid(self) -> bool:
@@ -221,13 +199,7 @@ def unfactored_class(data: ClassData) -> SubdomainClass:
 
 @dataclass(frozen=True, eq=False)
 class _Inverse:
-    """A generalised inverse and its class, with the field names of `SubdomainClass`.
-
-    Attributes
-    ----------
-    block_pays
-        Whether K⁺ between interface unknowns pays.
-    """
+    """A generalised inverse and its class, with the field names of `SubdomainClass`."""
 
     stiffness: sparse.csr_matrix
     kernel: Array
@@ -235,6 +207,7 @@ class _Inverse:
     interface: Ints
     inverse: GeneralisedInverse | SymmetricInverse
     block_pays: bool
+    """Whether K⁺ between interface unknowns pays."""
 
 
 def subdomain_classes(data: Sequence[ClassData]) -> list[SubdomainClass]:

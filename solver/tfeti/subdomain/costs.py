@@ -54,23 +54,16 @@ SET_SECONDS = {2: 5e-4, 3: 5e-3}
 
 @dataclass(frozen=True)
 class Group:
-    """A group of equal subdomains.
-
-    Attributes
-    ----------
-    dimension, unknowns, interface
-        Dimension, unknowns and interface unknowns of one member.
-    members
-        Number of subdomains.
-    order
-        Number of reflections, their products and the identity.
-    """
+    """A group of equal subdomains."""
 
     dimension: int
     unknowns: int
     interface: int
+    """Dimension, unknowns and interface unknowns of one member."""
     members: int
+    """Number of subdomains."""
     order: int
+    """Number of reflections, their products and the identity."""
 
     @property
     def has_block(self) -> bool:

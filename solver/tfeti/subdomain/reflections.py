@@ -29,22 +29,15 @@ TOLERANCE = 1e-10
 
 @dataclass(frozen=True, eq=False)
 class Symmetry:
-    """The reflections of a subdomain, as signed permutations of its unknowns.
+    """The reflections of a subdomain, as signed permutations of its unknowns."""
 
-    Attributes
-    ----------
-    images : (2^g, n)
-        Image of each unknown under each element of the group; element h is the product of the
-        generators whose bit is set in h, element 0 the identity.
-    signs : (2^g, n)
-        Sign of the image, equal for a component at all nodes.
-    dimension
-        Number of unknowns of a node.
-    """
-
-    images: Ints
-    signs: NDArray[np.int8]
+    images: Ints  # (2^g, n)
+    """Image of each unknown under each element of the group; element h is the product of the
+    generators whose bit is set in h, element 0 the identity."""
+    signs: NDArray[np.int8]  # (2^g, n)
+    """Sign of the image, equal for a component at all nodes."""
     dimension: int
+    """Number of unknowns of a node."""
 
     @property
     def order(self) -> int:
@@ -112,18 +105,12 @@ class Symmetry:
 
 @dataclass(frozen=True, eq=False)
 class Family:
-    """Orbits of unknowns on which the group acts alike.
+    """Orbits of unknowns on which the group acts alike."""
 
-    Attributes
-    ----------
-    unknowns : (2^k, orbits)
-        Row β holds the images under the product of those of k elements whose bit is set in β.
-    characters : (2^k,)
-        Character of Σ_β (-1)^{β·γ} u_β, for each γ.
-    """
-
-    unknowns: Ints
-    characters: Ints
+    unknowns: Ints  # (2^k, orbits)
+    """Row β holds the images under the product of those of k elements whose bit is set in β."""
+    characters: Ints  # (2^k,)
+    """Character of Σ_β (-1)^{β·γ} u_β, for each γ."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -133,17 +120,12 @@ class Split:
     Coordinates are Σ_β (-1)^{β·γ} u_β over the images of an unknown (a Walsh-Hadamard transform);
     they are orthogonal but not normalised. Orbits of one size are transformed together, and the
     coordinates are then sorted by character.
-
-    Attributes
-    ----------
-    families
-        Orbits, grouped by the action of the group; orbits of one size follow one another.
-    order
-        Number of characters.
     """
 
     families: tuple[Family, ...]
+    """Orbits, grouped by the action of the group; orbits of one size follow one another."""
     order: int
+    """Number of characters."""
 
     @cached_property
     def unknowns(self) -> Ints:

@@ -27,18 +27,12 @@ from solver.vectors import Array, Ints
 
 @dataclass(frozen=True, eq=False)
 class Similarity:
-    """K = γ Q K₁ Qᵀ.
+    """K = γ Q K₁ Qᵀ."""
 
-    Attributes
-    ----------
-    image : (n,)
-        The unknown to which Q moves each unknown of K₁.
-    factor
-        γ.
-    """
-
-    image: Ints
+    image: Ints  # (n,)
+    """The unknown to which Q moves each unknown of K₁."""
     factor: float
+    """γ."""
 
     def moved(self, values: Array) -> Array:
         """Q times each column, (n, columns)."""
