@@ -8,6 +8,7 @@ from scipy import sparse
 
 from solver.tfeti.subdomain.generalised_inverse import (
     CholeskyFactor,
+    DenseFactor,
     GeneralisedInverse,
 )
 from solver.tfeti.subdomain.kernels import (
@@ -111,3 +112,14 @@ def test_a_factor_has_the_inverse_between_some_unknowns(chosen: list[int]) -> No
     A = half @ half.T + np.eye(12)
     block = CholeskyFactor(sparse.csr_matrix(A)).restricted(np.array(chosen, np.int64))
     np.testing.assert_allclose(block, np.linalg.inv(A)[np.ix_(chosen, chosen)], atol=1e-12)
+
+
+def test_dense_factors_are_those_of_sparse_ones() -> None:
+    """Solutions and the inverse between some unknowns; an indefinite matrix has no factor."""
+    matrix = truss(3)[1] + sparse.identity(27)
+    some, loads = np.array([20, 3, 11]), np.asfortranarray(np.random.default_rng(1).random((27, 4)))
+    dense, other = DenseFactor(matrix), CholeskyFactor(matrix)
+    np.testing.assert_allclose(dense.solve(loads), other.solve(loads), atol=1e-13)
+    np.testing.assert_allclose(dense.restricted(some), other.restricted(some), atol=1e-13)
+    with pytest.raises(ArithmeticError, match="no Cholesky factor"):
+        DenseFactor(matrix - 2.0 * sparse.identity(27))
