@@ -42,9 +42,12 @@ def surface_facets(subdomain: Subdomain, body: Body) -> NDArray[np.int32]:
 def boundary_nodes(subdomain: Subdomain, body: Body, boundary: str) -> Ints:
     """Local surface nodes on a boundary."""
     facets = subdomain.reference.facets
-    if boundary not in body.boundaries:
-        return np.unique(facets[boundary_facets(subdomain, body, boundary)])
-    nodes = np.unique(facets[surface_facets(subdomain, body)])
+    by_name = boundary not in body.boundaries
+    rows = boundary_facets(subdomain, body, boundary) if by_name else surface_facets(subdomain, body)
+    nodes = facets[rows].ravel()
     if len(nodes) == 0:
+        return nodes
+    nodes = np.unique(nodes)
+    if by_name:
         return nodes
     return nodes[body.boundaries[boundary](subdomain.points()[nodes])]

@@ -30,17 +30,18 @@ def node_conditions(
     touching: list[tuple] = []
     for s in geometry.partition.subdomains:
         body = geometry.bodies[s.body]
-        points = s.points()
         for i, condition in enumerate(displacements):
             if condition.body != s.body:
                 continue
             nodes = boundary_nodes(s, body, condition.boundary)
+            if len(nodes) == 0:
+                continue
             mask = np.array([v is not None for v in condition.values])
             values = np.array([v or 0.0 for v in condition.values])
             shape = (len(nodes), d)
             held.append(
                 (
-                    s.nodes[nodes], points[nodes], np.broadcast_to(mask, shape),
+                    s.nodes[nodes], s.points()[nodes], np.broadcast_to(mask, shape),
                     np.broadcast_to(values, shape), np.full(len(nodes), i),
                 )
             )  # fmt: skip
@@ -50,14 +51,15 @@ def node_conditions(
             nodes = boundary_nodes(s, body, contact.boundary)
             if len(nodes) == 0:
                 continue
+            points = s.points()[nodes]
             try:
-                gap, normal = contact.gap_and_normal(points[nodes])
+                gap, normal = contact.gap_and_normal(points)
             except ConfigurationError as error:
                 raise ConfigurationError(
                     f"{geometry.at(contact.source)}.obstacle: {error}"
                 ) from None
             touching.append(
-                (s.nodes[nodes], points[nodes], -normal[:, :d], gap, np.full(len(nodes), i))
+                (s.nodes[nodes], points, -normal[:, :d], gap, np.full(len(nodes), i))
             )
     none = np.zeros(0, np.int64)
     held.append((none, np.zeros((0, 3)), np.zeros((0, d), bool), np.zeros((0, d)), none))

@@ -69,12 +69,12 @@ def moments(x: Array, dimension: int) -> Array:
         Coordinates of the nodes.
     """
     weights, hats, shapes, slopes = _tables(dimension, x.shape[1])
-    along = np.einsum("qrk,fki->fqri", slopes, x)
+    along = np.tensordot(slopes, x, axes=(2, 1))  # einsum takes six times as long
     if dimension == 2:
-        size = np.linalg.norm(along[:, :, 0], axis=-1)
+        size = np.linalg.norm(along[:, 0], axis=-1)
     else:
-        size = np.linalg.norm(np.cross(along[:, :, 0], along[:, :, 1]), axis=-1)
-    return np.einsum("fq,qj,qk->fjk", size * weights, hats, shapes, optimize=True)
+        size = np.linalg.norm(np.cross(along[:, 0], along[:, 1]), axis=-1)
+    return np.einsum("q,qf,qj,qk->fjk", weights, size, hats, shapes, optimize=True)
 
 
 MIDDLES: dict[int, tuple[tuple[int, ...], ...]] = {

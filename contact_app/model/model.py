@@ -403,6 +403,8 @@ def _lifting(outline: Outline) -> list[Lifting | None]:
 
     Collective.
     """
+    if not outline.eliminated.any():
+        return [None] * len(outline.partition.subdomains)
     exchange, surface, held = outline.exchange, outline.surface, outline.rows.held
     has_held = np.isin(exchange.nodes, held.nodes)
     at = np.searchsorted(held.nodes, exchange.nodes[has_held])

@@ -177,7 +177,7 @@ class Outline:
         """The other candidate rows."""
         return self.rows.contact.of(~self.needed)
 
-    @property
+    @cached_property
     def tangential(self) -> FrictionRows:
         """Tangential rows at the contact rows of this rank."""
         return self.friction.at(self.contact)
@@ -187,7 +187,7 @@ class Outline:
         """The rows over nodes of several ranks."""
         return SharedRows(self.contact, self.tangential, self.rows.tied.rows, self.means)
 
-    @property
+    @cached_property
     def eliminated(self) -> Mask:
         """Mask (bodies,) of bodies that are one held subdomain: no gluing, no coarse problem.
 

@@ -133,11 +133,9 @@ def _reflections(body: Body, s: Subdomain) -> int:
 
 def gluing_rows(outline: Outline) -> int:
     """Number of gluing rows of B: one less than the copies of each shared unknown."""
-    comm = outline.partition.comm
-    distinct = comm.allreduce(len(distinct_nodes(outline, [outline.surface.nodes])))
-    return int(
-        (comm.allreduce(len(outline.surface.nodes)) - distinct) * outline.partition.dimension
-    )
+    partition, (_, nodes, _, copies) = outline.partition, outline.exchange.copies_of_nodes
+    more = int((copies - 1)[nodes < partition.nodes].sum())
+    return int(partition.comm.allreduce(more)) * partition.dimension
 
 
 def distinct_nodes(outline: Outline, nodes: list[Ints]) -> Ints:

@@ -93,8 +93,13 @@ def _row_order(kinds: NDArray[np.int8], kernel_rows: KernelRows) -> Ints:
     """
     inner = (kinds == RowKind.GLUING) | (kinds == RowKind.DIRICHLET)
     rows = np.flatnonzero(inner)
-    begins, start, _, place, _ = kernel_rows.entries_of(rows)
+    begins, column, _ = kernel_rows.entries_of(rows)
+    start = kernel_rows.places[0][column]
     first, last = begins[:-1], begins[1:] - 1
     together = np.add.reduceat(start, first)  # differs where only subdomains between them differ
-    rows = rows[np.lexsort((place[first], together, start[last], start[first]))]
+    ends, rest = (
+        np.left_shift(a, 32, dtype=np.int64) | b
+        for a, b in ((start[first], start[last]), (together, column[first]))
+    )
+    rows = rows[np.lexsort((rest, ends))]
     return np.concatenate([rows, np.flatnonzero(~inner)])

@@ -97,7 +97,8 @@ class CoarseProblem:
     def _gram(self, rows: KernelRows, metric: Array) -> _Gram:
         """G W Gᵀ without its contact rows, which are added from `_contact` (collective)."""
         single = np.flatnonzero(~self._inequality)
-        others = self._layout.collected(Blocks.of(rows.row_sets(single), rows.motions, metric))
+        sets = rows.row_sets(single, np.sqrt(metric))
+        others = self._layout.collected(Blocks.of(sets, rows.motions))
         others = others.without(VANISHING * largest_magnitude(self.comm, others.values))
         places = Blocks.of(self._contact, rows.motions, np.zeros(self.size))
         others = Blocks.join([others, self._layout.collected(places)]).summed()

@@ -5,7 +5,8 @@ rows on the same subdomains (the rows of a face, an edge or a corner) form a sma
 and Vᵀ W V is their contribution to G W Gᵀ. Each rank sums its own rows, all faces with equally many
 rows at once. Gᵀ has twelve entries a row, more than B, so it is computed in chunks of rows and not
 stored. Products of sparse matrices by scipy take twice as long (on the cube of 60³ cells 0.12 s of
-CPU, not 0.06 s, of the 0.31 s that the model takes) and store Gᵀ, 104 bytes a row.
+CPU, not 0.06 s, of the 0.31 s that the model takes) and store Gᵀ, 104 bytes a row. Between
+congruent subdomains V repeats, and Vᵀ W V is computed once.
 """
 
 from __future__ import annotations
@@ -24,8 +25,6 @@ from solver.tfeti.constraints.matrix import ConstraintMatrix
 from solver.tfeti.options import TotalFetiOptions
 from solver.vectors import Array, Ints, runs
 
-Places = tuple[Ints, Ints, Ints]
-
 
 @dataclass(frozen=True, eq=False)
 class RowSets:
@@ -38,14 +37,17 @@ class RowSets:
     starts, widths : (sets, m)
         First coarse unknown of each subdomain, numbered over all ranks, and its number of coarse
         unknowns.
-    values : (sets, n, m · motions)
+    values : (kinds, n, m · motions)
         Entries, for each subdomain as many as rigid motions, zero beyond its width.
+    kind : (sets,)
+        Which of these entries a set has.
     """
 
     rows: Ints
     starts: Ints
     widths: Ints
     values: Array
+    kind: Ints
 
 
 @dataclass(frozen=True, eq=False)
@@ -74,14 +76,17 @@ class Blocks:
         parts = [cls(*(np.empty((0, 2), np.int64),) * 2, np.empty((0, motions, motions)))]
         for rows in row_sets:
             sets, m = rows.starts.shape
-            V = rows.values
-            weighed = V if weights is None else V * weights[rows.rows][:, :, None]
-            product = (weighed.transpose(0, 2, 1) @ V).reshape(sets, m, motions, m, motions)
+            V, kind = rows.values, rows.kind
+            weighed = V
+            if weights is not None:
+                V, kind = V[kind], np.arange(sets)
+                weighed = V * weights[rows.rows][:, :, None]
+            product = (weighed.transpose(0, 2, 1) @ V).reshape(-1, m, motions, m, motions)
             starts, widths = (
                 np.stack(np.broadcast_arrays(of[:, :, None], of[:, None]), axis=-1).reshape(-1, 2)
                 for of in (rows.starts, rows.widths)
             )
-            blocks = product.transpose(0, 1, 3, 2, 4).reshape(-1, motions, motions)
+            blocks = product.transpose(0, 1, 3, 2, 4)[kind].reshape(-1, motions, motions)
             parts.append(cls(starts, widths, blocks))
         return cls.join(parts)
 
@@ -169,6 +174,9 @@ class KernelRows:
         Largest number of rigid motions of a subdomain.
     entries : (dual,)
         Number of entries of each local row of B, at least the number of its subdomains.
+    places : (3, columns)
+        First coarse unknown of the subdomain of a column, the number of these, and the place of the
+        column's kernel in a table. Columns of other ranks follow those of this rank.
     """
 
     def __init__(
@@ -178,85 +186,73 @@ class KernelRows:
         chunk: int = TotalFetiOptions.chunk,
     ) -> None:
         self.comm, self._at_once = B.comm, chunk
-        counts = np.array([(n, *R.shape) for n, R in kernels], np.int64).reshape(-1, 3)
-        members, self._sizes, self._widths = counts.T
-        self.motions = int(self.comm.allreduce(int(self._widths.max(initial=0)), op=MPI.MAX))
-        self._ends = np.cumsum(members * self._sizes)
-        self._offsets = np.cumsum(self._sizes) - self._sizes
-        coarse = members * self._widths
-        self._coarse = (self.comm.exscan(int(coarse.sum())) or 0) + np.cumsum(coarse) - coarse
-        self._table = np.zeros((int(self._sizes.sum()), self.motions))
-        for offset, (_, R) in zip(self._offsets, kernels, strict=True):
-            self._table[offset : offset + len(R), : R.shape[1]] = R
+        members, sizes, widths = np.array([(n, *R.shape) for n, R in kernels]).reshape(-1, 3).T
+        self.motions = int(self.comm.allreduce(int(widths.max(initial=0)), op=MPI.MAX))
+        coarse = members * widths
+        first = (self.comm.exscan(int(coarse.sum())) or 0) + np.cumsum(coarse) - coarse
+        self._repeated = bool((members > 1).any())
+        self._table = np.zeros((int(sizes.sum()), self.motions))
+        self.places, end, kernel = np.empty((3, B.columns), np.int32), 0, 0
+        for start, (n, R) in zip(first, kernels, strict=True):
+            size, width = R.shape
+            self._table[kernel : kernel + size, :width] = R
+            places = self.places[:, end : end + n * size].reshape(3, n, size)
+            places[0], places[1] = start + width * np.arange(n)[:, None], width
+            places[2] = kernel + np.arange(size)
+            end, kernel = end + n * size, kernel + size
         self._begins, self._columns, self._values = B.local.indptr, B.local.indices, B.local.data
         self.entries = np.diff(self._begins)
-        self._first, self._last = B.first, B.first + B.columns
-        self._distant = self._columns[:0], self._local_places(np.empty(0, np.int64))
         if self.comm.size > 1:
-            self._distant = self._ask(B.local.shape[1])
+            self._ask(B)
 
-    def _ask(self, total: int) -> tuple[Ints, Places]:
-        """Columns of other ranks in rows of this rank, with the data of their owners.
-
-        The kernels of these columns follow those of this rank in the table.
-        """
-        away = self._columns[(self._columns < self._first) | (self._columns >= self._last)]
-        columns = np.unique(away).astype(np.int64)
-        starts = np.array([*self.comm.allgather(self._first), total], np.int64)
+    def _ask(self, B: ConstraintMatrix) -> None:
+        """Give columns of other ranks numbers after those of this rank, and the owners' data."""
+        away = (self._columns < B.first) | (self._columns >= B.first + B.columns)
+        columns, nth = np.unique(self._columns[away].astype(np.int64), return_inverse=True)
+        total = B.local.shape[1]
+        starts = np.array([*self.comm.allgather(B.first), total], np.int64)
         exchange = NodeExchange(self.comm, columns, total, starts)
-        start, width, place = self._local_places(exchange.nodes - self._first)
-        start, width, kernel = map(exchange.from_owners, (start, width, self._table[place]))
-        place = len(self._table) + np.arange(len(columns))
+        places = self.places[:, exchange.nodes - B.first]
+        kernel = exchange.from_owners(self._table[places[2]])
+        places = exchange.from_owners(np.ascontiguousarray(places.T)).T
+        places[2] = len(self._table) + np.arange(len(columns))
         self._table = np.concatenate([self._table, kernel])
-        return columns, (start, width, place)
+        self.places = np.concatenate([self.places, places], axis=1)
+        self._columns = self._columns - B.first
+        self._columns[away] = B.columns + nth
 
-    def _local_places(self, columns: Ints) -> Places:
-        """First coarse unknown, width and place in the table of local columns (n,)."""
-        cls = np.searchsorted(self._ends, columns, side="right")
-        begins = self._ends[cls - 1] * (cls > 0) if len(self._ends) else columns
-        member, at = np.divmod(columns - begins, self._sizes[cls])
-        start: Ints = self._coarse[cls] + member * self._widths[cls]
-        return start, self._widths[cls], self._offsets[cls] + at
-
-    def _places_of(self, columns: NDArray[np.int32]) -> Places:
-        """First coarse unknown, width and place in the table of any columns of local rows."""
-        here = (columns >= self._first) & (columns < self._last)
-        if here.all():
-            return self._local_places(columns.astype(np.int64) - self._first)
-        distant_columns, received = self._distant
-        local = self._local_places(columns[here].astype(np.int64) - self._first)
-        at = np.searchsorted(distant_columns, columns[~here])
-        result = np.empty((3, len(columns)), np.int64)
-        for part, near, distant in zip(result, local, received, strict=True):
-            part[here], part[~here] = near, distant[at]
-        return result[0], result[1], result[2]
-
-    def row_sets(self, rows: Ints) -> Iterator[RowSets]:
-        """Some local rows, grouped by their subdomains.
+    def row_sets(self, rows: Ints, scale: Array | None = None) -> Iterator[RowSets]:
+        """Some local rows, grouped by their subdomains, times factors (dual,) if these are given.
 
         Rows without floating subdomains are left out.
         """
         ends, step = np.cumsum(self.entries[rows]), self._at_once
         cuts = np.searchsorted(ends, np.arange(step, ends[-1] if len(ends) else 0, step))
         for chunk in np.split(rows, cuts):
-            yield from self._chunk(chunk)
+            yield from self._chunk(chunk, scale)
 
-    def entries_of(self, rows: Ints) -> tuple[NDArray[Any], ...]:
-        """Entries of some rows of B, with their subdomains and kernels.
+    def entries_of(self, rows: Ints) -> tuple[Ints, NDArray[np.int32], Array]:
+        """Entries of B in some rows, which ascend.
 
         Returns
         -------
-        First entries of the rows (rows + 1,); and for each entry the first coarse unknown of its
-        subdomain, the number of these, the place of its kernel in a table, and its value in B.
+        First entries of the rows (rows + 1,); and number of the column and value of each entry.
         """
         counts = self.entries[rows]
         begins = np.concatenate([[0], np.cumsum(counts)])
-        entry = runs(self._begins[rows], counts)
-        return (begins, *self._places_of(self._columns[entry]), self._values[entry])
+        entry: slice | Ints = slice(0)
+        if len(rows) and rows[-1] - rows[0] == len(rows) - 1:
+            entry = slice(self._begins[rows[0]], self._begins[rows[-1] + 1])
+        elif len(rows):
+            entry = runs(self._begins[rows], counts)
+        return begins, self._columns[entry], self._values[entry]
 
-    def _chunk(self, rows: Ints) -> Iterator[RowSets]:
-        begins, start, width, place, value = self.entries_of(rows)
+    def _chunk(self, rows: Ints, scale: Array | None) -> Iterator[RowSets]:
+        begins, column, value = self.entries_of(rows)
+        start, width, place = np.take(self.places, column, axis=1)
         row = np.repeat(np.arange(len(rows)), np.diff(begins))
+        if scale is not None:
+            value = value * scale[rows][row]
         floating = width > 0
         if not floating.all():
             row, start, width = row[floating], start[floating], width[floating]
@@ -280,12 +276,33 @@ class KernelRows:
             for n in np.unique(sizes):
                 begins = first[sizes == n]
                 of = pairs[begins[:, None] + np.arange(n)]
+                kind = np.arange(len(of))
                 if several is None:
-                    values = self._table[place[of]]
-                    values *= value[of][..., None]
+                    at, factor = place[of], value[of]
+                    if self._repeated:
+                        some, kind = _distinct(at, factor)
+                        at, factor = at[some], factor[some]
+                    values = self._table[at]
+                    values *= factor[..., None]
                 else:
                     values = several[of]
                 yield RowSets(
-                    rows[row[of[:, :, 0]]], starts[begins], width[pairs[begins]],
-                    values.reshape(len(begins), n, -1),
+                    rows[row[of[:, :, 0]]], starts[begins].astype(np.int64), width[pairs[begins]],
+                    values.reshape(len(values), n, -1), kind,
                 )  # fmt: skip
+
+
+def _distinct(place: NDArray[np.int32], value: Array) -> tuple[Ints, Ints]:
+    """Sets that differ, and for each set the one of these that has its kernels and values.
+
+    Parameters
+    ----------
+    place, value : (sets, n, m)
+    """
+    ends = place[:, [0, -1]].reshape(len(place), -1)
+    _, first, kind = np.unique(ends, axis=0, return_index=True, return_inverse=True)
+    like = first[kind]
+    other = (place != place[like]).any(axis=(1, 2)) | (value != value[like]).any(axis=(1, 2))
+    like[other] = np.flatnonzero(other)
+    some, kind = np.unique(like, return_inverse=True)
+    return some, kind

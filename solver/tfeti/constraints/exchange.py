@@ -7,6 +7,8 @@ copies travel to the owner, and results travel back.
 
 from __future__ import annotations
 
+from functools import cached_property
+
 import numpy as np
 from mpi4py import MPI
 from numpy.typing import NDArray
@@ -59,6 +61,16 @@ class NodeExchange:
         self._ends = np.cumsum([0, *map(len, arrived)])
         self.local_part = slice(*map(int, self._ends[comm.rank : comm.rank + 2]))
         self.nodes: Ints = np.concatenate(arrived)
+
+    @cached_property
+    def copies_of_nodes(self) -> tuple[Ints, Ints, Ints, Ints]:
+        """Order (arrived,) that sorts the arrived copies by node; nodes, first copies and counts.
+
+        The latter three are (owned nodes with copies,); the first copy is the place in that order.
+        """
+        order = np.argsort(self.nodes, kind="stable")
+        distinct = np.unique(self.nodes[order], return_index=True, return_counts=True)
+        return order, *distinct
 
     def among(self, nodes: Ints) -> NodeExchange:
         """An exchange for other copies of the same nodes, with the same owners (collective)."""

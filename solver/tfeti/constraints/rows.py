@@ -257,8 +257,7 @@ def write_rows(
     The rows, and the rows of `shared` with `spread` filled in.
     """
     dimension = shared.contact.normals.shape[1]
-    order = np.argsort(exchange.nodes, kind="stable")
-    nodes, start, copies = np.unique(exchange.nodes[order], return_index=True, return_counts=True)
+    order, nodes, start, copies = exchange.copies_of_nodes
     is_held = np.zeros((len(nodes), dimension), bool)
     value = np.zeros((len(nodes), dimension))
     at = np.searchsorted(nodes, held.nodes)
