@@ -41,13 +41,11 @@ def surface_facets(subdomain: Subdomain, body: Body) -> NDArray[np.int32]:
 
 def boundary_nodes(subdomain: Subdomain, body: Body, boundary: str) -> Ints:
     """Local surface nodes on a boundary."""
-    facets = subdomain.reference.facets
-    by_name = boundary not in body.boundaries
-    rows = boundary_facets(subdomain, body, boundary) if by_name else surface_facets(subdomain, body)
-    nodes = facets[rows].ravel()
-    if len(nodes) == 0:
-        return nodes
-    nodes = np.unique(nodes)
-    if by_name:
-        return nodes
-    return nodes[body.boundaries[boundary](subdomain.points()[nodes])]
+    if by_name := boundary not in body.boundaries:
+        rows = boundary_facets(subdomain, body, boundary)
+    else:
+        rows = surface_facets(subdomain, body)
+    if len(rows) == 0:  # most subdomains have none
+        return np.zeros(0, np.int64)
+    nodes: Ints = np.unique(subdomain.reference.facets[rows])
+    return nodes if by_name else nodes[body.boundaries[boundary](subdomain.points()[nodes])]
