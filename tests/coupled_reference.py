@@ -34,18 +34,12 @@ NODES = 2
 
 @dataclass(frozen=True)
 class Coupled:
-    """The extended problem.
-
-    Attributes
-    ----------
-    system
-        With nodes of rigid bodies after all others.
-    meshed
-        Nodes of elastic bodies.
-    """
+    """The extended problem."""
 
     system: reference.System
+    """With nodes of rigid bodies after all others."""
     meshed: int
+    """Nodes of elastic bodies."""
 
 
 def assemble(scene: Any) -> Coupled:

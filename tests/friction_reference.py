@@ -34,31 +34,20 @@ forces may also change by the same amount in each sweep until one of them reache
 
 @dataclass(frozen=True)
 class FrictionReference:
-    """The reference solution of a scene with friction.
-
-    Attributes
-    ----------
-    system : System
-    u : ndarray, shape (n, dim)
-    normal : ndarray, shape (points,)
-        λ_n.
-    tangential, slip : ndarray, shape (points, dim)
-        λ_t, the force of the body on what it touches, and w.
-    limit : ndarray, shape (points,)
-    energy : float
-        ½ a(u, u) - l(u).
-    force : ndarray, shape (dim·points,)
-        λ in the rows of `Condensed`.
-    """
+    """The reference solution of a scene with friction."""
 
     system: System
-    u: np.ndarray
-    normal: np.ndarray
+    u: np.ndarray  # ndarray, shape (n, dim)
+    normal: np.ndarray  # ndarray, shape (points,)
+    """λ_n."""
     tangential: np.ndarray
     slip: np.ndarray
-    limit: np.ndarray
+    """λ_t, the force of the body on what it touches, and w. Shape ndarray, shape (points, dim)."""
+    limit: np.ndarray  # ndarray, shape (points,)
     energy: float
-    force: np.ndarray
+    """½ a(u, u) - l(u)."""
+    force: np.ndarray  # ndarray, shape (dim·points,)
+    """λ in the rows of `Condensed`."""
 
     @property
     def points(self) -> np.ndarray:
@@ -68,36 +57,25 @@ class FrictionReference:
 
 @dataclass(frozen=True)
 class Condensed:
-    """A scene condensed to its contact points: penetrations and slips are q - W λ.
-
-    Attributes
-    ----------
-    system : System
-    own : ndarray, shape (n·dim,)
-        Displacements without contact forces.
-    soft : ndarray, shape (free, dim·points)
-        Displacements of the free components by unit forces.
-    free : ndarray of int, shape (free,)
-    W, q : ndarray, shapes (dim·points, dim·points), (dim·points,)
-    rows : ndarray of int, shape (points, dim)
-        Rows of each point, that along its normal first.
-    coefficient, given : ndarray, shape (points,)
-    C : csr_matrix, shape (dim·points, n·dim)
-    frames : ndarray, shape (points, dim - 1, dim)
-        Tangents.
-    """
+    """A scene condensed to its contact points: penetrations and slips are q - W λ."""
 
     system: System
-    own: np.ndarray
-    soft: np.ndarray
-    free: np.ndarray
+    own: np.ndarray  # ndarray, shape (n·dim,)
+    """Displacements without contact forces."""
+    soft: np.ndarray  # ndarray, shape (free, dim·points)
+    """Displacements of the free components by unit forces."""
+    free: np.ndarray  # ndarray of int, shape (free,)
     W: np.ndarray
     q: np.ndarray
-    rows: np.ndarray
+    """Shapes ndarray, shapes (dim·points, dim·points), (dim·points,)."""
+    rows: np.ndarray  # ndarray of int, shape (points, dim)
+    """Rows of each point, that along its normal first."""
     coefficient: np.ndarray
     given: np.ndarray
-    C: sp.csr_matrix
-    frames: np.ndarray
+    """Shape ndarray, shape (points,)."""
+    C: sp.csr_matrix  # csr_matrix, shape (dim·points, n·dim)
+    frames: np.ndarray  # ndarray, shape (points, dim - 1, dim)
+    """Tangents."""
 
     @property
     def scale(self) -> float:

@@ -54,65 +54,44 @@ class ReferenceError(RuntimeError):
 
 @dataclass(frozen=True)
 class System:
-    """The assembled, undecomposed problem.
-
-    Attributes
-    ----------
-    points : ndarray, shape (n, 3)
-        Nodes of all bodies, one body after the other.
-    body : ndarray, shape (n,)
-        Index of the body of each node.
-    stiffness : csr_matrix, shape (n·dim, n·dim)
-        Block diagonal, unconstrained.
-    load : ndarray, shape (n·dim,)
-    held : ndarray of bool, shape (n·dim,)
-        Components with a displacement condition.
-    prescribed : ndarray, shape (n·dim,)
-        Their values; zero elsewhere.
-    contact : csr_matrix, shape (rows, n·dim)
-        Rows of the non-penetration conditions.
-    gap, contact_node : ndarray, shape (rows,)
-    contact_source : ndarray, shape (rows,)
-        Index of the contact of each row: those with obstacles first, then pairs.
-    """
+    """The assembled, undecomposed problem."""
 
     dimension: int
-    points: np.ndarray
-    body: np.ndarray
-    stiffness: sp.csr_matrix
-    load: np.ndarray
-    held: np.ndarray
-    prescribed: np.ndarray
-    contact: sp.csr_matrix
+    points: np.ndarray  # ndarray, shape (n, 3)
+    """Nodes of all bodies, one body after the other."""
+    body: np.ndarray  # ndarray, shape (n,)
+    """Index of the body of each node."""
+    stiffness: sp.csr_matrix  # csr_matrix, shape (n·dim, n·dim)
+    """Block diagonal, unconstrained."""
+    load: np.ndarray  # ndarray, shape (n·dim,)
+    held: np.ndarray  # ndarray of bool, shape (n·dim,)
+    """Components with a displacement condition."""
+    prescribed: np.ndarray  # ndarray, shape (n·dim,)
+    """Their values; zero elsewhere."""
+    contact: sp.csr_matrix  # csr_matrix, shape (rows, n·dim)
+    """Rows of the non-penetration conditions."""
     gap: np.ndarray
     contact_node: np.ndarray
-    contact_source: np.ndarray
+    """Shape ndarray, shape (rows,)."""
+    contact_source: np.ndarray  # ndarray, shape (rows,)
+    """Index of the contact of each row: those with obstacles first, then pairs."""
 
 
 @dataclass(frozen=True)
 class Reference:
-    """The reference solution of a scene.
-
-    Attributes
-    ----------
-    u : ndarray, shape (n, dim)
-        Displacement at ``system.points``.
-    energy : float
-        ½ a(u, u) - l(u).
-    multiplier : ndarray, shape (rows,)
-        Contact forces along the obstacle normals, ≥ 0.
-    contact_force : ndarray, shape (dim,)
-        Resultant on the bodies from the obstacles.
-    residual : float
-        Largest relative residual of the optimality conditions.
-    """
+    """The reference solution of a scene."""
 
     system: System
-    u: np.ndarray
+    u: np.ndarray  # ndarray, shape (n, dim)
+    """Displacement at ``system.points``."""
     energy: float
-    multiplier: np.ndarray
-    contact_force: np.ndarray
+    """½ a(u, u) - l(u)."""
+    multiplier: np.ndarray  # ndarray, shape (rows,)
+    """Contact forces along the obstacle normals, ≥ 0."""
+    contact_force: np.ndarray  # ndarray, shape (dim,)
+    """Resultant on the bodies from the obstacles."""
     residual: float
+    """Largest relative residual of the optimality conditions."""
 
     @property
     def points(self) -> np.ndarray:

@@ -89,21 +89,14 @@ class Material:
 
 @dataclass(frozen=True, eq=False)
 class CellMaterials:
-    """The material of each cell of a mesh.
-
-    Parameters
-    ----------
-    materials
-        Materials by number.
-    tags : (cells,)
-        The number of each cell's material.
-    plane
-        "strain" or "stress"; None in space.
-    """
+    """The material of each cell of a mesh."""
 
     materials: tuple[Material, ...]
-    tags: NDArray[np.int32]
+    """Materials by number."""
+    tags: NDArray[np.int32]  # (cells,)
+    """The number of each cell's material."""
     plane: str | None
+    """"strain" or "stress"; None in space."""
 
     @cached_property
     def lame(self) -> Array:

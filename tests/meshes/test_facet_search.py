@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
 from meshes.contact_surface import Surface
 from meshes.facet_search import facets_along_normals
 from meshes.facing import FACING, facets_that_may_face
+from solver.vectors import Array
 
 
-def small_facets(centres: NDArray[np.float64], size: float, seed: int) -> Surface:
+def small_facets(centres: Array, size: float, seed: int) -> Surface:
     """Triangles about given centres, which look in random directions."""
     rng = np.random.default_rng(seed)
     points = centres[:, None] + size * rng.normal(size=(len(centres), 3, 3))

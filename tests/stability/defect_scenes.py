@@ -28,21 +28,18 @@ class Draw:
 
     Attributes
     ----------
-    dimension
-        2 or 3.
-    cell
-        Of all boxes.
     plane
         What a scene in the plane assumes.
-    young
-        A modulus that the others are multiples of.
     """
 
     random: np.random.Generator
     dimension: int
+    """2 or 3."""
     cell: str
+    """Cell of all boxes."""
     plane: str
     young: float
+    """A modulus that the others are multiples of."""
     bodies: list[Config] = field(default_factory=list)
     conditions: list[Config] = field(default_factory=list)
     contacts: list[Config] = field(default_factory=list)

@@ -45,31 +45,25 @@ class Solved:
 
     Attributes
     ----------
-    dofs : (n,)
-        Its unknowns among those of the system.
-    stiffness : (n, n)
-    motions : (n, 3 or 6)
-        Orthonormal rigid motions.
-    u, load : (n,)
-        Displacements and loads.
-    strain : float
-        a(u, u).
     scale : float
         What squared errors in energy norm are relative to; 0 where nothing strains the body.
-    force : float
-        Sum of the magnitudes of loads, or of reactions and contact forces.
     blur : float
         What rounding makes of coordinates, and so of gaps.
     """
 
-    dofs: np.ndarray
-    stiffness: sp.csr_matrix
-    motions: np.ndarray
+    dofs: np.ndarray  # (n,)
+    """Its unknowns among those of the system."""
+    stiffness: sp.csr_matrix  # (n, n)
+    motions: np.ndarray  # (n, 3 or 6)
+    """Orthonormal rigid motions."""
     u: np.ndarray
     load: np.ndarray
+    """Displacements and loads. Shape (n,)."""
     strain: float
+    """a(u, u)."""
     scale: float
     force: float
+    """Sum of the magnitudes of loads, or of reactions and contact forces."""
     blur: float
 
     def error(self, u: np.ndarray) -> float:
@@ -98,20 +92,13 @@ class Solved:
 
 @dataclass(frozen=True, eq=False)
 class Known:
-    """The undecomposed solution.
-
-    Attributes
-    ----------
-    energy : float
-    floor : float
-        Size of energies whose differences may be rounding errors of works that cancel.
-    bodies
-        One for each body.
-    """
+    """The undecomposed solution."""
 
     energy: float
     floor: float
+    """Size of energies whose differences may be rounding errors of works that cancel."""
     bodies: tuple[Solved, ...]
+    """One for each body."""
 
     @property
     def blur(self) -> float:

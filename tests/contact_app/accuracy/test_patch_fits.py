@@ -7,14 +7,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 from mpi4py import MPI
-from numpy.typing import NDArray
 
 from contact_app.accuracy.estimate.stress_recovery import StressRecovery
 from contact_app.model.model import build_model
+from solver.vectors import Array
 from tests import meshfiles, scenes
 from tests.contact_app.model.test_meshes_from_files import patch
-
-Array = NDArray[np.float64]
 
 CELLS = scenes.CELLS_3D + scenes.CELLS_2D
 COMPONENTS = 3

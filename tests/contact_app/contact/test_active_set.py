@@ -5,7 +5,6 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from mpi4py import MPI
-from numpy.typing import NDArray
 
 from contact_app.model.model import build_model
 from solver import MPRGP, Reason
@@ -21,6 +20,7 @@ from solver.tfeti.backend import TotalFeti
 from solver.tfeti.dual import DualProblem
 from solver.tfeti.recovery import interface_displacements, kernel_coefficients
 from solver.tfeti.winkler import winkler_contact
+from solver.vectors import Mask
 from tests import scenes
 from tests.hard_scenes import slender
 
@@ -31,7 +31,7 @@ def problem() -> DualProblem:
     return build_model(scene, MPI.COMM_SELF).problem
 
 
-def every_second(problem: DualProblem) -> NDArray[np.bool_]:
+def every_second(problem: DualProblem) -> Mask:
     """Every second contact row."""
     result = problem.inequality.copy()
     result[np.flatnonzero(result)[::2]] = False

@@ -5,7 +5,6 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from mpi4py import MPI
-from numpy.typing import NDArray
 
 from contact_app.model.model import build_model
 from solver import MPRGP
@@ -17,10 +16,10 @@ from solver.tfeti.directions import Directions
 from solver.tfeti.dual import DualProblem
 from solver.tfeti.preconditioner import DualPreconditioner
 from solver.tfeti.projected import RangeOperator
+from solver.vectors import Array
 from tests import scenes
 
 TOLERANCE = 1e-8
-Array = NDArray[np.float64]
 
 
 @pytest.fixture(scope="module")

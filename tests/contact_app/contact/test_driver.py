@@ -14,7 +14,6 @@ from typing import Any
 import numpy as np
 import pytest
 from mpi4py import MPI
-from numpy.typing import NDArray
 
 from contact_app.model.model import build_model
 from contact_app.run.solve import solve_scene
@@ -30,6 +29,7 @@ from solver.tfeti.backend import TotalFeti
 from solver.tfeti.dual import DualProblem
 from solver.tfeti.feasible import feasible_multiplier
 from solver.tfeti.methods.answers import certified_answer
+from solver.vectors import Array, Mask
 from tests import scenes
 from tests.loops import loop
 
@@ -64,7 +64,7 @@ def test_only_subdomains_with_a_load_are_solved() -> None:
     asked: list[int] = []
 
     class Counting:
-        def solve(self, loads: NDArray[np.float64]) -> NDArray[np.float64]:
+        def solve(self, loads: Array) -> Array:
             asked.append(loads.shape[1])
             return cls.inverse.solve(loads)
 
@@ -211,7 +211,7 @@ def test_an_active_set_is_let_go_before_the_next_is_made() -> None:
 def test_active_sets_that_come_back_are_decided_later() -> None:
     """The second set is made to lead back to the first one, as a set left too early may."""
     residuals: list[list[float]] = []
-    first: list[NDArray[np.bool_]] = []
+    first: list[Mask] = []
 
     class Recorded(ActiveSetProblem):
         def solve(self, inner: MPRGP, residual: float, *rest: Any) -> Reason:

@@ -5,13 +5,13 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from mpi4py import MPI
-from numpy.typing import NDArray
 
 from contact_app.model.model import build_model
 from solver.primal.factor import FactorOptions
 from solver.primal.factor_on_sets import FactorOnSets
 from solver.primal.merged import MergedSystem, merge
 from solver.primal.projector import Projector
+from solver.vectors import Array
 from tests import scenes
 
 PENALTY = FactorOptions().penalty
@@ -22,9 +22,7 @@ def strip(degree: int) -> MergedSystem:
     return merge(build_model(scenes.build(made), MPI.COMM_SELF, needed="distinct").problem)
 
 
-def corrections(
-    factor: FactorOnSets, projector: Projector, residuals: NDArray[np.float64]
-) -> NDArray[np.float64]:
+def corrections(factor: FactorOnSets, projector: Projector, residuals: Array) -> Array:
     """Projected corrections of residuals (residuals, unknowns) on a set."""
     factor.adapt_to(projector)
     results = np.empty_like(residuals)

@@ -9,7 +9,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 from mpi4py import MPI
-from numpy.typing import NDArray
 from petsc4py import PETSc
 from scipy import sparse
 from scipy.sparse.linalg import eigsh
@@ -36,6 +35,7 @@ from solver.primal.vertices import vertex_level
 from solver.qp.mprgp import MPRGP
 from solver.tfeti.constraints.matrix import local_rows
 from solver.tfeti.methods.task import Task
+from solver.vectors import Array
 from tests import scenes
 from tests.comparison import in_order_of, in_space, reference_of, solve
 from tests.ranks import execute
@@ -233,7 +233,7 @@ def test_the_cycle_that_has_followed_sets_is_that_of_the_last_one() -> None:
     followed, fresh = CycleOnSets(system, hierarchy), CycleOnSets(system, hierarchy)
     residuals = np.random.default_rng(0).standard_normal((2, system.size))
 
-    def corrections(cycle: CycleOnSets, projector: Projector) -> NDArray[np.float64]:
+    def corrections(cycle: CycleOnSets, projector: Projector) -> Array:
         cycle.adapt_to(projector)
         results = np.empty_like(residuals)
         for residual, result in zip(residuals, results, strict=True):

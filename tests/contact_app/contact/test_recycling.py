@@ -5,7 +5,6 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from mpi4py import MPI
-from numpy.typing import NDArray
 
 from contact_app.model.model import build_model
 from solver import MPRGP, Reason
@@ -20,6 +19,7 @@ from solver.tfeti.directions import Directions, RecyclingOptions
 from solver.tfeti.dual import DualProblem
 from solver.tfeti.methods.by_active_sets import initial_active_set
 from solver.tfeti.recycling import Recycled
+from solver.vectors import Array, Mask
 from tests import scenes
 from tests.hard_scenes import wall
 
@@ -32,14 +32,14 @@ def problem() -> DualProblem:
     return build_model(scenes.build(wall(poisson=0.4999), [2, 2]), MPI.COMM_WORLD).problem
 
 
-def closed(problem: DualProblem, count: int) -> NDArray[np.bool_]:
+def closed(problem: DualProblem, count: int) -> Mask:
     """The first contact rows."""
     touching = np.zeros(problem.size, bool)
     touching[np.flatnonzero(problem.inequality)[:count]] = True
     return touching
 
 
-def solved(active_set: ActiveSetProblem) -> tuple[NDArray[np.float64], int]:
+def solved(active_set: ActiveSetProblem) -> tuple[Array, int]:
     """Multiplier of an active set, and the number of products of its solve."""
     active_set.solve(MPRGP(max_iterations=500), TOLERANCE, None)
     state = active_set.state()

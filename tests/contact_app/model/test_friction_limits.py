@@ -13,14 +13,12 @@ from typing import Any
 import numpy as np
 import pytest
 from mpi4py import MPI
-from numpy.typing import NDArray
 from scipy.optimize import linprog
 
 from contact_app.errors import NoEquilibriumError
 from contact_app.model.model import build_model
+from solver.vectors import Array
 from tests import scenes
-
-Array = NDArray[np.float64]
 
 SIDES = 96
 """Number of sides of the pyramid in each cone; its friction is up to 0.05 % smaller."""

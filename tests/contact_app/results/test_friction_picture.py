@@ -10,13 +10,13 @@ import matplotlib.image
 import numpy as np
 import pytest
 from matplotlib.colors import to_rgb
-from numpy.typing import NDArray
 from typer.testing import CliRunner
 
 from contact_app.cli import app
 from contact_app.results.plot import friction_picture, picture
 from contact_app.results.plot.stored import read
 from contact_app.results.xdmf import XDMFWriter
+from solver.vectors import Ints
 
 SCENE = """
 title: a block pressed and pushed
@@ -34,7 +34,7 @@ steps: [{press: 1}, {push: 1}]
 """
 
 
-def counted(made: Path) -> NDArray[np.int64]:
+def counted(made: Path) -> Ints:
     """Pixels of each colour by rows of the picture (rows, 3), without its legend."""
     image = np.rint(255 * matplotlib.image.imread(made)[:, :, :3]).astype(int)
     image = image[: int(0.9 * len(image))]

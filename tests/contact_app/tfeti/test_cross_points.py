@@ -9,7 +9,6 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from mpi4py import MPI
-from numpy.typing import NDArray
 
 from contact_app.model.model import build_model
 from solver.contact.row_kinds import RowKind
@@ -18,18 +17,19 @@ from solver.tfeti.constraints.cross_points import Neighbours, helmert, joining
 from solver.tfeti.derived import with_active
 from solver.tfeti.dual import DualProblem
 from solver.tfeti.options import TotalFetiOptions
+from solver.vectors import Array, Mask
 from tests import scenes
 from tests.ranks import execute
 
 
-def graph(m: int, edges: list[tuple[int, int]]) -> NDArray[np.bool_]:
+def graph(m: int, edges: list[tuple[int, int]]) -> Mask:
     result = np.zeros((m, m), bool)
     for a, b in edges:
         result[a, b] = result[b, a] = True
     return result
 
 
-def laplacian(adjacent: NDArray[np.bool_]) -> NDArray[np.float64]:
+def laplacian(adjacent: Mask) -> Array:
     return np.diag(adjacent.sum(axis=1)) - adjacent.astype(float)
 
 

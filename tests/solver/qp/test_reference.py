@@ -9,24 +9,22 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from numpy.typing import NDArray
 
 from solver import MPRGP, BoxQP
 from solver.qp import reference
 from solver.qp.examples import figure_1
 from solver.qp.iterate import Iterate
+from solver.vectors import Array
 from tests.solver.qp.problems import ALL, membrane, random_hessian, string_obstacle
 
 EXPANSIONS = [name for name in ALL if name != "projcg-safe"]  # that one is not the paper's
 
-Steps = list[tuple[str, NDArray[np.float64]]]
+Steps = list[tuple[str, Array]]
 
 
-def fast_steps(
-    qp: BoxQP, x0: NDArray[np.float64], norm: float, most: int, **options: object
-) -> Steps:
+def fast_steps(qp: BoxQP, x0: Array, norm: float, most: int, **options: object) -> Steps:
     """Kind and point of each step of the fast implementation."""
-    points: list[NDArray[np.float64]] = []
+    points: list[Array] = []
 
     def watch(it: Iterate) -> None:
         points.append(it.x.copy())
@@ -37,8 +35,8 @@ def fast_steps(
 
 
 def agree(
-    A: NDArray[np.float64], b: NDArray[np.float64], lower: NDArray[np.float64],
-    upper: NDArray[np.float64], x0: NDArray[np.float64], most: int = 40, **options: object,
+    A: Array, b: Array, lower: Array,
+    upper: Array, x0: Array, most: int = 40, **options: object,
 ) -> int:  # fmt: skip
     """Compare the first steps; how many there are."""
     norm = float(np.linalg.eigvalsh(A)[-1])
@@ -112,7 +110,7 @@ def test_random_boxes(seed: int, n: int, expansion: str, alpha_u: float, gamma: 
     )  # fmt: skip
 
 
-def _product(qp: BoxQP, x: NDArray[np.float64]) -> NDArray[np.float64]:
+def _product(qp: BoxQP, x: Array) -> Array:
     out = np.empty_like(x)
     qp.operator.apply(x, out)
     return out

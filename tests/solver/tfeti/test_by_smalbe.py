@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
 from solver.contact.options import SolverOptions
 from solver.contact.solution import Solution
@@ -15,6 +14,7 @@ from solver.qp.result import Reason
 from solver.tfeti.dual import DualProblem
 from solver.tfeti.methods.by_smalbe import solve_by_smalbe
 from solver.tfeti.methods.task import Task
+from solver.vectors import Array
 from tests.solver.tfeti.test_from_arrays import COLUMNS, ROWS, in_pieces
 
 PIECES, TOLERANCE = 3, 1e-8
@@ -25,7 +25,7 @@ def pressed_beam() -> DualProblem:
     width = PIECES * COLUMNS + 1
     gaps = 0.02 * ((np.arange(width) - width // 2) / width) ** 2
 
-    def down(x: NDArray[np.float64]) -> NDArray[np.float64]:
+    def down(x: Array) -> Array:
         return 0.01 * (x[:, 1] == ROWS) * (x[:, 0].min() == COLUMNS)
 
     return in_pieces(COLUMNS, PIECES, down, gaps, held=(True, False))

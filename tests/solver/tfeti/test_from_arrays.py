@@ -12,7 +12,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 from mpi4py import MPI
-from numpy.typing import NDArray
 from scipy import sparse
 from scipy.optimize import lsq_linear
 
@@ -20,6 +19,7 @@ from solver.contact.options import SolverOptions
 from solver.driver import solve
 from solver.tfeti.dual import DualProblem
 from solver.tfeti.from_arrays import Held, Obstacle, Subdomain, problem_from_arrays
+from solver.vectors import Array
 
 ROOT = Path(__file__).parents[3]
 EXAMPLE = ROOT / "docs" / "guide" / "string_on_a_floor.py"
@@ -47,7 +47,7 @@ def test_the_example_is_short_and_has_the_exact_answer() -> None:
     assert second == "the floor carries 0.3675 of 1 (exact: 0.3675); lowest -0.0500"
 
 
-def cell_stiffness() -> NDArray[np.float64]:
+def cell_stiffness() -> Array:
     """Stiffness of a unit square of springs along its edges and diagonals, (8, 8)."""
     corners = np.array([[0, 0], [1, 0], [0, 1], [1, 1]], float)
     K = np.zeros((8, 8))
@@ -61,7 +61,7 @@ def cell_stiffness() -> NDArray[np.float64]:
     return K
 
 
-def lattice(columns: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def lattice(columns: int) -> tuple[Array, Array]:
     """Points and stiffness of a lattice of so many columns of cells."""
     j, i = np.meshgrid(np.arange(ROWS + 1), np.arange(columns + 1), indexing="ij")
     points = np.stack([i.ravel(), j.ravel()], axis=1).astype(float)
@@ -78,8 +78,8 @@ def lattice(columns: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
 def in_pieces(
     columns: int,
     pieces: int,
-    down: Callable[[NDArray[np.float64]], NDArray[np.float64]],
-    gaps: NDArray[np.float64],
+    down: Callable[[Array], Array],
+    gaps: Array,
     held: tuple[bool, bool] = (True, True),
     factors: tuple[float, ...] = (1.0,),
 ) -> DualProblem:

@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from numpy.typing import NDArray
 
 from solver.contact.options import SolverOptions
 from solver.driver import solve
@@ -20,9 +19,8 @@ from solver.tfeti.duality_gap import duality_gap, nearest_admissible
 from solver.tfeti.feasible import feasible_displacements, feasible_multiplier
 from solver.tfeti.recovery import displacements, interface_displacements, kernel_coefficients
 from solver.tfeti.sizes import MeasuredAnswer
+from solver.vectors import Array
 from tests.solver.tfeti.test_from_arrays import in_pieces
-
-Array = NDArray[np.float64]
 
 COLUMNS = 2
 """Columns of cells of a piece."""
