@@ -10,7 +10,6 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
-from functools import cached_property
 
 import numpy as np
 from mpi4py import MPI
@@ -124,11 +123,6 @@ class Multigrid:
             self._left = self.system.load - self.elastic_forces(self.u)
         return self._left
 
-    @cached_property
-    def stiffness(self) -> Array:
-        """Stiffness of K against each row alone, (rows,) (collective at the first call)."""
-        return row_stiffness(self.system)
-
     def corrected_contact(self, multiplier: Array) -> Mask | None:
         """Contact rows (dual,) that close after a correction on the coarse levels (collective).
 
@@ -139,7 +133,7 @@ class Multigrid:
             return None
         begin = Position(self.u, self.left(), multiply(system.C, self.u) - system.c)
         levels, forces = self.matrices.hierarchy, multiplier[system.rows]
-        first = corrected_set(system, levels, cycle.coarse, self.stiffness, begin, forces)
+        first = corrected_set(system, levels, cycle.coarse, row_stiffness(system), begin, forces)
         self.begin_at(first.u)
         self.release()
         return self.closed_in(first)
@@ -431,7 +425,7 @@ class PrimalSet:
         assert self._before is not None
         is_open = system.normal & ~self.statuses.active[system.rows]
         after = Position(state.u, backend.left(), state.jumps[system.rows])
-        end, met = shortened(system.comm, backend.stiffness, is_open, self._before, after)
+        end, met = shortened(system.comm, row_stiffness(system), is_open, self._before, after)
         if met is None:
             return state
         backend.begin_at(end.u, end.left)

@@ -133,11 +133,10 @@ class CycleOnSets:
         self._prolongations = hierarchy.prolongations
         self._options = hierarchy.options
         self._unturned = self._system = system
-        self._stiffness = row_stiffness(system)
         self._coarse: Cycle | None = None
         if made is None:
             self._operators = [rows_in_blocks(operator) for operator in hierarchy.operators[1:]]
-            self._springs = np.zeros(len(self._stiffness))
+            self._springs = np.zeros(len(system.rows))
             self._rows = self._in_blocks(rows_on_levels(system.C, self._prolongations))
         else:
             self._coarse, self._operators = made.cycle, list(made.operators)
@@ -181,8 +180,7 @@ class CycleOnSets:
 
     def _springs_of(self, projector: Projector) -> Array:
         """Stiffness of the spring of each row, (rows,) (collective)."""
-        turned = projector.system is not self._unturned
-        stiff = row_stiffness(projector.system) if turned else self._stiffness
+        stiff = row_stiffness(projector.system)
         springs, rows = np.zeros(len(stiff)), projector.rows
         springs[rows] = stiff[rows]
         if projector.compliance is not None:

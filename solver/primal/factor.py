@@ -160,11 +160,16 @@ unknown."""
 
 
 def row_stiffness(system: MergedSystem) -> Array:
-    """Stiffness of K against each row alone, 1 / (C D⁻¹ Cᵀ)_ii, (rows,) (collective).
+    """Stiffness of K against each row alone, 1 / (C D⁻¹ Cᵀ)_ii, (rows,); made once (collective).
 
     Rigid bodies count as held. Zero for rows that hold rigid motions in the mean: over many nodes
     they would fill a matrix.
     """
+    stiff: Array = made_once(system.C, "stiffness", lambda: _row_stiffness(system))
+    return stiff
+
+
+def _row_stiffness(system: MergedSystem) -> Array:
     flexible = multiply(squared_rows(system), system.flexibility)
     stiff = np.divide(1.0, flexible, out=np.zeros_like(flexible), where=flexible > 0.0)
     if system.has_rigid_bodies:  # rows between these and held unknowns meet no stiffness
