@@ -1,7 +1,5 @@
 """Half a bearing: balls or rollers between two half rings, held by nothing but their contacts."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Integrals over plane parts of the surface, by weights of nodes that stand in every textbook."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from typing import Any
 

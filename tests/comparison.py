@@ -1,7 +1,5 @@
 """Compare a solution of the application with a reference, node by node."""
 
-from __future__ import annotations
-
 from functools import cache
 from typing import Any
 

@@ -18,8 +18,6 @@ boundaries tied to rigid bodies
     with the same body are left out there.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 from typing import Any
 

@@ -4,8 +4,6 @@ Run as a program, `python -m tests.form_problems`, it prints the answers to some
 the same on any number of ranks.
 """
 
-from __future__ import annotations
-
 import json
 from collections.abc import Callable
 from dataclasses import dataclass, replace

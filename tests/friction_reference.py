@@ -8,8 +8,6 @@ of its present limit. No statuses, no frozen limits, no decomposition. Only bodi
 hold.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 from typing import Any
 

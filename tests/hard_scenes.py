@@ -1,7 +1,5 @@
 """Scenes in the plane on which methods have a hard time."""
 
-from __future__ import annotations
-
 from typing import Any
 
 from tests.scenes import Config

@@ -1,7 +1,5 @@
 """The active-set loop alone, on a backend that a test may watch."""
 
-from __future__ import annotations
-
 from solver import MPRGP
 from solver.contact.active_set import ActiveSetMethod
 from solver.contact.retries import solve_with_retries

@@ -6,8 +6,6 @@ half (x < ½) is the group ``soft``, the right half ``hard``; each face is a gro
 would give it, with ``bottom`` the lowest one.
 """
 
-from __future__ import annotations
-
 import itertools
 from collections.abc import Callable
 from pathlib import Path

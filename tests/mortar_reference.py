@@ -5,8 +5,6 @@ Overlaps are intersections of half planes (scipy's Qhull), integrals tensor Gaus
 triangles, shape functions come from solving small systems, and the loops are Python's.
 """
 
-from __future__ import annotations
-
 from collections.abc import Collection
 from dataclasses import dataclass
 from itertools import pairwise

@@ -5,8 +5,6 @@ each rank leaves what it printed and its error, if any, in ``n.RANK.json``. The 
 process PID has ended.
 """
 
-from __future__ import annotations
-
 import contextlib
 import io
 import json

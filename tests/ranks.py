@@ -1,7 +1,5 @@
 """Programs on one rank or several: in processes of their own, or on ranks that wait for them."""
 
-from __future__ import annotations
-
 import atexit
 import json
 import os

@@ -20,8 +20,6 @@ solves. ε makes floating bodies and free sliding harmless, δ makes repeated an
 rows harmless; both vanish from the limit, whose optimality conditions are checked at the end.
 """
 
-from __future__ import annotations
-
 from bisect import bisect_left
 from dataclasses import dataclass, replace
 from typing import Any

@@ -1,7 +1,5 @@
 """Two rings of one material, one in the other, and Lamé's answer for them."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 from tests import meshfiles, scenes

@@ -1,7 +1,5 @@
 """Rows of parametrised tests: some in every run, all in the slow one."""
 
-from __future__ import annotations
-
 from collections import Counter
 from collections.abc import Collection
 from itertools import combinations, product

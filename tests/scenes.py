@@ -5,8 +5,6 @@ configuration as a mapping; the last axis points up, so that one function serves
 Lengths are about 1, Young's modulus is about 1000, displacements are a few hundredths.
 """
 
-from __future__ import annotations
-
 import copy
 from collections.abc import Callable, Sequence
 from pathlib import Path

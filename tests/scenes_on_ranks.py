@@ -1,7 +1,5 @@
 """Scenes solved on one rank or several."""
 
-from __future__ import annotations
-
 import json
 import subprocess
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Paths, functions and links that the documentation names exist."""
 
-from __future__ import annotations
-
 import ast
 import doctest
 import importlib

@@ -1,7 +1,5 @@
 """Ranks that wait for programs tell errors, and start anew after one."""
 
-from __future__ import annotations
-
 import pytest
 
 from tests.ranks import execute

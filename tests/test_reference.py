@@ -5,8 +5,6 @@ the application's solver. The application is held against exact answers in
 `tests/contact_app/model/test_exact.py`, and against the reference in many tests.
 """
 
-from __future__ import annotations
-
 import itertools
 
 import numpy as np

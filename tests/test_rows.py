@@ -1,7 +1,5 @@
 """Rows of parametrised tests: every combination once, and few that are not slow."""
 
-from __future__ import annotations
-
 from itertools import combinations, product
 
 from tests.rows import covering

@@ -1,7 +1,5 @@
 """The command line: exit codes, messages, and what a run leaves."""
 
-from __future__ import annotations
-
 import json
 import subprocess
 import sys

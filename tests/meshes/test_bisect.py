@@ -1,7 +1,5 @@
 """Local refinement: meshes stay whole, groups and surfaces go on, shapes stay good."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from itertools import combinations
 

@@ -1,7 +1,5 @@
 """Second-order meshes: read, checked, refined, cut and turned with their curved edges."""
 
-from __future__ import annotations
-
 import re
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Decompositions: every cell once, shared nodes at one place, kernels that are rigid motions."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The search along normals finds every facet that lies there, and every facet that may face."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """Mesh files: what is read from each format, what is repaired and reported, what is refused."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import meshio

@@ -1,7 +1,5 @@
 """Boxes on uneven grids are the boxes of equal cells where the grid is even."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

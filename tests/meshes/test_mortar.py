@@ -1,7 +1,5 @@
 """Mortar rows of two surfaces: what they reproduce, conserve and refuse."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from hypothesis import example, given, settings

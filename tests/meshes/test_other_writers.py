@@ -1,7 +1,5 @@
 """Files of other programs, which meshio alone does not read, and what a refusal says."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import meshio

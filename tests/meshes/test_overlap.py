@@ -1,7 +1,5 @@
 """Meshes whose cells overlap are refused with cell numbers; meshes that merely touch are not."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Nodes of second-order cells: VTK's order, one number a place, nothing left out."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from mpi4py import MPI

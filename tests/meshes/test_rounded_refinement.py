@@ -1,7 +1,5 @@
 """Refined meshes of round bodies: new nodes on circles, cylinders and cones, all others at rest."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Ranks that share the checks of a mesh, or the rows of pairs, find what one rank finds."""
 
-from __future__ import annotations
-
 import tempfile
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """The smooth surface over flat facets: heights of circles, cylinders and balls, also at ends."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from scipy.spatial import Delaunay

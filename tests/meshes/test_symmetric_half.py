@@ -1,7 +1,5 @@
 """Halves of boxes and of meshes, against the box of half the cells."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

@@ -1,7 +1,5 @@
 """VTU files with arrays in all the ways that VTK's writers have, read with any Python."""
 
-from __future__ import annotations
-
 import zlib
 from base64 import b64encode
 from pathlib import Path

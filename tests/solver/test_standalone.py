@@ -1,7 +1,5 @@
 """The numerics need neither dolfinx nor YAML nor scenes: their tests run without."""
 
-from __future__ import annotations
-
 import os
 import subprocess
 import sys

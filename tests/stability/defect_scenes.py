@@ -4,8 +4,6 @@ Each kind is a function of a `Draw`: which cells, sizes, materials, loads and cu
 random. The kinds take turns, so that any run of seeds has all of them.
 """
 
-from __future__ import annotations
-
 import tempfile
 from collections.abc import Callable
 from dataclasses import dataclass, field

@@ -8,8 +8,6 @@ and free in others, or not held at all. Sides may be tied to a rigid body. Many 
 no equilibrium; that is part of the question.
 """
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

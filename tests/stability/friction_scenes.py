@@ -1,7 +1,5 @@
 """Random scenes with friction: obstacles, pairs, both degrees, and nodes in two contacts."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

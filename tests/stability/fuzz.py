@@ -18,8 +18,6 @@ up that the reference solves, an equilibrium denied that exists, or one found th
 mesh accepted whose cells overlap.
 """
 
-from __future__ import annotations
-
 import sys
 from collections.abc import Callable
 from typing import Any

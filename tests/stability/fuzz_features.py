@@ -14,8 +14,6 @@ undecided   certified, where the reference has no answer
 Anything else is a fault.
 """
 
-from __future__ import annotations
-
 import sys
 from dataclasses import replace
 from typing import Any

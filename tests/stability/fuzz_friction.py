@@ -19,8 +19,6 @@ contradicts  held nodes are pushed into an obstacle
 Anything else is a fault.
 """
 
-from __future__ import annotations
-
 import sys
 from typing import Any
 

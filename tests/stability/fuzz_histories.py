@@ -7,8 +7,6 @@ increment is judged alone, and differences do not add up. Verdicts are those of 
 the increment that is worst.
 """
 
-from __future__ import annotations
-
 import sys
 from dataclasses import replace
 from functools import partial

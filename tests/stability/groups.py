@@ -5,8 +5,6 @@ rigid motion that its displacement conditions come nearest to: a soft body's acc
 suffer from a stiff neighbour, nor the strains of a body from how far it is moved.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any

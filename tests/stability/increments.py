@@ -7,8 +7,6 @@ twelve. The constants of `contact_app.run.path_dependence`, `contact_app.run.oth
 `contact_app.run.model_warnings` rest on these numbers.
 """
 
-from __future__ import annotations
-
 import argparse
 import copy
 import logging

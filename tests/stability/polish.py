@@ -1,7 +1,5 @@
 """A solution of a quadratic programme to the last digit, from one that is nearly right."""
 
-from __future__ import annotations
-
 import numpy as np
 import scipy.sparse as sp
 import scipy.sparse.linalg as spla

@@ -9,8 +9,6 @@ partitions. Many of these scenes have no equilibrium; that is part of the questi
 seed has a scene of `defect_scenes` instead.
 """
 
-from __future__ import annotations
-
 import itertools
 import tempfile
 from functools import cache

@@ -5,8 +5,6 @@ and the Gauss-Seidel reference goes to its answer from four starts. Their displa
 compared. The constant of `contact_app.run.model_warnings` rests on these counts.
 """
 
-from __future__ import annotations
-
 import argparse
 import sys
 

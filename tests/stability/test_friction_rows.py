@@ -1,7 +1,5 @@
 """Frictional scenes on which methods fail: certified, or refused where nothing holds the body."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import pytest

@@ -1,7 +1,5 @@
 """Random scenes: none hangs, crashes or is certified wrongly."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from typing import Any
 

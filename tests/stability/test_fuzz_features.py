@@ -1,7 +1,5 @@
 """Random scenes with rigid bodies, ties, heat and interference: none is answered wrongly."""
 
-from __future__ import annotations
-
 import warnings
 from dataclasses import replace
 from typing import Any

@@ -1,7 +1,5 @@
 """Random scenes with friction: none is answered wrongly."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from typing import Any
 

@@ -1,7 +1,5 @@
 """How random scenes end, and the command that judges many of them."""
 
-from __future__ import annotations
-
 import argparse
 import time
 import traceback

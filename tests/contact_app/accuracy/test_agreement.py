@@ -1,7 +1,5 @@
 """Acceptance of an estimate by the energies of two meshes."""
 
-from __future__ import annotations
-
 import math
 
 import pytest

@@ -1,7 +1,5 @@
 """Calibration of estimates by the energies of a run's meshes: never below the error."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

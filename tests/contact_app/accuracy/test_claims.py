@@ -1,7 +1,5 @@
 """Claims of accuracy hold: measured by the energy of a fine mesh of degree 2."""
 
-from __future__ import annotations
-
 import math
 import tempfile
 from dataclasses import replace

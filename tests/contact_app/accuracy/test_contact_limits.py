@@ -1,7 +1,5 @@
 """The error added by contact on a few facets, against finer meshes."""
 
-from __future__ import annotations
-
 import math
 
 import pytest

@@ -1,7 +1,5 @@
 """The estimate of the discretisation error: its size, and its independence of the decomposition."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

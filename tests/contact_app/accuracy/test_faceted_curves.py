@@ -1,7 +1,5 @@
 """Estimated distances of smooth surfaces through the nodes of cylinders and cones."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

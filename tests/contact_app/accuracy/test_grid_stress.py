@@ -1,7 +1,5 @@
 """Stresses on a grid: continuous tractions, divergence, energy, equilibrium, least energy."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """The guaranteed bound: never below the error, near it, exact where the mesh is, or refused."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 from typing import Any

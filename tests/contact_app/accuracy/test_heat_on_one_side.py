@@ -3,8 +3,6 @@
 The true error of each body is that of the strains against a mesh of four times as many cells.
 """
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """Polynomials fitted around vertices: exact for fields of their degree, on the surface, too."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

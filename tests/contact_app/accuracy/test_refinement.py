@@ -1,7 +1,5 @@
 """Accuracy as the input, and solves that end at a tolerance suited to the mesh."""
 
-from __future__ import annotations
-
 import json
 from dataclasses import replace
 from pathlib import Path

@@ -1,7 +1,5 @@
 """A shrink fit of polygons with `round: true`, refined: Lamé's pressure on every mesh."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import pytest

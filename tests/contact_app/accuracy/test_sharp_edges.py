@@ -1,7 +1,5 @@
 """Largest pressures at sharp edges: where they are infinite in theory, and where they are not."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

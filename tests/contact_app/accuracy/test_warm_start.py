@@ -1,7 +1,5 @@
 """Each level of a run to an accuracy begins with the answer of the last."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 from typing import Any

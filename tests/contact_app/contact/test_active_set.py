@@ -1,7 +1,5 @@
 """Estimates on a set without an operator application, and the end by an automatic tolerance."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from mpi4py import MPI

@@ -1,7 +1,5 @@
 """The augmented Lagrangian with friction, where active sets do not settle."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Bodies that only contact holds: active sets jump, and the augmented Lagrangian settles them."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

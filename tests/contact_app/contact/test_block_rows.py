@@ -1,7 +1,5 @@
 """Products in dense blocks, and the prolongation of smoothed aggregation."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from mpi4py import MPI

@@ -3,8 +3,6 @@
 An earlier version certified a wrong answer of every scene here, or did not certify a right one.
 """
 
-from __future__ import annotations
-
 import math
 from typing import Any
 

@@ -4,8 +4,6 @@ The displacement at the undecomposed nodes gives the penetration, the balance of
 distance to the exact answer, which the duality gap must bound.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 from functools import cache

@@ -1,7 +1,5 @@
 """Directions of earlier sets on a set whose slip directions turned."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from mpi4py import MPI

@@ -1,7 +1,5 @@
 """A stopped run goes on from the step that it had reached and ends with the same answer."""
 
-from __future__ import annotations
-
 import itertools
 import json
 from pathlib import Path

@@ -1,7 +1,5 @@
 """The inverse on the coarsest level of a V-cycle."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from mpi4py import MPI

@@ -1,8 +1,6 @@
 """The method follows the scene: conjugate gradients, active sets or SMALBE, with or without
 gluing."""
 
-from __future__ import annotations
-
 import gc
 import itertools
 import weakref

@@ -1,7 +1,5 @@
 """A bar that friction presses against a slope: friction raises the forces that cause it."""
 
-from __future__ import annotations
-
 import pytest
 
 from contact_app.run.solve import solve_scene

@@ -1,7 +1,5 @@
 """A factor that follows sets is nearly the factor of the last set."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from mpi4py import MPI

@@ -1,7 +1,5 @@
 """The first set: a level with springs on its contact rows comes to its minimum."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

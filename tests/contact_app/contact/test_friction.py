@@ -1,7 +1,5 @@
 """Scenes with friction against an undecomposed Gauss-Seidel method, statics and each other."""
 
-from __future__ import annotations
-
 import copy
 import re
 from pathlib import Path

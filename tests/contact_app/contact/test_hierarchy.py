@@ -1,7 +1,5 @@
 """Levels of contact rows: nested, only for slender bodies, and worth their active sets."""
 
-from __future__ import annotations
-
 import json
 
 import numpy as np

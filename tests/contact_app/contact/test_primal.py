@@ -1,7 +1,5 @@
 """Multigrid on undecomposed bodies gives the answer of the undecomposed reference."""
 
-from __future__ import annotations
-
 import weakref
 from dataclasses import replace
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Friction on undecomposed bodies against an independent method and against Total FETI."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

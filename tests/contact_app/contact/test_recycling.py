@@ -1,7 +1,5 @@
 """Search directions of one set on the next: they are admissible, exact, and save work."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from mpi4py import MPI

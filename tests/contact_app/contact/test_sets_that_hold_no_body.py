@@ -1,7 +1,5 @@
 """Active sets that leave a rigid motion free: the answer must not be a drift along it."""
 
-from __future__ import annotations
-
 import pytest
 
 import contact_app

@@ -1,7 +1,5 @@
 """A slip front that goes too far costs applications, never the answer."""
 
-from __future__ import annotations
-
 import numpy as np
 from mpi4py import MPI
 

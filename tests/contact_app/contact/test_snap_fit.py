@@ -1,7 +1,5 @@
 """With friction the loop begins anew where each set has other contact."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import meshio

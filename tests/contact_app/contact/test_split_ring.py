@@ -1,7 +1,5 @@
 """A split ring that two forces close around a shaft: all of its points slide, or all but one."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import meshio

@@ -1,7 +1,5 @@
 """Steps of active sets: they end where they penetrate far, and coarse levels correct sets."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Bodies with friction that touch and that no load presses: all contact forces are zero."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """A wedge that friction locks: more friction lowers the forces that cause it."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import meshio

@@ -1,7 +1,5 @@
 """Contact for forms of a user's own, beside scenes and an independent solution."""
 
-from __future__ import annotations
-
 import json
 import re
 from collections.abc import Sequence

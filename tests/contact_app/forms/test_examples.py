@@ -1,7 +1,5 @@
 """The examples of the guide for forms of dolfinx run and say what theory says."""
 
-from __future__ import annotations
-
 import re
 from pathlib import Path
 

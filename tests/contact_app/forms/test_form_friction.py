@@ -1,7 +1,5 @@
 """Friction of `ContactProblem` beside the contact of a scene, and the last way to an answer."""
 
-from __future__ import annotations
-
 import re
 from dataclasses import replace
 from typing import Any

@@ -1,7 +1,5 @@
 """The parts that forms are integrated over."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from mpi4py import MPI

@@ -1,7 +1,5 @@
 """Planes of symmetry that Dirichlet conditions of forms make: as in scenes."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 import ufl

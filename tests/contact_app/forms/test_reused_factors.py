@@ -1,8 +1,6 @@
 """Repeated solves of one problem under changing loads: equal data are reused, others computed
 again."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Any
 

@@ -1,7 +1,5 @@
 """The stiffness of sub-boxes of a regular mesh, made from that of one cell."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import dolfinx

@@ -1,7 +1,5 @@
 """Errors of `ContactProblem` and their messages; missing equilibrium, and held motions."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from typing import Any
 

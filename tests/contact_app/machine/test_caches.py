@@ -1,7 +1,5 @@
 """A directory for compiled forms that is this user's alone."""
 
-from __future__ import annotations
-
 import os
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """How a run ends: its exit code, its message, and what stands in the directory."""
 
-from __future__ import annotations
-
 import os
 import shutil
 import signal

@@ -1,7 +1,5 @@
 """Memory: the estimate grows as it should, and every limit on the process is seen."""
 
-from __future__ import annotations
-
 import resource
 import subprocess
 import sys

@@ -1,7 +1,5 @@
 """Seconds by stage, and of runs that share a beginning."""
 
-from __future__ import annotations
-
 from contact_app.machine.timings import Timings
 
 

@@ -1,7 +1,5 @@
 """Nearly parallel rows are left out, and rows that the answer penetrates join again."""
 
-from __future__ import annotations
-
 import logging
 from typing import Any
 

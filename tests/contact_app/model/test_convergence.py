@@ -4,8 +4,6 @@ The energy norm of the error is read off the energy: for the minimiser over a su
 admissible displacements ½‖u - u_h‖² = J(u_h) - J(u), and degree 1 gives O(h), energy O(h²).
 """
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """Second-order meshes at degree 2: patch tests, the undecomposed answer, rates beside Lamé's."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """The decomposition chosen for the user."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from mpi4py import MPI

@@ -1,7 +1,5 @@
 """Degree 2: the undecomposed answer, patch tests, constant pressure, rates, any decomposition."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

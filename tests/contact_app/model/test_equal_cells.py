@@ -1,7 +1,5 @@
 """The stiffness of equal cells against the compiled form, which materials by cells use."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """Scenes with and without an equilibrium, and displacements that meet obstacles."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

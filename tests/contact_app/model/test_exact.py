@@ -4,8 +4,6 @@ Tolerance 1e-10 relative, as in the table "Exact on any mesh" of the project's v
 the solver's own tolerance is set below that.
 """
 
-from __future__ import annotations
-
 import copy
 from typing import Any
 

@@ -5,8 +5,6 @@ Two tied blocks whose meshes do not match stand on a foot; the upper one is warm
 meets a wall with interference, and a force presses a rigid plate on its top.
 """
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

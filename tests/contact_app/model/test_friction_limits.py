@@ -4,8 +4,6 @@ A block lies on planes, in a vee, in a bowl or in a trough. Its weight acts in f
 moment in random directions grow until contact forces in friction cones no longer balance them.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field
 from itertools import product
 from typing import Any

@@ -1,7 +1,5 @@
 """Heat: a body that expands freely has no stress, and a constrained one has that of the theory."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Rigid motions that are held on request, and slides that hardly anything resists."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Interference of a contact: an overlap along the normal beside that of the geometry."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

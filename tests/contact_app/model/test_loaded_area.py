@@ -1,7 +1,5 @@
 """The area of a load, and what facets that straddle its boundary's edge leave out."""
 
-from __future__ import annotations
-
 import pytest
 from mpi4py import MPI
 

@@ -1,7 +1,5 @@
 """Bodies whose mesh comes from a file: patch tests, materials by group, any decomposition."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Rigid bodies: against fixed obstacles, springs and statics; held, moved, loaded and let go."""
 
-from __future__ import annotations
-
 import copy
 from pathlib import Path
 from typing import Any

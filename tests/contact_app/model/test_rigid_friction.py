@@ -1,7 +1,5 @@
 """Friction at rigid bodies: held, pressed, pushed by forces, and turned."""
 
-from __future__ import annotations
-
 import re
 from functools import cache
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Held nodes that leave a rigid body no room: no displacement satisfies all conditions."""
 
-from __future__ import annotations
-
 import pytest
 
 from contact_app.errors import NoEquilibriumError

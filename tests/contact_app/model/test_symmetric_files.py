@@ -3,8 +3,6 @@
 Wholes are held against the same scene without `symmetry`, on the same file.
 """
 
-from __future__ import annotations
-
 import copy
 from pathlib import Path
 from typing import Any

@@ -1,7 +1,5 @@
 """Half the body where the other half is its mirror image."""
 
-from __future__ import annotations
-
 import copy
 import json
 from pathlib import Path

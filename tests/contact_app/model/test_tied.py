@@ -1,7 +1,5 @@
 """Tied interfaces of meshes that do not match: patch tests, cantilevers, edges and cross-points."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

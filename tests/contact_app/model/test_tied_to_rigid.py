@@ -1,7 +1,5 @@
 """Boundaries tied to rigid bodies: against the theory of beams, and what is refused."""
 
-from __future__ import annotations
-
 import copy
 from pathlib import Path
 from typing import Any

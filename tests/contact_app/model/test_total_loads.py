@@ -1,7 +1,5 @@
 """Total forces and moments: their resultants, beam theory, decompositions, degrees, errors."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Two elastic bodies in contact: the contact patch test, and bodies held by other bodies alone."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

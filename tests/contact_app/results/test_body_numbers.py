@@ -1,7 +1,5 @@
 """Cells know their body and their material: fields of the file for ParaView."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import h5py

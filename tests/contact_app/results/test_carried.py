@@ -1,7 +1,5 @@
 """Bodies that slide wherever friction acts on them: `contact_app.results.carried`."""
 
-from __future__ import annotations
-
 import pytest
 
 from contact_app.run.solve import solve_scene

@@ -1,7 +1,5 @@
 """Each contact alone: force, moment, area, nodes and pressure, also of half a scene."""
 
-from __future__ import annotations
-
 import copy
 import json
 from pathlib import Path

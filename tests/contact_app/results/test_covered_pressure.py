@@ -4,8 +4,6 @@ A block on a wider plate has the pressure field on its own side or on that of th
 facets go on beyond the edge of the block. Forces, energies and largest pressures of both agree.
 """
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 import ufl

@@ -1,7 +1,5 @@
 """Forces at nodes of several contacts: uniform pressures stay uniform across seams."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

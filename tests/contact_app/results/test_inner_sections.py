@@ -1,7 +1,5 @@
 """Section forces on named inner surfaces, against statics, of mesh files and of boxes."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

@@ -1,7 +1,5 @@
 """docs/guide/results.md names all that a run leaves."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Iterator
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Answers in which friction does not hold the loads: `contact_app.results.overcome_friction`."""
 
-from __future__ import annotations
-
 import json
 import re
 from dataclasses import replace

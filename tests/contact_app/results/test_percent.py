@@ -1,7 +1,5 @@
 """Shares as text."""
 
-from __future__ import annotations
-
 import pytest
 
 from contact_app.results.percent import percent

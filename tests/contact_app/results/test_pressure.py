@@ -1,7 +1,5 @@
 """Contact pressures of degree 2: Hertz's profile without alternation, and the right resultant."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import NamedTuple
 

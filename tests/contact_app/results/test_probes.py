@@ -1,7 +1,5 @@
 """Displacements at points: linear fields are exact anywhere, nodes have theirs, errors are told."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Reactions of supports: they balance loads and contact forces, in forces and moments."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

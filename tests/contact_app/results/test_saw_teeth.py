@@ -1,7 +1,5 @@
 """A soft strip on saw teeth, which it overlaps: which side `on` should be."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

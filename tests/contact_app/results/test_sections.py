@@ -1,7 +1,5 @@
 """Section forces against statics, on every cell, decomposition and half of a scene."""
 
-from __future__ import annotations
-
 import copy
 from pathlib import Path
 from typing import Any

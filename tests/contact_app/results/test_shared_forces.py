@@ -1,7 +1,5 @@
 """Nodes that rest in several contacts, whose force may be divided in several ways."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

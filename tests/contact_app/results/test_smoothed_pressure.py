@@ -1,7 +1,5 @@
 """Pressures without the effect of facets, and contact of round bodies with straight edges."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Answers whose place is one of several: the play that pressing points leave a body."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import pytest

@@ -5,8 +5,6 @@ to 1e-8, displacement to 1e-7 of the largest, contact forces to 1e-6 of the load
 slide have a unique energy and strain only, so their displacement is compared in the energy norm.
 """
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

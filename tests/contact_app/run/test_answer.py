@@ -1,7 +1,5 @@
 """`contact_app.solve`: the answer of a file and of a mapping, as the command gives it."""
 
-from __future__ import annotations
-
 import json
 import os
 import subprocess

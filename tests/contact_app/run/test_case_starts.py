@@ -1,7 +1,5 @@
 """The answers of earlier load cases with which a case begins."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Load cases: comparison with single runs, shared data, files of a run, refused scenes."""
 
-from __future__ import annotations
-
 import copy
 import json
 from dataclasses import replace

@@ -1,7 +1,5 @@
 """`check`: its report, its refusals, and its estimates compared with runs."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

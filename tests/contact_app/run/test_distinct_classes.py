@@ -1,7 +1,5 @@
 """The number of classes in a summary does not depend on which of them share a factor."""
 
-from __future__ import annotations
-
 from types import SimpleNamespace
 
 from mpi4py import MPI

@@ -1,7 +1,5 @@
 """A rigid tool approaches rough blocks, presses them and is drawn back."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

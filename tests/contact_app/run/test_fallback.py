@@ -1,7 +1,5 @@
 """Scenes whose dual problem has no correct digits in subdomains are solved undecomposed."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import pytest

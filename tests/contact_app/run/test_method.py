@@ -1,7 +1,5 @@
 """The method that `solver.method: auto` chooses."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 from typing import Any

@@ -1,7 +1,5 @@
 """The same answer and the same counts on 1, 2 and 3 ranks, and output written once."""
 
-from __future__ import annotations
-
 import csv
 import json
 from pathlib import Path

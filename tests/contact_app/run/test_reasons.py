@@ -1,7 +1,5 @@
 """Reasons why a solve missed its tolerance, as the user reads them."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 from mpi4py import MPI

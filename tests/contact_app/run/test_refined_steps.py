@@ -1,7 +1,5 @@
 """Load histories on meshes that are refined to an accuracy."""
 
-from __future__ import annotations
-
 import json
 import logging
 from pathlib import Path

@@ -4,8 +4,6 @@ petsc4py 3.18 keeps objects that Python's garbage collector finds until it is to
 solve that leaves its vectors and factors to it grows without bound.
 """
 
-from __future__ import annotations
-
 import gc
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Files that appear whole or not at all, and a directory that is cleared of older results."""
 
-from __future__ import annotations
-
 import os
 import subprocess
 import sys

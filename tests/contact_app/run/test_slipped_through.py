@@ -1,7 +1,5 @@
 """Warnings of obstacles and bodies that enter contact boundaries beside the contact rows."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

@@ -1,7 +1,5 @@
 """The digest by which a checkpoint of a load history knows its scene."""
 
-from __future__ import annotations
-
 import copy
 from pathlib import Path
 from typing import Any

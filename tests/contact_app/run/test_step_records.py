@@ -1,7 +1,5 @@
 """The summary of a load history."""
 
-from __future__ import annotations
-
 from typing import Any
 
 from contact_app.run.step_records import summary_of_steps

@@ -3,8 +3,6 @@
 Boxes are coarsened to half the cells along each axis, so that each takes about a second.
 """
 
-from __future__ import annotations
-
 import json
 from collections.abc import Callable
 from functools import cache

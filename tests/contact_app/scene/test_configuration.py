@@ -1,7 +1,5 @@
 """The configuration: every wrong file gives readable messages with file, line and key."""
 
-from __future__ import annotations
-
 import copy
 import json
 import random

@@ -1,7 +1,5 @@
 """Boundaries by expression: what they mean, and that nothing else is ever evaluated."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

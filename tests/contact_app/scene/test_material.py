@@ -1,7 +1,5 @@
 """Moduli, stress and energy of a material against each other and against closed forms."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from hypothesis import given

@@ -1,7 +1,5 @@
 """Obstacles: signed distance, outward normal, and what has none."""
 
-from __future__ import annotations
-
 import dataclasses
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The scene: names resolved, dimensions checked, sizes refused before anything is allocated."""
 
-from __future__ import annotations
-
 import copy
 from typing import Any
 

@@ -1,7 +1,5 @@
 """YAML as YAML 1.2 means it, with lines, and without surprises."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 from pathlib import Path

@@ -1,7 +1,5 @@
 """This application beside CalculiX."""
 
-from __future__ import annotations
-
 import shutil
 from pathlib import Path
 

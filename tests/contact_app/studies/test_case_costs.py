@@ -1,7 +1,5 @@
 """Cost of ten load cases compared with one."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import pytest

@@ -1,7 +1,5 @@
 """The chart of speed against accuracy: frontier, distances of solutions, small real charts."""
 
-from __future__ import annotations
-
 import csv
 from dataclasses import replace
 from fractions import Fraction

@@ -1,7 +1,5 @@
 """The study of claims: random scenes, held against a fine mesh of degree 2."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

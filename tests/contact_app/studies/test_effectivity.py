@@ -1,7 +1,5 @@
 """The study of the error estimate: effectivity in range, and its own tools."""
 
-from __future__ import annotations
-
 import csv
 from dataclasses import replace
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Errors of stress and displacement of Lamé's ring, curved and straight."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

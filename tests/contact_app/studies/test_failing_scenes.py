@@ -1,7 +1,5 @@
 """Every scene on which methods fail: this application holds, or refuses with a reason."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 from dataclasses import replace

@@ -1,7 +1,5 @@
 """The study of what forms cost beside scenes: all ways have one answer."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from functools import partial
 

@@ -1,7 +1,5 @@
 """Friction beside other programs: what they are given, and what they say where they are there."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

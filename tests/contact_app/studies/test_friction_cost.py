@@ -1,7 +1,5 @@
 """Cost of friction: the limits of the study, and scenes whose slip front moves far."""
 
-from __future__ import annotations
-
 import pytest
 
 from contact_app.studies import friction_cost

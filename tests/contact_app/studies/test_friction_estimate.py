@@ -1,7 +1,5 @@
 """The error estimate and runs to an accuracy with friction."""
 
-from __future__ import annotations
-
 from functools import cache
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Hertz's contact on the shipped meshes."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 from mpi4py import MPI

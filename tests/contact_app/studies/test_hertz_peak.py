@@ -1,7 +1,5 @@
 """Hertz's largest pressure in the warning on facets that are too coarse to show it."""
 
-from __future__ import annotations
-
 import re
 from typing import Any
 

@@ -1,7 +1,5 @@
 """The run of the paper in small."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 

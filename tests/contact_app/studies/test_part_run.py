@@ -1,7 +1,5 @@
 """A linear solve, this application and PETSc's contact solvers on a part have one answer."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """``bench parts``: the command on a small part, its rows, its meshes and what it refuses."""
 
-from __future__ import annotations
-
 import os
 from collections.abc import Iterator
 from pathlib import Path

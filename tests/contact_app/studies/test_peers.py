@@ -1,7 +1,5 @@
 """PETSc's solvers beside this application, each in a process of its own."""
 
-from __future__ import annotations
-
 import json
 import shutil
 from dataclasses import replace

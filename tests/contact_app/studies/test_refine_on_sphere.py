@@ -1,7 +1,5 @@
 """Refined meshes of round bodies: new nodes lie on the circle or ball."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

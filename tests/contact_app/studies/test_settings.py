@@ -1,7 +1,5 @@
 """Scenes under several settings side by side."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import pytest

@@ -1,7 +1,5 @@
 """The studies' commands, on a small cube and without the data sets."""
 
-from __future__ import annotations
-
 import csv
 import json
 

@@ -1,7 +1,5 @@
 """Training support vector machines: the file format, the optimum, the published counts."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The study of the cost of ties compares the same cantilever, tied and as one body."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

@@ -1,7 +1,5 @@
 """The trial parts, on which the choice of a method is measured."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import pytest

@@ -1,7 +1,5 @@
 """A checkout compared with itself, and with a copy that solves another scene."""
 
-from __future__ import annotations
-
 import shutil
 from pathlib import Path
 

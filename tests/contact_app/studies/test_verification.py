@@ -1,7 +1,5 @@
 """The cases with known answers: small meshes here, the whole studies where it is slow."""
 
-from __future__ import annotations
-
 import math
 from pathlib import Path
 

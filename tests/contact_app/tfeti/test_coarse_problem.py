@@ -1,7 +1,5 @@
 """The coarse problem in a solve: what SMALBE carries along instead of projecting again."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from mpi4py import MPI

@@ -1,7 +1,5 @@
 """Rows that share nodes, weighed on several ranks as on one."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

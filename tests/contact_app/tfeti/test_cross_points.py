@@ -1,7 +1,5 @@
 """Rows where more than two subdomains meet, and the oblique projector their weights make."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

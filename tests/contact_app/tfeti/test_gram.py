@@ -1,7 +1,5 @@
 """G Gᵀ made of blocks, beside G applied as it is written."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from mpi4py import MPI

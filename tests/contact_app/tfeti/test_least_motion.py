@@ -1,7 +1,5 @@
 """The least motion among the answers of equal energy: `solver.tfeti.least_motion`."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path

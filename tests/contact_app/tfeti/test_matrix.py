@@ -1,7 +1,5 @@
 """B and its transpose, also with weights, beside the same rows entry by entry."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from mpi4py import MPI

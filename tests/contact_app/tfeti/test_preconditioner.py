@@ -1,7 +1,5 @@
 """The lumped preconditioner on a small torn cube."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from mpi4py import MPI

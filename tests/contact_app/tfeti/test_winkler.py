@@ -1,7 +1,5 @@
 """The contact of rigid subdomains on a Winkler foundation, beside a general optimiser."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

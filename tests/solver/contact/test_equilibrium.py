@@ -1,7 +1,5 @@
 """Equilibrium of bodies by Farkas' lemma, against a linear program."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from hypothesis import given, settings

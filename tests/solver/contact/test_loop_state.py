@@ -1,7 +1,5 @@
 """The record of sets on which all points slide."""
 
-from __future__ import annotations
-
 import numpy as np
 from mpi4py import MPI
 

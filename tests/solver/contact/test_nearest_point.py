@@ -1,7 +1,5 @@
 """The nearest point of a polyhedron: `solver.contact.nearest_point`."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from mpi4py import MPI

@@ -1,7 +1,5 @@
 """How far points let go ahead of a state: rods of contact points, by hand."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

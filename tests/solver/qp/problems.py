@@ -1,7 +1,5 @@
 """Small quadratic programs that the tests share."""
 
-from __future__ import annotations
-
 import numpy as np
 from scipy import sparse
 

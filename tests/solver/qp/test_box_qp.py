@@ -1,7 +1,5 @@
 """Bad data are named: which array, which component, what is wrong."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from scipy import sparse

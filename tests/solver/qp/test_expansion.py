@@ -1,7 +1,5 @@
 """Problems on which strategies fail, and the safeguarded strategy on them (paper, section 3.2)."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """The same answer and the same counts on 1, 2 and 3 ranks."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

@@ -1,7 +1,5 @@
 """MPRGP: published counts, the paper's bookkeeping, every kind of operator, failures."""
 
-from __future__ import annotations
-
 import tracemalloc
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Whatever the problem: a KKT point, or a reason; never an endless loop, never a point outside."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from hypothesis import HealthCheck, given, settings

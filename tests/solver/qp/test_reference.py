@@ -1,7 +1,5 @@
 """The fast MPRGP against the one to be read beside the book, step for step."""
 
-from __future__ import annotations
-
 from itertools import islice
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Expansions after a CG step: projected CG raises the cost in some, the safeguard in none."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

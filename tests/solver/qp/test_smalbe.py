@@ -1,7 +1,5 @@
 """SMALBE-M: bounds and equalities, multipliers, update rules, the caller's own test."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from petsc4py import PETSc

@@ -1,7 +1,5 @@
 """SMALBE-M where active sets did not settle, and active sets between its outer iterations."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """Contact problems from plain arrays, against what they are made of."""
 
-from __future__ import annotations
-
 import ast
 import os
 import subprocess

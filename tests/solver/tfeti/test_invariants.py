@@ -1,7 +1,5 @@
 """Identities of Total FETI that hold for any multipliers and displacements."""
 
-from __future__ import annotations
-
 from functools import cache
 
 import numpy as np

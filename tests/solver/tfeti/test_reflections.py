@@ -1,7 +1,5 @@
 """Reflections of a subdomain and the inverse they split."""
 
-from __future__ import annotations
-
 from itertools import product
 
 import numpy as np

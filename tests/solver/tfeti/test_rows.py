@@ -1,7 +1,5 @@
 """Rows of B: orthonormal, of full rank, right where conditions overlap."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from hypothesis import given, settings

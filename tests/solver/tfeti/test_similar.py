@@ -1,7 +1,5 @@
 """Similar subdomains share one factor: K = γ Q K₁ Qᵀ."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np
