@@ -32,10 +32,13 @@ from solver.contact.solution import Guess, Solution
 from solver.contact.stopping import Assess, stopping_rule
 from solver.qp.mprgp import MPRGP
 from solver.qp.result import Monitor, Reason
-from solver.tfeti.certify import certify
 from solver.tfeti.dual import DualProblem
 from solver.tfeti.least_motion import with_least_motion
-from solver.tfeti.methods.answers import answer_of_iterate, answer_of_state
+from solver.tfeti.methods.answers import (
+    answer_of_iterate,
+    answer_of_state,
+    without_rounded_forces,
+)
 from solver.tfeti.methods.by_active_sets import METHOD, solve_from_first_set
 from solver.tfeti.methods.by_mprgp import solve_by_mprgp
 from solver.tfeti.methods.by_smalbe import solve_as_in_the_paper, solve_by_smalbe
@@ -109,32 +112,13 @@ def solve(
     contact_rows = problem.comm.allreduce(int(problem.inequality.sum()))
     monitor = with_bounds(monitor, contact_rows)
     task = Task(problem, rule, inner, monitor, checkpoint, active_sets or ActiveSetOptions())
-    solution = _separated(task, _solved(task, options.method, start))
+    solution = _solved(task, options.method, start)
+    if problem.factored:
+        solution = without_rounded_forces(problem, rule, solution)
     if checkpoint is not None and solution.reason is not Reason.STOPPED:
         active = problem.inequality & (solution.multiplier > 0.0)
         checkpoint.hold(without_outer_iterations(solution.multiplier, active, solution.counts))
     return with_least_motion(problem, solution)
-
-
-def _separated(task: Task, solution: Solution) -> Solution:
-    """The answer without forces between bodies at rest, where the certificate passes only without.
-
-    Where bodies come apart that no load holds, as when a tool is drawn back, rounding errors of
-    the forces that pressed them before remain. Bodies at rest have no strains without these forces
-    (collective).
-    """
-    problem, tolerance, u = task.problem, task.rule.tolerance, solution.displacements
-    if solution.converged or solution.reason is Reason.STOPPED or not problem.factored:
-        return solution
-    at_rest = solution.measures.scales == 0.0
-    if not at_rest.any():
-        return solution
-    dropped = problem.conditional & at_rest[problem.bodies.rows[:, 0]]
-    multiplier = np.where(dropped, 0.0, solution.multiplier)
-    certificate, measures = certify(problem, multiplier, u, tolerance)
-    separated = replace(solution, multiplier=multiplier, certificate=certificate, measures=measures)
-    separated = task.rule.judge(replace(separated, reason=Reason.CONVERGED))
-    return separated if separated.converged else solution
 
 
 def _solved(task: Task, method: Method, start: Guess | None) -> Solution:

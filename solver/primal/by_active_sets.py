@@ -31,6 +31,7 @@ from solver.tfeti.certify import certify, friction_residual
 from solver.tfeti.contact_law import SURE
 from solver.tfeti.decomposed import SharedPlace
 from solver.tfeti.dual import DualProblem
+from solver.tfeti.methods.answers import without_rounded_forces
 from solver.tfeti.methods.task import Task, saved_by
 from solver.vectors import Array, Mask
 
@@ -243,9 +244,10 @@ def _certified(backend: Multigrid, rule: StoppingRule, state: PrimalState) -> So
     pressing = np.where(problem.inequality, np.maximum(state.multiplier, 0.0), state.multiplier)
     u, multiplier = recover(backend.system, state.u, pressing)
     certificate, measures = certify(problem, multiplier, u, rule.tolerance, state.errors)
-    return rule.judge(
-        Solution(multiplier, u, certificate, measures, Counts(), Reason.CONVERGED, rule.tolerance)
+    answer = Solution(
+        multiplier, u, certificate, measures, Counts(), Reason.CONVERGED, rule.tolerance
     )
+    return without_rounded_forces(problem, rule, rule.judge(answer), state.errors)
 
 
 def _required_reduction(
