@@ -58,9 +58,7 @@ def node_conditions(
                 raise ConfigurationError(
                     f"{geometry.at(contact.source)}.obstacle: {error}"
                 ) from None
-            touching.append(
-                (s.nodes[nodes], points, -normal[:, :d], gap, np.full(len(nodes), i))
-            )
+            touching.append((s.nodes[nodes], points, -normal[:, :d], gap, np.full(len(nodes), i)))
     none = np.zeros(0, np.int64)
     held.append((none, np.zeros((0, 3)), np.zeros((0, d), bool), np.zeros((0, d)), none))
     touching.append((none, np.zeros((0, 3)), np.zeros((0, d)), np.zeros(0), none))

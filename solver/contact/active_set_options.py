@@ -74,9 +74,8 @@ class ActiveSetOptions:
     sets are equal, so the loop cannot detect a decision made too early by a repeated set. Zero for
     never."""
     careful: float = 0.1
-    """After as many sets more, repeatedly, factor on `first_reduction` and on `largest_error`: a
-    thin tube that two plates press and friction alone holds took 3,609 operator applications
-    without, and takes 820. Used after the first patience, too, it cost other scenes up to 12 %."""
+    """After as many sets more, repeatedly, factor on `first_reduction` and on `largest_error`, for
+    thin bodies that friction alone holds. Scenes that settle sooner would only pay for it."""
     peeled: float = 0.1
     """Share of the active rows that leave in two sets in a row, from which on the contact is said
     to peel off."""
@@ -84,15 +83,12 @@ class ActiveSetOptions:
     unsettled: float = 0.25
     """With friction the loop begins anew from the contact without friction if at least this many
     sets did not settle, each of the last three changed this share of the closed rows, and as many
-    joined in these three together. Friction forces of a wrong contact are wrong, too: a clip that
-    snaps over a round edge took 2,442 operator applications without this and 124 with it. In
-    thirteen scenes of `contact_app.studies.friction_cost` the share is below 0.25 from the sixth
-    set on."""
+    joined in these three together. Friction forces of a wrong contact are wrong, too. In thirteen
+    scenes of `contact_app.studies.friction_cost` the share is below 0.25 from the sixth set on."""
     insists: bool = True
     """Whether the loop goes on where each set has other contact, or where no contact without
     friction is found from which it could begin anew. Multigrid goes on with the augmented
-    Lagrangian instead: a hook on a rail with μ = 1 takes 181 operator applications, and took 607,
-    since the sets of three more runs did not settle, either."""
+    Lagrangian instead, since sets of further runs do not settle, either."""
     vanishing: float = 0.1
     """With friction all contact is opened once a(u, u) fell below this factor of its value in each
     of three sets in a row, if no body needs contact. Where bodies touch and no load presses them,
@@ -101,9 +97,8 @@ class ActiveSetOptions:
     stuck_again: float = 0.1
     """Tangential rows that stick after a set without sticking points, over the rows of the sliding
     points in that set. If they are so many after two such sets, the points of the next such set
-    yield. A split ring has 0.1 to 0.7 and does not settle without; if points yield after one such
-    set or with a share of 0.02, a hub takes 121 operator applications instead of 87, and a bracket
-    163 instead of 79."""
+    yield. A split ring (`test_split_ring.py`) has 0.1 to 0.7 and does not settle without; hub and
+    bracket with friction take more operator applications if points yield sooner."""
     sliding: int = 20
     """Number of sets in a row without a point that sticks, after which friction is said not to hold
     a body. A belt around a drum has at most seven at 0.99 of its largest load, and slides on at its
@@ -114,12 +109,11 @@ class ActiveSetOptions:
     may_peel: bool = True
     """Whether sets go on where contact peels off and there are no levels of contact rows. Where a
     factor is affordable, multigrid has others instead: factors on levels of rows for thin bodies,
-    the augmented Lagrangian for others. A lifted plate of 77,868 unknowns takes 44 operator
-    applications with the first, 164 with the second; another took 458 in 60 sets."""
+    the augmented Lagrangian for others."""
     peeling: int = 4
     """Number of sets in a row from each of which many rows leave and which no row joins, after
-    which contact peels off in this sense. With two a bar in a vee takes 55 operator applications
-    instead of 36, a cup on a ball 76 instead of 44, the plate 140."""
+    which contact peels off in this sense. With two a bar in a vee and a cup on a ball
+    (`meshes/samples/make_trials.py`) take half as many operator applications again."""
     dropped: float = 0.1
     many: int = 10
     """Share of the active rows, and number of rows, that leave with one set, from which on the

@@ -57,8 +57,8 @@ class FrictionOptions:
     where the slips are no larger than those that the tractions themselves cause."""
     yields: float = 0.3
     """Largest ρ of a point over its stiffness. In small increments directions that were right
-    turned farther in each set: two boxes pushed in ten increments took 909 operator applications
-    without, 329 with 1 and 221 with 0.3; with 0.15 a flange takes 135, not 128."""
+    turned farther in each set: `boxes_pushed` of `contact_app.studies.friction_cost` takes four
+    times the operator applications without."""
     round_off: float = 1e-13
     """Changes of tractions that count as zero, over the largest multiplier."""
     soft: float = 1.5
@@ -67,26 +67,21 @@ class FrictionOptions:
     of the largest slip, per force."""
     turns_about: float = 0.5
     """Share of the last change of the limits that the next change has to undo before changes of
-    limits are relaxed. A cone pressed into a cone, whose limits turned about by 0.7, took 286 to
-    1,096 operator applications without. From the first set on, relaxation costs a cube with μ = 0.3
-    39 operator applications instead of 34."""
+    limits are relaxed, as those of a cone in a cone turn about by 0.7. Scenes whose limits settle
+    need no relaxation."""
     least_share: float = 0.1
-    """Smallest share of a change that is taken. A wedge with the slope 0.1 and μ = 0.5, whose
-    limits turn about by 5, is not certified by active sets with 0.3."""
+    """Smallest share of a change that is taken. Limits of a slender wedge turn about by 5."""
     aligned: float = 0.7
     """Least cosine of the angle between two changes of the limits on one set, from which on limits
-    are extrapolated. With 0.9 half a bush under a shaft with μ = 1 takes 172 operator applications,
-    not 143; with changes of any angle an eye on a pin takes 58, not 48."""
+    are extrapolated."""
     same: float = 0.75
     many: int = 8
     """Points that slide in two sets in a row, over those that slide in one of them, and their
-    number, from which on they may lock: with springs at two points between loose rollers a set took
-    101 operator applications."""
+    number, from which on they may lock: few points lock by chance."""
     spring: float = 0.6
     least_spring: float = 0.1
-    """Share of the friction of locked points that is a spring, and share below which none is. A pin
-    in a tapered hole takes 50, 58 and 79 operator applications with μ = 0.1, 0.2 and 0.3, and took
-    102, 390 and 133 without springs. With a share of 0.9 and μ = 0.2 it takes 81."""
+    """Share of the friction of locked points that is a spring, as in a tapered hole, and share
+    below which none is."""
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -113,7 +108,7 @@ class Friction(Frictionless):
     such points."""
     locks: bool = False
     """Whether points that lock have springs. In Total FETI conjugate gradients converge slowly with
-    them: a pin in a lug with μ = 0.1 takes 330 operator applications instead of 67."""
+    them."""
     options: FrictionOptions = FrictionOptions()
 
     def initial(
@@ -237,7 +232,9 @@ class Friction(Frictionless):
 
     def _springs(self, statuses: Statuses) -> Mask:
         """Sliding points with springs, (points,)."""
-        return np.zeros(len(self.points.first), bool) if (s := statuses.springs) is None else s
+        if statuses.springs is None:
+            return np.zeros(len(self.points.first), bool)
+        return statuses.springs
 
     def _sticking(self, statuses: Statuses) -> Mask:
         """Points that stick, (points,)."""

@@ -25,11 +25,7 @@ from solver.primal.line_search import minimum_along
 from solver.vectors import Array, Mask
 
 WHOLE = 0.7
-"""Share from which on the whole step is taken.
-
-Sets that grow evenly need whole steps: a tray whose bottom comes to lie on a floor (15,126
-unknowns) takes 86 operator applications with 0.999, and 74 with 0.7. With 0.5 a leaf spring of
-degree 2 (12,765 unknowns) takes 490 instead of 237."""
+"""Share from which on the whole step is taken: sets that grow evenly need whole steps."""
 
 
 @dataclass(frozen=True, eq=False)
