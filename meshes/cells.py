@@ -17,21 +17,14 @@ Choose = Callable[[NDArray[Any], NDArray[Any]], Mask]
 
 @dataclass(frozen=True, eq=False)
 class Skin:
-    """Facets of some cells that lie on the surface of the body.
+    """Facets of some cells that lie on the surface of the body."""
 
-    Attributes
-    ----------
-    facets : (facets, nodes per facet)
-        Nodes of each facet, vertices first.
-    cells : (facets,)
-        Cell of each facet.
-    sides
-        Masks (facets,) of the facets on each named boundary.
-    """
-
-    facets: Ints
-    cells: Ints
+    facets: Ints  # (facets, nodes per facet)
+    """Nodes of each facet, vertices first."""
+    cells: Ints  # (facets,)
+    """Cell of each facet."""
     sides: Mapping[str, Mask]
+    """Masks (facets,) of the facets on each named boundary."""
 
 
 class Cells(Protocol):

@@ -43,34 +43,23 @@ PAIRS = 50_000
 
 @dataclass(frozen=True, eq=False)
 class Overlaps:
-    """Integrals over the overlap of each pair of facets.
-
-    Attributes
-    ----------
-    i, j : (pairs,)
-        Facets of the two sides.
-    area : (pairs,)
-        Area of each overlap.
-    mass : (pairs, v, n)
-        ∫ φ_k N_l, with the shape functions φ of the v vertices and N of all nodes of the facet.
-    shared : (pairs, v, m)
-        ∫ φ_k N'_l, with N' of the nodes of the facet on the other side.
-    weight : (pairs, v)
-        ∫ φ_k.
-    gap : (pairs, v)
-        ∫ φ_k g, with the gap g.
-    tilt : (pairs, v, d - 1, n)
-        ∫ φ_k g ∂_a N_l along the axes of the `on` facet; without axes if not requested.
-    """
+    """Integrals over the overlap of each pair of facets."""
 
     i: Ints
     j: Ints
-    area: Array
-    mass: Array
-    shared: Array
-    weight: Array
-    gap: Array
-    tilt: Array
+    """Facets of the two sides. Shape (pairs,)."""
+    area: Array  # (pairs,)
+    """Area of each overlap."""
+    mass: Array  # (pairs, v, n)
+    """∫ φ_k N_l, with the shape functions φ of the v vertices and N of all nodes of the facet."""
+    shared: Array  # (pairs, v, m)
+    """∫ φ_k N'_l, with N' of the nodes of the facet on the other side."""
+    weight: Array  # (pairs, v)
+    """∫ φ_k."""
+    gap: Array  # (pairs, v)
+    """∫ φ_k g, with the gap g."""
+    tilt: Array  # (pairs, v, d - 1, n)
+    """∫ φ_k g ∂_a N_l along the axes of the `on` facet; without axes if not requested."""
 
     @classmethod
     def of(cls, on: Surface, against: Surface, i: Ints, j: Ints, tilted: bool = False) -> Overlaps:

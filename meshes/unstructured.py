@@ -81,27 +81,18 @@ def _row_keys(rows: Ints) -> Ints:
 
 @dataclass(frozen=True, eq=False)
 class Topology:
-    """The neighbourhood of the cells of a mesh.
+    """The neighbourhood of the cells of a mesh."""
 
-    Attributes
-    ----------
-    facets : (facets, nodes per facet)
-        Nodes of the facets on the surface, vertices first.
-    facet_cells : (facets,)
-        Cell of each facet.
-    pairs : (pairs, 2)
-        Cells that share a facet.
-    pair_facets : (pairs, 2)
-        Local number of the common facet in each of the two cells.
-    crowded
-        Facets that more than two cells have: none in a mesh that fills space once.
-    """
-
-    facets: Ints
-    facet_cells: Ints
-    pairs: Ints
-    pair_facets: NDArray[np.int8]
+    facets: Ints  # (facets, nodes per facet)
+    """Nodes of the facets on the surface, vertices first."""
+    facet_cells: Ints  # (facets,)
+    """Cell of each facet."""
+    pairs: Ints  # (pairs, 2)
+    """Cells that share a facet."""
+    pair_facets: NDArray[np.int8]  # (pairs, 2)
+    """Local number of the common facet in each of the two cells."""
     crowded: int
+    """Facets that more than two cells have: none in a mesh that fills space once."""
 
     @classmethod
     def of(cls, cells: Ints, cell: str) -> Topology:
@@ -132,53 +123,36 @@ class Topology:
 
 @dataclass(frozen=True, eq=False)
 class CellMesh:
-    """A mesh of one body, cell by cell.
-
-    Attributes
-    ----------
-    cell
-        ``triangle``, ``quadrilateral``, ``tetrahedron`` or ``hexahedron``.
-    points : (nodes, dimension)
-        Coordinates, in the unit of length of the scene.
-    cells : (cells, nodes per cell)
-        Nodes of each cell in VTK order, vertices first.
-    topology
-        Surface and neighbourhood of the cells.
-    sides
-        Rows of ``topology.facets`` on each named boundary.
-    groups
-        Ascending cells of each named group.
-    tags : (cells,)
-        Number of each cell's material among the materials of the body.
-    name
-        Source of the mesh, for reports.
-    notes
-        Notes on repaired or dropped data of the file, one sentence each.
-    degree
-        1, or 2 if cells have nodes on their edges and faces and in their middle, too.
-    middles : (cells, further nodes, dimension)
-        For a mesh of degree 1 with curved edges: coordinates of the nodes of degree 2 besides the
-        vertices, in VTK order. None for straight edges.
-    coarse
-        The mesh that was refined to this one: its vertices are on the true shape. None for a mesh
-        that was not refined.
-    inner
-        Ascending cells on one side of each named inner surface, which divides the mesh.
-    """
+    """A mesh of one body, cell by cell."""
 
     cell: str
-    points: Array
-    cells: Ints
+    """``triangle``, ``quadrilateral``, ``tetrahedron`` or ``hexahedron``."""
+    points: Array  # (nodes, dimension)
+    """Coordinates, in the unit of length of the scene."""
+    cells: Ints  # (cells, nodes per cell)
+    """Nodes of each cell in VTK order, vertices first."""
     topology: Topology
+    """Surface and neighbourhood of the cells."""
     sides: Mapping[str, NDArray[np.int32]]
+    """Rows of ``topology.facets`` on each named boundary."""
     groups: Mapping[str, Ints]
-    tags: NDArray[np.int32]
+    """Ascending cells of each named group."""
+    tags: NDArray[np.int32]  # (cells,)
+    """Number of each cell's material among the materials of the body."""
     name: str = "mesh"
+    """Source of the mesh, for reports."""
     notes: tuple[str, ...] = field(default=())
+    """Notes on repaired or dropped data of the file, one sentence each."""
     degree: int = 1
-    middles: Array | None = None
+    """1, or 2 if cells have nodes on their edges and faces and in their middle, too."""
+    middles: Array | None = None  # (cells, further nodes, dimension)
+    """For a mesh of degree 1 with curved edges: coordinates of the nodes of degree 2 besides the
+    vertices, in VTK order. None for straight edges."""
     coarse: CellMesh | None = None
+    """The mesh that was refined to this one: its vertices are on the true shape. None for a mesh
+    that was not refined."""
     inner: Mapping[str, Ints] = field(default_factory=dict)
+    """Ascending cells on one side of each named inner surface, which divides the mesh."""
 
     @property
     def dimension(self) -> int:

@@ -60,58 +60,40 @@ Part = TypeVar("Part")
 
 @dataclass(frozen=True, eq=False)
 class Model:
-    """The discrete model of a scene.
-
-    Attributes
-    ----------
-    geometry
-        The bodies, cut into subdomains.
-    place : (subdomains, 2)
-        Class and column of each subdomain of this rank, which locate its vectors.
-    elements
-        Finite-element forms of each class, for stresses and areas.
-    materials
-        Materials of each class, by the tags of its cells.
-    needed, left_out
-        Mask of this rank's candidate rows that are contact rows, and the other candidates, in which
-        the answer is tested.
-    merged
-        Rows that a tighter parallel row of the same node makes redundant.
-    node_exchange
-        Exchange of all nodes (not only surface nodes) with their owners.
-    linear
-        The tractions of total forces and moments.
-    temperatures
-        Temperatures at the nodes of each class, (nodes, members); None for classes without heat.
-    probes
-        Cells of the points at which the displacement is written.
-    sections
-        Cells on both sides of the planes of section forces.
-    notes
-        Sentences on how the scene is modelled, for the log.
-    cautions
-        The notes that are warnings of an answer, too.
-    pressed_before
-        Normal forces at the begin of an increment; None where it begins without loads.
-    """
+    """The discrete model of a scene."""
 
     scene: Scene
     geometry: Geometry
+    """The bodies, cut into subdomains."""
     problem: DualProblem
-    place: Ints
+    place: Ints  # (subdomains, 2)
+    """Class and column of each subdomain of this rank, which locate its vectors."""
     elements: tuple[Element, ...]
+    """Finite-element forms of each class, for stresses and areas."""
     materials: tuple[tuple[Material, ...], ...]
+    """Materials of each class, by the tags of its cells."""
     needed: Mask
     left_out: ContactRows
+    """Mask of this rank's candidate rows that are contact rows, and the other candidates, in which
+    the answer is tested."""
     merged: ContactRows
+    """Rows that a tighter parallel row of the same node makes redundant."""
     node_exchange: NodeExchange
+    """Exchange of all nodes (not only surface nodes) with their owners."""
     linear: tuple[LinearTraction, ...] = ()
+    """The tractions of total forces and moments."""
     probes: tuple[Probe, ...] = ()
+    """Cells of the points at which the displacement is written."""
     temperatures: tuple[Array | None, ...] = ()
+    """Temperatures at the nodes of each class, (nodes, members); None for classes without heat."""
     sections: tuple[SectionPiece, ...] = ()
+    """Cells on both sides of the planes of section forces."""
     notes: tuple[str, ...] = ()
+    """Sentences on how the scene is modelled, for the log."""
     cautions: tuple[str, ...] = ()
+    """The notes that are warnings of an answer, too."""
     pressed_before: NormalForces | None = None
+    """Normal forces at the begin of an increment; None where it begins without loads."""
 
     @property
     def partition(self) -> Partition:

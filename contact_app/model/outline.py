@@ -84,83 +84,56 @@ def partition_scene(scene: Scene, comm: MPI.Intracomm) -> Partition:
 
 @dataclass(frozen=True, eq=False)
 class CandidateRows:
-    """The rows of conditions, contacts and ties that this rank owns.
-
-    Attributes
-    ----------
-    held
-        Held nodes.
-    contact
-        Candidate rows of all contacts.
-    merged
-        Rows that a candidate row of the same node makes redundant.
-    tied
-        Rows of tied pairs.
-    """
+    """The rows of conditions, contacts and ties that this rank owns."""
 
     held: HeldRows
+    """Held nodes."""
     contact: ContactRows
+    """Candidate rows of all contacts."""
     merged: ContactRows
+    """Rows that a candidate row of the same node makes redundant."""
     tied: TiedRows
+    """Rows of tied pairs."""
 
 
 @dataclass(frozen=True, eq=False)
 class ActingLoads:
-    """The loads of a scene on the subdomains of this rank.
-
-    Attributes
-    ----------
-    linear
-        The tractions of total forces and moments.
-    vectors
-        Load vector of each subdomain; None without loads.
-    temperatures, thermal
-        Temperatures at the nodes of each subdomain, and thermal loads; None without heat.
-    """
+    """The loads of a scene on the subdomains of this rank."""
 
     linear: tuple[LinearTraction, ...]
+    """The tractions of total forces and moments."""
     vectors: list[Array | None]
+    """Load vector of each subdomain; None without loads."""
     temperatures: list[Array | None]
     thermal: list[Array | None]
+    """Temperatures at the nodes of each subdomain, and thermal loads; None without heat."""
 
 
 @dataclass(frozen=True, eq=False)
 class Outline:
-    """The outline of a model: all data that need no assembled or factored matrices.
-
-    Attributes
-    ----------
-    uncut
-        Rows of contacts on averages, before held components are removed.
-    needed
-        Mask of the candidate rows that become contact rows.
-    elements
-        Finite-element forms by the identity of their reference.
-    probes
-        The cells of the probes' points.
-    sections
-        The cells on either side of planes with requested section forces.
-    means
-        Rows that hold rigid motions of bodies in the mean.
-    balances
-        Equilibrium of each body, elastic ones first, then moving rigid ones.
-    friction
-        Tangential rows at all candidate rows of this rank.
-    """
+    """The outline of a model: all data that need no assembled or factored matrices."""
 
     geometry: Geometry
     surface: SurfaceCopies
     exchange: NodeExchange
     uncut: tuple[ContactRows, ...]
+    """Rows of contacts on averages, before held components are removed."""
     rows: CandidateRows
     needed: Mask
+    """Mask of the candidate rows that become contact rows."""
     elements: dict[int, Element]
+    """Finite-element forms by the identity of their reference."""
     acting: ActingLoads
     probes: tuple[Probe, ...]
+    """The cells of the probes' points."""
     sections: tuple[SectionPiece, ...]
+    """The cells on either side of planes with requested section forces."""
     means: ContactRows
+    """Rows that hold rigid motions of bodies in the mean."""
     balances: list[BodyBalance]
+    """Equilibrium of each body, elastic ones first, then moving rigid ones."""
     friction: FrictionRows
+    """Tangential rows at all candidate rows of this rank."""
 
     @property
     def partition(self) -> Partition:

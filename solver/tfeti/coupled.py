@@ -134,14 +134,10 @@ class CoupledRows:
 
     Coupled rows are the rows of several nodes, and rows that are not perpendicular to one of them.
     They are made once for a problem; its active sets take them `on` the rows they keep.
-
-    Attributes
-    ----------
-    B : (dual, interface)
-        Coupled rows times D⁻¹; the other rows unchanged.
     """
 
-    B: ConstraintMatrix
+    B: ConstraintMatrix  # (dual, interface)
+    """Coupled rows times D⁻¹; the other rows unchanged."""
 
     def __init__(self, problem: DecomposedProblem) -> None:
         self.comm, deforming = problem.comm, problem.deforming

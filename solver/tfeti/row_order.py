@@ -20,26 +20,17 @@ from solver.vectors import Array, Ints
 
 @dataclass(frozen=True, eq=False)
 class OrderedRows:
-    """B and the data of its rows.
+    """B and the data of its rows."""
 
-    Attributes
-    ----------
-    B : (dual, interface)
-    c : (dual,)
-        Right-hand side.
-    kinds : (dual,)
-        `RowKind` of each row.
-    weight : (dual,)
-        Weights in the coarse problem.
-    held_unknowns : (dual,)
-        Unknown that a held row holds, node · dimension + component; -1 on other rows.
-    """
-
-    B: ConstraintMatrix
-    c: Array
-    kinds: NDArray[np.int8]
-    weight: Array
-    held_unknowns: Ints
+    B: ConstraintMatrix  # (dual, interface)
+    c: Array  # (dual,)
+    """Right-hand side."""
+    kinds: NDArray[np.int8]  # (dual,)
+    """`RowKind` of each row."""
+    weight: Array  # (dual,)
+    """Weights in the coarse problem."""
+    held_unknowns: Ints  # (dual,)
+    """Unknown that a held row holds, node · dimension + component; -1 on other rows."""
 
 
 def order_rows(

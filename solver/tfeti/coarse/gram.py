@@ -31,38 +31,30 @@ class RowSets:
 
     Attributes
     ----------
-    rows : (sets, n)
-        Local numbers.
-    starts, widths : (sets, m)
-        First coarse unknown of each subdomain, numbered over all ranks, and its number of coarse
-        unknowns.
-    values : (kinds, n, m · motions)
-        Entries, for each subdomain as many as rigid motions, zero beyond its width.
     kind : (sets,)
         Which of these entries a set has.
     """
 
-    rows: Ints
+    rows: Ints  # (sets, n)
+    """Local numbers."""
     starts: Ints
     widths: Ints
-    values: Array
+    """First coarse unknown of each subdomain, numbered over all ranks, and its number of coarse
+    unknowns. Shape (sets, m)."""
+    values: Array  # (kinds, n, m · motions)
+    """Entries, for each subdomain as many as rigid motions, zero beyond its width."""
     kind: Ints
 
 
 @dataclass(frozen=True, eq=False)
 class Blocks:
-    """A sum of dense blocks between subdomains, on this rank.
-
-    Attributes
-    ----------
-    starts, widths : (n, 2)
-        First coarse unknown of the block's rows and columns, and the number of used ones.
-    values : (n, motions, motions)
-    """
+    """A sum of dense blocks between subdomains, on this rank."""
 
     starts: Ints
     widths: Ints
-    values: Array
+    """First coarse unknown of the block's rows and columns, and the number of used ones. Shape (n,
+    2)."""
+    values: Array  # (n, motions, motions)
 
     @property
     def motions(self) -> int:

@@ -58,24 +58,16 @@ SHARED = RowKind.CONTACT, RowKind.TANGENT, RowKind.TIED, RowKind.MEAN
 
 @dataclass(frozen=True, eq=False)
 class SharedRows:
-    """Rows over nodes of any ranks, each kind sorted by node.
-
-    Attributes
-    ----------
-    contact
-        Contact rows.
-    friction
-        Tangential rows, sorted by contact within a node.
-    tied
-        Rows of tied boundaries; they hold with equality.
-    means
-        Held rigid motions of bodies in the mean.
-    """
+    """Rows over nodes of any ranks, each kind sorted by node."""
 
     contact: ContactRows
+    """Contact rows."""
     friction: FrictionRows
+    """Tangential rows, sorted by contact within a node."""
     tied: ContactRows
+    """Rows of tied boundaries; they hold with equality."""
     means: ContactRows
+    """Held rigid motions of bodies in the mean."""
 
     @classmethod
     def of(
@@ -99,31 +91,24 @@ class SharedRows:
 
 @dataclass(frozen=True, eq=False)
 class Rows:
-    """This rank's rows of B, as entries (row, copy, component, value) on arrived copies.
-
-    Attributes
-    ----------
-    kind, node : (rows,)
-        Kind and node of each row, sorted by node, then kind.
-    rhs : (rows,)
-        c.
-    weight : (rows,)
-        Weights of gluing rows in a coarse problem that joins neighbours alone; one for other rows.
-    row, copy, component, value : (entries,)
-        Entries of gluing and held rows; `copy` counts the copies that arrived at this rank.
-    shared
-        Entries of the rows of `SHARED`, kind by kind.
-    """
+    """This rank's rows of B, as entries (row, copy, component, value) on arrived copies."""
 
     kind: NDArray[np.int8]
     node: Ints
-    rhs: Array
-    weight: Array
+    """Kind and node of each row, sorted by node, then kind. Shape (rows,)."""
+    rhs: Array  # (rows,)
+    """c."""
+    weight: Array  # (rows,)
+    """Weights of gluing rows in a coarse problem that joins neighbours alone; one for other
+    rows."""
     row: Ints
     copy: Ints
     component: Ints
     value: Array
+    """Entries of gluing and held rows; `copy` counts the copies that arrived at this rank. Shape
+    (entries,)."""
     shared: SharedEntries
+    """Entries of the rows of `SHARED`, kind by kind."""
 
     @property
     def _shared(self) -> Ints:
