@@ -104,8 +104,11 @@ class SharedNode:
             pressing = np.flatnonzero(self.presses & (self.sources == source))
             change = np.zeros(len(rows))
             change[acts] = null @ null[place[pressing]].sum(axis=0)
+            change[np.abs(change) < DEPENDENT] = 0.0  # rounding errors limit no force
             if change[pressing].sum() > DEPENDENT:
-                ranges[pressing] = change[pressing] * (self._reach(change) + self._reach(-change))
+                reach = self._reach(change) + self._reach(-change)
+                changed = pressing[change[pressing] != 0.0]
+                ranges[changed] = change[changed] * reach if np.isfinite(reach) else np.inf
         return ranges
 
     def _reach(self, change: Array) -> float:

@@ -77,6 +77,20 @@ def test_a_tie_without_limit_moves_the_force_from_one_block_to_the_other() -> No
     assert node.ranges() == pytest.approx([12.0, 12.0, 0.0])
 
 
+@pytest.mark.parametrize("angle", [0.0, 0.3, 0.7, 1.1])
+def test_a_tie_against_a_contact_leaves_its_force_open(angle: float) -> None:
+    """A node that is tied along the normal of a contact, and pressed across it by another one."""
+    across, along = np.array([[np.cos(angle), np.sin(angle)], [-np.sin(angle), np.cos(angle)]])
+    node = SharedNode(
+        sources=np.array([0, 1, 2]), normals=np.stack([along, across, along]),
+        normal_forces=np.array([10.0, 2.0, np.inf]),
+        tangents=np.zeros((3, 1, 2)), friction=np.zeros((3, 1)),
+        coefficients=np.zeros(3), limits=np.zeros(3),
+        presses=np.ones(3, bool), rests=np.zeros(3, bool),
+    )  # fmt: skip
+    assert node.ranges() == pytest.approx([np.inf, 0.0, 0.0])
+
+
 def _on_one_floor(cells: tuple[int, int], method: str) -> tuple[list[float], str]:
     """Vertical forces of two tied blocks on a floor without friction, and the warnings."""
     bodies = [scenes.block("quadrilateral", n, name, (k, 0, 0), (k + 1, 1, 1), 1e3 / (k + 1))
