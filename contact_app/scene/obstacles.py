@@ -36,6 +36,7 @@ class Obstacle(Protocol):
     @property
     def curvature_radius(self) -> float | None:
         """Smallest radius of curvature; None for flat obstacles."""
+        return getattr(self, "radius", None)
 
     def gap_and_normal(self, points: Array) -> tuple[Array, Array]:
         """Gap (n,) and outward unit normal (n, 3) at points (n, 3)."""
@@ -69,10 +70,6 @@ class Plane(Obstacle):
     normal: Vector
     """Direction out of the obstacle, of any length but zero."""
 
-    @property
-    def curvature_radius(self) -> None:
-        """None: a plane is flat."""
-
     def gap_and_normal(self, points: Array) -> tuple[Array, Array]:
         """Gap (n,) and normal (n, 3)."""
         normal = np.array(self.normal) / np.linalg.norm(self.normal)
@@ -97,11 +94,6 @@ class Sphere(Obstacle):
     center: Vector
     radius: float
     hollow: bool = False
-
-    @property
-    def curvature_radius(self) -> float:
-        """The radius."""
-        return self.radius
 
     def gap_and_normal(self, points: Array) -> tuple[Array, Array]:
         """Gap (n,) and normal (n, 3).
@@ -144,11 +136,6 @@ class Cylinder(Obstacle):
     axis: Vector
     radius: float
     hollow: bool = False
-
-    @property
-    def curvature_radius(self) -> float:
-        """The radius."""
-        return self.radius
 
     def gap_and_normal(self, points: Array) -> tuple[Array, Array]:
         """Gap (n,) and normal (n, 3).

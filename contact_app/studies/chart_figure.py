@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from contact_app.studies.reference import QUANTITIES
+from contact_app.studies.tables import plotting
 
 APPLICATION = "contact-app"
 """Beginning of the names of this application's points."""
@@ -31,11 +32,7 @@ MARKERS = {"hexahedron": "s", "tetrahedron": "^", "quadrilateral": "s", "triangl
 
 def draw(rows: Sequence[dict[str, Any]], path: Path, title: str, sentence: str) -> None:
     """Seconds against each error: frontiers as lines, dominated points faint."""
-    import matplotlib
-
-    matplotlib.use("Agg")
-    import matplotlib.pyplot as plt
-
+    plt = plotting()
     colours = plt.get_cmap("tab10")
     groups = {APPLICATION: [r for r in rows if is_application(r)]}
     for row in rows:

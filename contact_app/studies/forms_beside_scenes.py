@@ -31,7 +31,7 @@ from numpy.typing import NDArray
 from contact_app.forms import Contact, ContactProblem
 from contact_app.run.answer import solve
 from contact_app.scene.obstacles import Plane
-from contact_app.studies.perturbed import perturbed_cube, write_cube
+from contact_app.studies.perturbed import perturbed_box, write_box
 from meshes import dolfinx_compat
 
 TURNS = 3
@@ -101,11 +101,11 @@ def measure(
 
     This runs on one rank.
     """
-    cube = perturbed_cube(cells)
+    cube = perturbed_box(cells)
     mesh = dolfinx_compat.create_mesh(cube.cells, cube.points, cube.cell)
     with tempfile.TemporaryDirectory() as directory:
         file = Path(directory) / "cube.vtu"
-        write_cube(file, cells)
+        write_box(file, cells)
         scene = scene_of({"file": file}, degree, friction)
         return _by_turns(form_problem(mesh, degree, friction), scene, turns)
 

@@ -37,7 +37,7 @@ from scipy.spatial import cKDTree
 from contact_app.studies.calculix_deck import COMMAND, Deck, measured
 from contact_app.studies.rough_models import Outcome, PlainScene
 from contact_app.studies.rough_scenes import ROUGH, plain
-from contact_app.studies.tables import write
+from contact_app.studies.tables import plotting, write
 from meshes.arrays import Array
 
 APPLICATION, CALCULIX, GETFEM = "contact-app", "CalculiX", "GetFEM"
@@ -238,11 +238,7 @@ def _word(key: str, value: Any) -> str:
 
 def draw(results: Sequence[dict[str, Any]], name: str, path: Path) -> None:
     """The error of displacements over processor seconds."""
-    import matplotlib
-
-    matplotlib.use("Agg")
-    import matplotlib.pyplot as plt
-
+    plt = plotting()
     figure, axes = plt.subplots(figsize=(6.4, 4.4), layout="constrained")
     for k, program in enumerate((APPLICATION, CALCULIX, GETFEM)):
         for degree in (1, 2):

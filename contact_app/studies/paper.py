@@ -7,7 +7,8 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from importlib.resources import files
 from pathlib import Path
-from typing import Any
+
+from contact_app.studies.tables import plotting
 
 COLUMNS = (
     "benchmark",
@@ -87,19 +88,6 @@ def write_csv(path: Path, comparisons: Iterable[Comparison]) -> None:
         for pair in comparisons:
             measured = [getattr(pair.measured, name) for name in COLUMNS]
             writer.writerow([*measured, *(getattr(pair.paper, name) for name in COLUMNS[3:])])
-
-
-def plotting() -> Any:
-    """Matplotlib's pyplot, drawing to files; without its complaint about a second installation."""
-    import warnings
-
-    with warnings.catch_warnings():
-        warnings.filterwarnings("ignore", message="Unable to import Axes3D")
-        import matplotlib
-
-        matplotlib.use("Agg")
-        from matplotlib import pyplot
-    return pyplot
 
 
 def draw(path: Path, title: str, comparisons: Sequence[Comparison]) -> None:

@@ -33,7 +33,7 @@ from contact_app.studies.peers import METHODS
 from contact_app.studies.processes import RunError
 from contact_app.studies.runs import printed_row
 from contact_app.studies.single_run import OWN_METHODS
-from contact_app.studies.tables import Row, read, write
+from contact_app.studies.tables import Row, plotting, read, write
 from contact_app.studies.undecomposed import UnsuitableError
 
 CONFIGS = Path(__file__).parents[2] / "configs"
@@ -199,11 +199,7 @@ def slopes(rows: Sequence[Row]) -> Iterator[str]:
 
 def draw(rows: Sequence[Row], path: Path) -> None:
     """Seconds and memory of rows with an answer: this application thick, linear methods dotted."""
-    import matplotlib
-
-    matplotlib.use("Agg")
-    import matplotlib.pyplot as plt
-
+    plt = plotting()
     panels = dict.fromkeys((row["part"], row["degree"]) for row in rows)
     if not panels:
         return

@@ -23,7 +23,9 @@ inverted.
 """
 
 
-def perturbed_box(lower: Sequence[float], upper: Sequence[float], bricks: int) -> CellMesh:
+def perturbed_box(
+    bricks: int, lower: Sequence[float] = (0.0,) * 3, upper: Sequence[float] = (1.0,) * 3
+) -> CellMesh:
     """A box of so many bricks along a length of one, six tetrahedra each; surface nodes stay."""
     low, high = np.asarray(lower, float), np.asarray(upper, float)
     counts = tuple(int(n) for n in np.rint(bricks * (high - low)))
@@ -35,17 +37,7 @@ def perturbed_box(lower: Sequence[float], upper: Sequence[float], bricks: int) -
     return replace(box, points=points)
 
 
-def write_box(path: Path, lower: Sequence[float], upper: Sequence[float], bricks: int) -> None:
+def write_box(path: Path, bricks: int, *corners: Sequence[float]) -> None:
     """Write a box to a mesh file."""
-    box = perturbed_box(lower, upper, bricks)
+    box = perturbed_box(bricks, *corners)
     meshio.write(path, meshio.Mesh(box.points, [("tetra", box.cells)]))
-
-
-def perturbed_cube(bricks: int) -> CellMesh:
-    """The unit cube."""
-    return perturbed_box((0.0,) * 3, (1.0,) * 3, bricks)
-
-
-def write_cube(path: Path, bricks: int) -> None:
-    """Write the unit cube to a mesh file."""
-    write_box(path, (0.0,) * 3, (1.0,) * 3, bricks)

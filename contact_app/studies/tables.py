@@ -1,4 +1,4 @@
-"""The rows of a study: CSV and tables of a page."""
+"""The rows of a study: CSV, tables of a page, and matplotlib for figures."""
 
 from __future__ import annotations
 
@@ -52,3 +52,16 @@ def fill(page: Path, tables: Mapping[str, str]) -> None:
         else:
             text += f"\n## {title}\n\n{table}"
     page.write_text(text, encoding="utf-8")
+
+
+def plotting() -> Any:
+    """Matplotlib's pyplot, drawing to files; without its complaint about a second installation."""
+    import warnings
+
+    with warnings.catch_warnings():
+        warnings.filterwarnings("ignore", message="Unable to import Axes3D")
+        import matplotlib
+
+        matplotlib.use("Agg")
+        from matplotlib import pyplot
+    return pyplot

@@ -57,7 +57,7 @@ def cantilever(row: str, directory: Path, *edges: int) -> dict[str, Any]:
                                         "cells": [n * (3 - count), n, n]}}  # fmt: skip
         if row.startswith("file"):
             mesh = {"file": str(directory / f"b{k}.vtu")}
-            write_box(Path(mesh["file"]), lower, upper, n)
+            write_box(Path(mesh["file"]), n, lower, upper)
         where = {"left": f"x < {k} + 1e-9", "right": f"x > {upper[0]} - 1e-9", "below": "z < 1e-9"}
         bodies.append({"name": f"b{k}", "mesh": mesh, "degree": degree,
                        "boundaries": {name: {"where": text} for name, text in where.items()},

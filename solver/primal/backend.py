@@ -12,7 +12,6 @@ import math
 from dataclasses import replace
 
 import numpy as np
-from mpi4py import MPI
 
 from solver.backend import ConstraintHierarchy, Statuses
 from solver.contact.bodies import body_lengths, largest
@@ -79,6 +78,7 @@ class Multigrid:
     ) -> None:
         """Matrices of a problem under other loads are taken from the place, or left there."""
         self.problem = problem
+        self.comm, self.contact_rows, self.c = problem.comm, problem.inequality, problem.c
         self.factors = factors or FactorOptions()
         self._place = place or SharedPlace()
         self.matrices = Matrices.shared(self._place, problem, self.factors)
@@ -93,21 +93,6 @@ class Multigrid:
         self.smallest_eigenvalue = UNKNOWN
         step = self.factors.least_step + self.factors.step * self.system.K.getSize()[0]
         self.patience = max(self.factors.slow, self.matrices.seconds / step)
-
-    @property
-    def comm(self) -> MPI.Intracomm:
-        """Communicator of all ranks."""
-        return self.problem.comm
-
-    @property
-    def contact_rows(self) -> Mask:
-        """Mask of the contact rows of B, (dual,)."""
-        return self.problem.inequality
-
-    @property
-    def c(self) -> Array:
-        """Right-hand side of the rows, (dual,); the gap in contact rows."""
-        return self.problem.c
 
     def begin_at(self, u: Array, left: Array | None = None) -> None:
         """Set the initial displacement of the next set and, if known, f - K u."""

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from functools import cached_property
 
-from mpi4py import MPI
 from petsc4py import PETSc
 
 from solver.backend import ConstraintHierarchy, Statuses
@@ -25,22 +24,8 @@ class TotalFeti:
 
     def __init__(self, problem: DualProblem, recycling: RecyclingOptions | None = None) -> None:
         self.problem, self._recycling = problem, recycling
+        self.comm, self.contact_rows, self.c = problem.comm, problem.inequality, problem.c
         self.forget()
-
-    @property
-    def comm(self) -> MPI.Intracomm:
-        """Communicator of all ranks."""
-        return self.problem.comm
-
-    @property
-    def contact_rows(self) -> Mask:
-        """Mask (dual,) of the contact rows of B."""
-        return self.problem.inequality
-
-    @property
-    def c(self) -> Array:
-        """Right-hand side of the rows, (dual,); the gap in contact rows."""
-        return self.problem.c
 
     def on_set(self, statuses: Statuses, multiplier: Array | None) -> ActiveSetProblem:
         """Conjugate gradients on a set (collective).

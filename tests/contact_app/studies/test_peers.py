@@ -17,7 +17,7 @@ from contact_app.scene.scene import Scene
 from contact_app.studies import processes
 from contact_app.studies.parts import CUBE
 from contact_app.studies.peers import solve
-from contact_app.studies.perturbed import MOVE, write_cube
+from contact_app.studies.perturbed import MOVE, write_box
 from contact_app.studies.tables import fill
 from contact_app.studies.undecomposed import assemble
 from tests import meshfiles, scenes
@@ -41,7 +41,7 @@ def cube(mesh: dict[str, Any], *overrides: str) -> Scene:
 
 def test_the_cube_in_the_file_is_moved_inside_and_whole(tmp_path: Path) -> None:
     n = 7
-    write_cube(tmp_path / "cube.vtu", n)
+    write_box(tmp_path / "cube.vtu", n)
     mesh = meshio.read(tmp_path / "cube.vtu")
     cells = mesh.cells_dict["tetra"]
     assert cells.shape == (6 * n**3, 4)
@@ -57,7 +57,7 @@ def test_the_cube_in_the_file_is_moved_inside_and_whole(tmp_path: Path) -> None:
 
 
 def test_peers_agree_on_the_tetrahedra(tmp_path: Path) -> None:
-    write_cube(tmp_path / "cube.vtu", 5)
+    write_box(tmp_path / "cube.vtu", 5)
     faces = {"z-": "z < 1e-9", "z+": "z > 1 - 1e-9", "x+": "x > 1 - 1e-9"}
     boundaries = json.dumps({name: {"where": where} for name, where in faces.items()})
     mesh, overrides = {"file": str(tmp_path / "cube.vtu")}, [f"bodies.0.boundaries={boundaries}"]
