@@ -21,13 +21,7 @@ import numpy as np
 from meshes import dolfinx_compat
 from meshes.arrays import Array, Ints, Mask
 from meshes.connected import connected
-from meshes.quadratic import (
-    CENTRED,
-    STRAIGHT,
-    VERTICES,
-    facet_table,
-    node_vertices,
-)
+from meshes.quadratic import CENTRED, STRAIGHT, VERTICES, facet_table, node_vertices
 from meshes.subdomains import VTK_ORDER, vtk_shapes
 from meshes.unstructured import FACETS, Topology
 

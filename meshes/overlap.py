@@ -128,10 +128,7 @@ def refuse_overlaps(
     body = CheckedBody(points, cells, cell, topology, middles, number)
     parts = chords(points, cells, cell, topology, middles)
     surface = ClosedSurface(
-        parts.places,
-        parts.simplices,
-        TOUCH * parts.size[parts.facet],
-        parts.deviation[parts.facet],
+        parts.places, parts.simplices, TOUCH * parts.size[parts.facet], parts.deviation[parts.facet]
     )
     if points.shape[1] == 2:
         crossed = segment_crossings(surface)

@@ -239,13 +239,7 @@ def _refuse_unlike(
 
 def _facet_images(
     mesh: CellMesh, other: CellMesh, facets: Ints, place: Ints
-) -> tuple[
-    Array,
-    Array,
-    Ints,
-    Ints,
-    Ints,
-]:
+) -> tuple[Array, Array, Ints, Ints, Ints]:
     """Nodes of facets and of their images.
 
     Returns

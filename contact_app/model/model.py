@@ -22,12 +22,7 @@ from contact_app.machine.memory import give_back
 from contact_app.machine.timings import Timings
 from contact_app.model.assembly import Element
 from contact_app.model.candidates import Needed
-from contact_app.model.equilibrium import (
-    directions_in_words,
-    group_numbers,
-    loose_bodies,
-    upward,
-)
+from contact_app.model.equilibrium import directions_in_words, group_numbers, loose_bodies, upward
 from contact_app.model.friction import without_area
 from contact_app.model.geometry import Geometry
 from contact_app.model.method import feti_options, is_undecomposed

@@ -36,11 +36,7 @@ from contact_app.model.loads import Loads, load_vectors
 from contact_app.model.mean_motions import mean_motion_rows
 from contact_app.model.method import is_undecomposed
 from contact_app.model.probes import Probe, locate_probes
-from contact_app.model.rigid import (
-    exchange_with,
-    moving_contacts,
-    moving_rows,
-)
+from contact_app.model.rigid import exchange_with, moving_contacts, moving_rows
 from contact_app.model.rigid_ties import ContactsAndTies
 from contact_app.model.sections import SectionPiece, locate_sections
 from contact_app.model.surface_copies import SurfaceCopies
@@ -52,11 +48,7 @@ from contact_app.scene.scene import Scene
 from meshes import Partition, decompose
 from meshes.arrays import Array, Mask
 from solver.contact.equilibrium import BodyBalance
-from solver.tfeti.constraints.conditions import (
-    ContactRows,
-    ContradictionError,
-    HeldRows,
-)
+from solver.tfeti.constraints.conditions import ContactRows, ContradictionError, HeldRows
 from solver.tfeti.constraints.exchange import NodeExchange
 from solver.tfeti.constraints.friction import FrictionRows
 from solver.tfeti.constraints.merge import merge_contact, merge_held

@@ -30,10 +30,7 @@ from numpy.typing import NDArray
 
 from meshes.arrays import Array, Ints, Mask
 
-LINES = {
-    3: ((0, 2, 1),),
-    9: ((0, 4, 1), (5, 8, 6), (2, 7, 3), (0, 5, 2), (4, 8, 7), (1, 6, 3)),
-}
+LINES = {3: ((0, 2, 1),), 9: ((0, 4, 1), (5, 8, 6), (2, 7, 3), (0, 5, 2), (4, 8, 7), (1, 6, 3))}
 """End, middle and end of the lines of nodes of a facet, in dolfinx's order, by its nodes."""
 
 STRAIGHT = 0.3

@@ -104,10 +104,7 @@ class Envelope:
             "largest_contact_pressure": self._pressure.values,
             "contact_pressure_case": self._pressure.cases,
         }
-        in_cells = {
-            "largest_von_mises": self._stress.values,
-            "von_mises_case": self._stress.cases,
-        }
+        in_cells = {"largest_von_mises": self._stress.values, "von_mises_case": self._stress.cases}
         if files:
             write_grid(self._model, self._nodes, files, lambda image: at_nodes, in_cells)
         return files

@@ -15,13 +15,7 @@ import numpy as np
 
 from contact_app.model.model import Model
 from contact_app.results.contacts import ContactsOfWhole
-from contact_app.results.fields import (
-    CELL_FIELDS,
-    POINT_FIELDS,
-    CellFields,
-    NodeFields,
-    slabs,
-)
+from contact_app.results.fields import CELL_FIELDS, POINT_FIELDS, CellFields, NodeFields, slabs
 from contact_app.results.mirror import FullMesh, Image, full_mesh
 from contact_app.results.result_size import components, file_names, result_bytes, wanted_fields
 from contact_app.results.series import Series

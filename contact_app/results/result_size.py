@@ -4,12 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from contact_app.results.fields import (
-    CELL_FIELDS,
-    FRICTION_FIELDS,
-    NODAL_FIELDS,
-    POINT_FIELDS,
-)
+from contact_app.results.fields import CELL_FIELDS, FRICTION_FIELDS, NODAL_FIELDS, POINT_FIELDS
 from contact_app.results.vtu import vtu_bytes
 from contact_app.results.xdmf import CELL_TYPES, cell_type_name, grid_bytes
 from contact_app.scene.bodies import Body

@@ -12,12 +12,7 @@ from mpi4py import MPI
 from contact_app.model.boundaries import boundary_nodes
 from contact_app.model.equilibrium import group_numbers
 from contact_app.model.loaded_area import loaded_facets
-from contact_app.model.method import (
-    LIMITS,
-    MethodChoice,
-    is_undecomposed,
-    patience,
-)
+from contact_app.model.method import LIMITS, MethodChoice, is_undecomposed, patience
 from contact_app.model.obstacle_hints import obstacle_hints
 from contact_app.model.outline import Outline, left_out_notes
 from contact_app.results.repeated_sentences import without_repetitions

@@ -32,12 +32,7 @@ from typing import Protocol
 from mpi4py import MPI
 
 from contact_app.accuracy.solved_scene import SolvedScene
-from contact_app.model.method import (
-    LIMITS,
-    MethodChoice,
-    is_undecomposed,
-    patience,
-)
+from contact_app.model.method import LIMITS, MethodChoice, is_undecomposed, patience
 from contact_app.results.report import log
 from contact_app.run.fallback import (
     NoAnswerError,

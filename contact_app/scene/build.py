@@ -44,9 +44,7 @@ if TYPE_CHECKING:
 
 
 def build_scene(
-    configuration: Configuration,
-    memory: float | None = None,
-    comm: MPI.Intracomm | None = None,
+    configuration: Configuration, memory: float | None = None, comm: MPI.Intracomm | None = None
 ) -> Scene:
     """Resolve a configuration (collective where ranks are given).
 

@@ -27,11 +27,7 @@ def where(
 
 
 def message(
-    details: ErrorDetails,
-    data: Any,
-    file: str,
-    lines: dict[Key, int],
-    overridden: dict[Key, str],
+    details: ErrorDetails, data: Any, file: str, lines: dict[Key, int], overridden: dict[Key, str]
 ) -> str:
     """One readable line from one of pydantic's errors."""
     path = _real_path(details["loc"], data)

@@ -224,10 +224,7 @@ def _material(keys: Keys, material: c.Material, path: Place) -> Material:
             "would decide the answer; at most 0.4999 is recommended",
         )
     return Material(
-        material.young,
-        poisson,
-        yield_stress=material.yield_stress,
-        expansion=material.expansion,
+        material.young, poisson, yield_stress=material.yield_stress, expansion=material.expansion
     )
 
 
@@ -300,8 +297,7 @@ def _box(keys: Keys, box: c.Box, path: Place) -> Box:
             )
         if (b - a) / box.cells[axis] <= 1e-12 * max(abs(a), abs(b)):
             keys.fail(
-                (*path, "cells"),
-                f"are too small along {'xyz'[axis]} to tell their nodes apart",
+                (*path, "cells"), f"are too small along {'xyz'[axis]} to tell their nodes apart"
             )
     edges = [(b - a) / n for a, b, n in zip(lower, upper, box.cells, strict=True)]
     if min(edges) < SHORTEST_EDGE:

@@ -220,8 +220,7 @@ class ConditionReader:
         if contact.round and (rigid or contact.obstacle is not None):
             shape = f"{contact.against} is rigid and" if rigid else "a round obstacle is"
             keys.fail(
-                (*path, "round"),
-                f"is for two elastic bodies: {shape} round as it is; leave it out",
+                (*path, "round"), f"is for two elastic bodies: {shape} round as it is; leave it out"
             )
         overlap = contact.interference
         if contact.obstacle is not None:
@@ -255,8 +254,7 @@ class ConditionReader:
         for k, earlier in enumerate(self.keys.configuration.contacts[:i]):
             if {earlier.on, earlier.against} == {contact.on, contact.against}:
                 self.keys.fail(
-                    ("contacts", i),
-                    f"repeats contacts[{k}]: each pair of boundaries is given once",
+                    ("contacts", i), f"repeats contacts[{k}]: each pair of boundaries is given once"
                 )
 
     def _refuse_other_friction(self, i: int, contact: c.Contact) -> None:

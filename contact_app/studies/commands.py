@@ -112,8 +112,7 @@ def reproduce_cube(
     ] = Scale.small,
     output: OutputOption = None,
     expansion: Annotated[
-        str | None,
-        typer.Option(help="Small scale: only the rows of this expansion, e.g. projcg."),
+        str | None, typer.Option(help="Small scale: only the rows of this expansion, e.g. projcg.")
     ] = None,
     settings: Annotated[
         str, typer.Option(help="Paper scale: rules to run, comma-separated: paper, ours.")

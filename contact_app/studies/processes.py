@@ -73,10 +73,7 @@ def output(
     if threads is not None:
         environment |= {"OMP_NUM_THREADS": str(threads), "OPENBLAS_NUM_THREADS": str(threads)}
     if ranks > 1:
-        environment |= {
-            "OMPI_ALLOW_RUN_AS_ROOT": "1",
-            "OMPI_ALLOW_RUN_AS_ROOT_CONFIRM": "1",
-        }
+        environment |= {"OMPI_ALLOW_RUN_AS_ROOT": "1", "OMPI_ALLOW_RUN_AS_ROOT_CONFIRM": "1"}
         command = ["mpirun", "--oversubscribe", "--bind-to", "none", "--mca", "btl", "^tcp",
                    "-n", str(ranks), *command]  # fmt: skip
     process = subprocess.Popen(

@@ -21,10 +21,7 @@ from solver.qp.operators import estimate_norm
 STRATEGIES = (
     ("projcg", 1.9), ("projcg-safe", 1.9), ("fixed", 1.9), ("fixed", 1.0), ("gfgf-opt", 1.2),
 )  # fmt: skip
-RULES: dict[str, Callable[[MPRGP], SMALBE]] = {
-    "paper's rule": SMALBE.paper,
-    "default": SMALBE,
-}
+RULES: dict[str, Callable[[MPRGP], SMALBE]] = {"paper's rule": SMALBE.paper, "default": SMALBE}
 CELLS_A_SUBDOMAIN = 4
 
 

@@ -47,11 +47,7 @@ GROWTH = 3.0
 LIMIT = 30.0
 """Time limit of a run in seconds."""
 
-PEERS = {
-    "SNES VI": "snes-vi-cholmod",
-    "TAO bnls": "tao-bnls",
-    "TAO bntr": "tao-bntr",
-}
+PEERS = {"SNES VI": "snes-vi-cholmod", "TAO bnls": "tao-bnls", "TAO bntr": "tao-bntr"}
 METHODS = (APPLICATION, WHOLE, *PEERS)
 COLUMNS = ("case", "method", "verdict", "detail", "applications", "growth", "energy",
            "penetration")  # fmt: skip

@@ -23,12 +23,7 @@ from mpi4py import MPI
 
 from solver.backend import Backend, S, Statuses
 from solver.contact.active_set_options import ActiveSetOptions, Turnover
-from solver.contact.active_set_update import (
-    ActiveSetUpdate,
-    EarlyReleases,
-    SetRules,
-    changed_rows,
-)
+from solver.contact.active_set_update import ActiveSetUpdate, EarlyReleases, SetRules, changed_rows
 from solver.contact.law import ContactLaw, Frictionless
 from solver.contact.loop_state import LoopState
 from solver.contact.monitoring import on_active_set

@@ -83,8 +83,7 @@ def certify(
     by_body = {
         "max_penetration": _worst_rows(problem, np.where(slack > 0.0, distance, 0.0), contact),
         "max_gluing_jump": np.maximum(
-            _worst_rows(problem, distance, ~problem.conditional),
-            answer.errors_of_held() / lengths,
+            _worst_rows(problem, distance, ~problem.conditional), answer.errors_of_held() / lengths
         ),
         "min_multiplier": _worst_rows(problem, pulls, contact),
         "complementarity": idle / reference_sizes(bodies, load * lengths),
@@ -127,11 +126,7 @@ def friction_numbers(
         return result
 
     forces, slips = points.forces(multiplier), points.slips(residual)
-    size, limit, slip = (
-        points.sizes(forces),
-        points.slip_limits(multiplier),
-        points.sizes(slips),
-    )
+    size, limit, slip = (points.sizes(forces), points.slip_limits(multiplier), points.sizes(slips))
     excess = at_rows(np.maximum(size - limit, 0.0))
     misaligned = points.sizes(limit[points.point] * slips - slip[points.point] * forces)
     rests = ~points.sliding(multiplier)[rows]

@@ -24,12 +24,7 @@ from scipy import sparse
 from scipy.sparse.csgraph import connected_components
 
 from solver.contact.row_kinds import RowKind
-from solver.tfeti.constraints.matrix import (
-    ConstraintMatrix,
-    lent,
-    local_rows,
-    petsc_rows,
-)
+from solver.tfeti.constraints.matrix import ConstraintMatrix, lent, local_rows, petsc_rows
 from solver.tfeti.decomposed import DecomposedProblem
 from solver.tfeti.subdomain.generalised_inverse import CholeskyFactor
 from solver.vectors import Array, Ints, Mask

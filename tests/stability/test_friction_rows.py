@@ -26,10 +26,7 @@ def floating(push: float, mu: float) -> scenes.Config:
 
 def held(mu: float, push: float = 30.0) -> scenes.Config:
     """A block held at one side, on a floor."""
-    conditions = [
-        scenes.clamp(SQUARE, "block.x-"),
-        {"on": "block.y+", "traction": [push, -60.0]},
-    ]
+    conditions = [scenes.clamp(SQUARE, "block.x-"), {"on": "block.y+", "traction": [push, -60.0]}]
     return scenes.config(SQUARE, [scenes.block(SQUARE, 4)], conditions, [floor(coulomb=mu)])
 
 

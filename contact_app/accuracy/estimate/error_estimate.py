@@ -33,12 +33,7 @@ from functools import cached_property
 import numpy as np
 
 from contact_app.accuracy.estimate.patches import Table
-from contact_app.accuracy.estimate.stress_recovery import (
-    Patches,
-    StressRecovery,
-    apply,
-    at_cells,
-)
+from contact_app.accuracy.estimate.stress_recovery import Patches, StressRecovery, apply, at_cells
 from contact_app.accuracy.estimate.touching import touching_nodes
 from contact_app.model.model import Model
 from meshes.arrays import Array, Ints

@@ -30,12 +30,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from contact_app.accuracy.estimate.patch_fits import (
-    FLAT,
-    Copies,
-    LinearFits,
-    QuadraticFits,
-)
+from contact_app.accuracy.estimate.patch_fits import FLAT, Copies, LinearFits, QuadraticFits
 from contact_app.accuracy.estimate.patches import Cells, Table
 from contact_app.accuracy.estimate.touching import Touching
 from contact_app.accuracy.estimate.tractions import SHEARS, Surface

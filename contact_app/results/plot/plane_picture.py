@@ -9,13 +9,7 @@ import numpy as np
 
 from contact_app.results.plot.arrangement import of_bodies
 from contact_app.results.plot.contact_picture import sides_in_contact
-from contact_app.results.plot.node_values import (
-    copies,
-    limits,
-    node_values,
-    shifts,
-    smooth_name,
-)
+from contact_app.results.plot.node_values import copies, limits, node_values, shifts, smooth_name
 from contact_app.results.plot.stored import LABELS, STRESSES, Stored
 from meshes.arrays import Array, Ints
 

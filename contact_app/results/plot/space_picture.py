@@ -17,13 +17,7 @@ from contact_app.results.plot import vtk_images
 from contact_app.results.plot.arrangement import of_bodies
 from contact_app.results.plot.contact_picture import touchable
 from contact_app.results.plot.curved import finer
-from contact_app.results.plot.node_values import (
-    copies,
-    limits,
-    node_values,
-    shifts,
-    smooth_name,
-)
+from contact_app.results.plot.node_values import copies, limits, node_values, shifts, smooth_name
 from contact_app.results.plot.raster import (
     WIRE,
     DepthBuffer,

@@ -37,12 +37,7 @@ from mpi4py import MPI
 from numpy.typing import NDArray
 
 from solver.contact.row_kinds import RowKind
-from solver.tfeti.constraints.conditions import (
-    ContactEntries,
-    ContactRows,
-    HeldRows,
-    points_of,
-)
+from solver.tfeti.constraints.conditions import ContactEntries, ContactRows, HeldRows, points_of
 from solver.tfeti.constraints.cross_points import Neighbours, coarse_solves_matter
 from solver.tfeti.constraints.exchange import NodeExchange
 from solver.tfeti.constraints.friction import FrictionRows

@@ -191,9 +191,7 @@ def test_a_hook_that_slides_on_a_peg_is_solved_by_multigrid(
             {"on": "hook.end", "displacement": [0, None]},
             {"on": "hook.end", "traction": [0, -20]},
         ],
-        "contacts": [
-            {"on": "hook.bore", "obstacle": peg, "friction": {"coulomb": coefficient}},
-        ],
+        "contacts": [{"on": "hook.bore", "obstacle": peg, "friction": {"coulomb": coefficient}}],
     }
     summary = solve(made, None, tolerance=1e-6, method="primal").summary
     assert summary["certificate"]["passed"]

@@ -134,10 +134,7 @@ def test_a_load_on_the_face_that_touches(tolerance: float | str) -> None:
     made = {
         "dimension": 2,
         "bodies": [box("b", [0, 0], [3, 1], [6, 3], young=1000.0)],
-        "conditions": [
-            {"on": "b.x+", "displacement": [0, 0]},
-            {"on": "b.y-", "traction": [0, -1]},
-        ],
+        "conditions": [{"on": "b.x+", "displacement": [0, 0]}, {"on": "b.y-", "traction": [0, -1]}],
         "contacts": [{"on": "b.y-", "obstacle": plane([0, 0], [0, 1])}],
     }
     summary = solve(made, tolerance=tolerance).summary

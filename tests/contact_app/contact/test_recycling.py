@@ -114,9 +114,7 @@ def test_near_incompressibility_takes_half_the_products(problem: DualProblem) ->
     assert products(RecyclingOptions()) < 0.6 * products(RecyclingOptions(memory=0))
 
 
-def test_expensive_directions_are_stored_once_a_set_takes_many_steps(
-    problem: DualProblem,
-) -> None:
+def test_expensive_directions_are_stored_once_a_set_takes_many_steps(problem: DualProblem) -> None:
     """The first set stores those after its first steps, the next all of its own."""
     options = RecyclingOptions(light=0)
     directions = Directions(problem.B, problem.conditional, options)

@@ -335,10 +335,7 @@ def test_a_remark_on_fifty_blocks_is_made_once(
     made = scenes.config(
         "quadrilateral",
         blocks,
-        [
-            {"on": "b0.y-", "displacement": [0, 0]},
-            {"on": f"b{n - 1}.y+", "traction": [0, -1]},
-        ],
+        [{"on": "b0.y-", "displacement": [0, 0]}, {"on": f"b{n - 1}.y+", "traction": [0, -1]}],
         [{"on": f"b{i + 1}.y-", "against": f"b{i}.y+"} for i in range(n - 1)],
     )
     out = tmp_path / "out"

@@ -36,10 +36,7 @@ def test_names_the_blas_by_the_library_mapped(libraries: list[str], name: str) -
 
 
 def test_a_wheels_own_openblas_does_not_hide_the_slow_one() -> None:
-    mapped = [
-        "/venv/numpy.libs/libscipy_openblas64_-56d6093b.so",
-        f"{LIB}/blas/libblas.so.3.11.0",
-    ]
+    mapped = ["/venv/numpy.libs/libscipy_openblas64_-56d6093b.so", f"{LIB}/blas/libblas.so.3.11.0"]
     assert environment.blas_of(mapped) == environment.REFERENCE
 
 

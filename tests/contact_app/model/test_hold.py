@@ -211,10 +211,7 @@ def shoe_between_races(directory: Path, tolerance: float) -> Config:
             }
         ],
         "conditions": [{"on": "shoe.x-", "traction": [0.1, 0.0]}],
-        "contacts": [
-            {"on": "shoe.y-", "obstacle": outer},
-            {"on": "shoe.y+", "obstacle": inner},
-        ],
+        "contacts": [{"on": "shoe.y-", "obstacle": outer}, {"on": "shoe.y+", "obstacle": inner}],
         "solver": {"tolerance": tolerance},
     }
 

@@ -283,10 +283,7 @@ def test_refined_to_an_accuracy(tmp_path: Path) -> None:
     """The half is refined; its cut stays one, and the answer that of a finer whole."""
     made = block("triangle", mirrored("triangle", tmp_path, "x"))
     made["bodies"][0]["material"] = HARD
-    made["conditions"] = [
-        scenes.clamp("triangle", "block.y-"),
-        {"in": "block", "force": [0, 5]},
-    ]
+    made["conditions"] = [scenes.clamp("triangle", "block.y-"), {"in": "block", "force": [0, 5]}]
     made["contacts"][0]["obstacle"]["sphere"]["center"][0] = 0.5
     made["accuracy"] = 0.1
     made["solver"]["tolerance"] = 1e-6

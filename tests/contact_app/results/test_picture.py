@@ -415,9 +415,7 @@ def test_the_view_in_paraview(tmp_path: Path) -> None:
     assert not plain(tmp_path / "view.png")
 
 
-def test_pictures_show_stresses_at_nodes_on_the_side_of_each_material(
-    tmp_path: Path,
-) -> None:
+def test_pictures_show_stresses_at_nodes_on_the_side_of_each_material(tmp_path: Path) -> None:
     """Two hexahedra of two materials: the shared nodes have two stresses."""
     block(tmp_path)
     stored = read(tmp_path)

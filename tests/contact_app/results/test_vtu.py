@@ -97,10 +97,7 @@ def test_both_files_hold_the_same(cell: str, degree: int, tmp_path: Path) -> Non
     made["output"] = {"vtu": True}
     made["symmetry"] = "allow"
     assert run(build_scene(load(scenes.write(made, tmp_path / "s.yaml"))), tmp_path / "out") == 0
-    stored, found = (
-        read_xdmf(tmp_path / "out"),
-        meshio.read(tmp_path / "out" / "solution.vtu"),
-    )
+    stored, found = (read_xdmf(tmp_path / "out"), meshio.read(tmp_path / "out" / "solution.vtu"))
     np.testing.assert_array_equal(found.points, stored.points)
     (cells,) = stored.cells.values()
     np.testing.assert_array_equal(found.cells[0].data, cells)

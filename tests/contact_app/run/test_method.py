@@ -10,12 +10,7 @@ from mpi4py import MPI
 
 import contact_app
 from contact_app.accuracy.solved_scene import SolvedScene
-from contact_app.model.method import (
-    LIMITS,
-    MethodChoice,
-    patience,
-    with_chosen_method,
-)
+from contact_app.model.method import LIMITS, MethodChoice, patience, with_chosen_method
 from contact_app.run.fallback import NoAnswerError
 from contact_app.run.solve import solve_scene
 from contact_app.run.ways import first_certified, ways_to
@@ -210,11 +205,7 @@ def test_with_friction_a_small_scene_from_mesh_files_takes_multigrid() -> None:
 
 @pytest.mark.parametrize(
     ("name", "why"),
-    [
-        ("cube", "share a factor"),
-        ("hertz_disc", "in the plane"),
-        ("bracket", "so few unknowns"),
-    ],
+    [("cube", "share a factor"), ("hertz_disc", "in the plane"), ("bracket", "so few unknowns")],
 )
 def test_check_gives_the_reason_for_total_feti(name: str, why: str) -> None:
     assert why in MethodChoice.of(build_scene(load(CONFIGS / f"{name}.yaml"))).why_total_feti

@@ -85,11 +85,7 @@ def test_the_last_step_is_shown_before_the_next_stage() -> None:
         monitor(step(1, 2))
         monitor.stage("writing")
     beginnings = [line.split(", residual")[0] for line in text.getvalue().splitlines()]
-    assert beginnings == [
-        "outer 1, iteration 1",
-        "outer 1, iteration 2",
-        "writing ...",
-    ]
+    assert beginnings == ["outer 1, iteration 1", "outer 1, iteration 2", "writing ..."]
 
 
 def test_together_every_monitor_gets_every_step_and_one_can_stop() -> None:

@@ -22,10 +22,7 @@ def lifted(cells: int, cell: str = "quadrilateral", degree: int = 1, **more: Any
     return {
         "dimension": 2,
         "bodies": [scenes.box("b", [2, 1], [cells, cells], cell=cell, degree=degree)],
-        "conditions": [
-            {"on": "b.y-", "displacement": [0, 0]},
-            {"in": "b", "force": [0, 20.0]},
-        ],
+        "conditions": [{"on": "b.y-", "displacement": [0, 0]}, {"in": "b", "force": [0, 20.0]}],
         "contacts": [{"on": "b.y+", "obstacle": disc}],
         **more,
     }

@@ -95,11 +95,7 @@ def test_is_explained(config: Path) -> None:
 
 
 # Contact forces that equilibrium alone decides (loads the obstacles must carry).
-BALANCED = {
-    "block_2d": [0, 2000],
-    "plate_and_pins": [0, 24],
-    "corner": [1000, 1500, 2000],
-}
+BALANCED = {"block_2d": [0, 2000], "plate_and_pins": [0, 24], "corner": [1000, 1500, 2000]}
 
 
 @pytest.mark.parametrize("name", BALANCED)
@@ -118,8 +114,6 @@ def test_the_patch_has_the_pressure_of_its_comment(
     assert solution["max_contact_pressure"] == pytest.approx(100.0, rel=1e-5)
 
 
-def test_both_shoes_carry_half_of_the_jack(
-    summary_of: Callable[[str], dict[str, Any]],
-) -> None:
+def test_both_shoes_carry_half_of_the_jack(summary_of: Callable[[str], dict[str, Any]]) -> None:
     forces = [contact["force"][2] for contact in summary_of("tied_beam")["contacts"]]
     assert forces[1:] == pytest.approx([-600.0, 1500.0, 1500.0], rel=1e-5)

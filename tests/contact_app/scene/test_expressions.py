@@ -8,12 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from contact_app.machine.time_limit import time_limit
-from contact_app.scene.expressions import (
-    FUNCTIONS,
-    Expression,
-    ExpressionError,
-    UndecidedWarning,
-)
+from contact_app.scene.expressions import FUNCTIONS, Expression, ExpressionError, UndecidedWarning
 
 POINTS = np.array([[0.0, 0.0, 0.0], [1.0, 0.5, -0.25], [-2.0, 3.0, 0.1], [0.3, -0.7, 4.0]])
 

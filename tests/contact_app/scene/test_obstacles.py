@@ -59,10 +59,7 @@ def test_the_normal_is_the_gradient_of_the_gap(name: str) -> None:
 
 
 @settings(max_examples=100, deadline=None)
-@given(
-    st.sampled_from(sorted(SHAPES)),
-    st.tuples(*(st.floats(-10, 10),) * 3),
-)
+@given(st.sampled_from(sorted(SHAPES)), st.tuples(*(st.floats(-10, 10),) * 3))
 def test_going_back_by_the_gap_ends_on_the_surface(name: str, point: tuple) -> None:
     points = np.array([point])
     try:

@@ -266,10 +266,7 @@ def test_cells_are_scaled_to_whole_numbers() -> None:
 # --- peers on whole systems
 
 
-@pytest.mark.parametrize(
-    ("name", "cells"),
-    [("sphere", "[4,4,3]"), ("tilted_plane", "[20,3,3]")],
-)
+@pytest.mark.parametrize(("name", "cells"), [("sphere", "[4,4,3]"), ("tilted_plane", "[20,3,3]")])
 def test_peers_solve_scenes_with_turned_frames(name: str, cells: str) -> None:
     """Bounds in turned frames against the reference that keeps the rows."""
     from contact_app.studies.peers import solve

@@ -88,10 +88,7 @@ def pushed(cell: str, n: int, law: Law, degree: int = 1) -> scenes.Config:
     d = scenes.dimension(cell)
     block = {**scenes.block(cell, n), "degree": degree}
     floor = {"plane": {"point": [0.0] * d, "normal": [0.0] * (d - 1) + [1.0]}}
-    top = {
-        "on": f"block.{scenes.up(cell)}",
-        "displacement": scenes.vector(cell, 0.03, 0.01, -0.05),
-    }
+    top = {"on": f"block.{scenes.up(cell)}", "displacement": scenes.vector(cell, 0.03, 0.01, -0.05)}
     contact = {"on": f"block.{scenes.down(cell)}", "obstacle": floor, "friction": law}
     return scenes.config(cell, [block], [top], [contact])
 

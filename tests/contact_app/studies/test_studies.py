@@ -56,8 +56,7 @@ def test_svm_command_prints_json(tmp_path):
 
 
 @pytest.mark.parametrize(
-    "arguments",
-    [["svm", "no-such-file"], ["reproduce", "svm", "--data", "no-such-directory"]],
+    "arguments", [["svm", "no-such-file"], ["reproduce", "svm", "--data", "no-such-directory"]]
 )
 def test_bad_input_is_exit_code_2_with_a_message(tmp_path, arguments, monkeypatch):
     monkeypatch.chdir(tmp_path)

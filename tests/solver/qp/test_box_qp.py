@@ -5,15 +5,7 @@ import pytest
 from scipy import sparse
 from scipy.sparse.linalg import LinearOperator
 
-from solver import (
-    MPRGP,
-    BoxQP,
-    IndefiniteError,
-    NotFiniteError,
-    QPError,
-    Reason,
-    UnboundedError,
-)
+from solver import MPRGP, BoxQP, IndefiniteError, NotFiniteError, QPError, Reason, UnboundedError
 from tests.solver.qp.problems import ALL, random_hessian
 
 EYE = np.eye(3)

@@ -69,10 +69,7 @@ def nearly_singular(A):
 
 @pytest.mark.parametrize("expansion", ALL)
 @SETTINGS
-@given(
-    problem=problems(),
-    alpha_u=st.sampled_from([0.5, 1.0, 1.9, 2.0]),
-)
+@given(problem=problems(), alpha_u=st.sampled_from([0.5, 1.0, 1.9, 2.0]))
 def test_a_kkt_point_or_a_reason(expansion, problem, alpha_u):
     A, b, lower, upper = problem
     solver = MPRGP(expansion, alpha_u, max_iterations=LIMIT)
