@@ -32,6 +32,7 @@ from contact_app.scene.scene import Decomposition, Scene
 from meshes.arrays import Array
 from solver.contact.options import SolverOptions
 from solver.contact.solution import Guess
+from solver.tfeti.constraints.exchange import NodeExchange
 from solver.tfeti.derived import beside_moved
 
 Displacements = list[Array]
@@ -56,7 +57,7 @@ class IncrementModels:
         self._rows: SameRows | None = None
         self._last: Scene | None = None
         self._pressed: NormalForces | None = None
-        self._of_subdomains: list[Array] = []
+        self._of_nodes = np.zeros((0, 0))
         self._order: tuple[Decomposition, bool] | None = None
         self._before: SameRows | None = None
         self._jumps = np.zeros(0)
@@ -104,7 +105,7 @@ class IncrementModels:
             self._store_order(model, self._displacements)
         begin, order = self._displacements, _order(scene.decomposition, scene.solver)
         if self._rough and self._order not in (None, order):
-            begin = _in_order_of(model, self._of_subdomains)
+            begin = _in_order_of(model, self._of_nodes)
         if begin is not None:
             problem = problem.with_least_motion_from(begin)
         if self._rough and begin is not None:
@@ -136,14 +137,17 @@ class IncrementModels:
         """The estimator of errors of answers to a model."""
         return self._models.estimator(model)
 
-    def by_total_feti(self) -> Scene | None:
-        """The scene by Total FETI in the subdomains of multigrid (collective).
+    def by_other_method(self) -> Scene | None:
+        """The scene by Total FETI if multigrid solves it, and by multigrid otherwise (collective).
 
-        None if it is solved otherwise, has rigid bodies, or needs too much memory.
+        Total FETI has the fewest subdomains there can be. None with rigid bodies, or if it needs
+        too much memory.
         """
         scene = self.scene
-        if not is_undecomposed(scene.solver) or scene.rigid.bodies:
+        if scene.rigid.bodies:
             return None
+        if not is_undecomposed(scene.solver):
+            return scene.solved_by(method="primal")
         scene = scene.solved_by(method="auto")
         if scene.decomposition.subdomains is not None:
             return scene
@@ -180,8 +184,9 @@ class IncrementModels:
         self._models.add(solved.model, solved.solution)
 
     def _store_order(self, model: Model, displacements: Displacements) -> None:
-        """Store displacements (n,) of each subdomain of this rank, and the order of the classes."""
-        self._of_subdomains = [displacements[cls][:, at] for cls, at in model.place]
+        """Store the displacements of the nodes that this rank owns, and the order of classes."""
+        if self._rough:
+            self._of_nodes = _at_nodes(model, displacements)
         self._order = _order(model.scene.decomposition, model.scene.solver)
 
     def after(self, scene: Scene | None, displacements: Displacements) -> IncrementModels:
@@ -237,9 +242,29 @@ def _order(decomposition: Decomposition, solver: SolverOptions) -> tuple[Decompo
     return decomposition, is_undecomposed(solver)
 
 
-def _in_order_of(model: Model, of_subdomains: list[Array]) -> Displacements:
-    """Displacements of subdomains in the classes of a model with the same subdomains."""
+def _copies(model: Model) -> NodeExchange:
+    """The exchange between the nodes of this rank's subdomains and their owners (collective)."""
+    partition = model.partition
+    nodes = np.concatenate([np.zeros(0, np.int64), *(s.nodes for s in partition.subdomains)])
+    return NodeExchange(model.comm, nodes, partition.nodes)
+
+
+def _at_nodes(model: Model, displacements: Displacements) -> Array:
+    """Displacements (owned, d) of the nodes that this rank owns (collective)."""
+    exchange, d = _copies(model), model.scene.dimension
+    copies = [displacements[cls][:, at].reshape(-1, d) for cls, at in model.place]
+    of_nodes = np.zeros((exchange.last - exchange.first, d))
+    arrived = exchange.to_owners(np.concatenate([np.zeros((0, d)), *copies]))
+    of_nodes[exchange.nodes - exchange.first] = arrived
+    return of_nodes
+
+
+def _in_order_of(model: Model, of_nodes: Array) -> Displacements:
+    """Displacements of nodes in the classes of a model (collective)."""
+    exchange = _copies(model)
     result = [np.zeros_like(forces) for forces in model.problem.forces]
-    for (cls, at), u in zip(model.place, of_subdomains, strict=True):
-        result[cls][:, at] = u
+    copies = exchange.from_owners(of_nodes[exchange.nodes - exchange.first])
+    ends = np.cumsum([len(s.nodes) for s in model.partition.subdomains])
+    for (cls, at), u in zip(model.place, np.split(copies, ends[:-1]), strict=True):
+        result[cls][:, at] = u.ravel()
     return result

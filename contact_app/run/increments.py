@@ -6,9 +6,9 @@ and where it slides the friction force is at its limit along w. All increments s
 (`run.increment_models`).
 
 An increment without a certified answer, or from whose end a body leaves, is halved, and its halves
-again, up to `HALVINGS` times: so the factor at which a body leaves is known to 1/16 of one. If
-multigrid does not certify the first half or the smallest part, either, Total FETI solves it and
-goes on with the history.
+again, up to `HALVINGS` times: so the factor at which a body leaves is known to 1/16 of one. If the
+method does not certify the first half or the smallest part, either, the other one, Total FETI or
+multigrid, solves it and goes on with the history.
 """
 
 from __future__ import annotations
@@ -145,7 +145,7 @@ def solved_increments(
             solved = _solved(scene, comm, place, monitor_of, report, models)
             leaves = isinstance(solved, NoEquilibriumError)
             if not leaves and not _is_final(solved) and halved in (1, HALVINGS):
-                other = models.by_total_feti()
+                other = models.by_other_method()
                 if other is not None:
                     solved = _solved(other, comm, place, monitor_of, report, models)
             if not _is_final(solved) and halved < HALVINGS:
