@@ -34,6 +34,12 @@ from solver.tfeti.decomposed import SharedPlace
 FAR = 0.7
 """‖d - Σ a_k d_k‖ over ‖d‖ above which no earlier case is used as initial guess."""
 
+UNCHANGED = 1e-9
+"""Change of d over d up to which a loading begins with the multipliers of the last one.
+
+Slips that the last increment ended with do not count: where no load changes, its forces remain.
+"""
+
 LONGEST = 2.0
 """Change of loads over the last change up to which answers are extrapolated."""
 
@@ -87,12 +93,14 @@ class _Earlier:
         Constraints of its model.
     effect : (any,)
         `DualProblem.effect_of_loads`.
-    multiplier : (dual,)
+    multiplier, c : (dual,), (dual,)
+        Right-hand sides c of the rows.
     """
 
     B: ConstraintMatrix
     effect: Array
     multiplier: Array
+    c: Array
 
 
 class CaseModels:
@@ -193,7 +201,9 @@ class CaseModels:
     def add(self, model: Model, solution: Solution) -> None:
         """Store the answer of a case as initial guess for later ones."""
         problem = model.problem
-        self._earlier.append(_Earlier(problem.B, problem.effect_of_loads, solution.multiplier))
+        self._earlier.append(
+            _Earlier(problem.B, problem.effect_of_loads, solution.multiplier, problem.c)
+        )
 
     def is_near_last(self, model: Model) -> bool:
         """Whether the loads are near those of the last answer, by `FAR` (collective)."""
@@ -225,7 +235,14 @@ class CaseModels:
         comparable = [e for e in self._earlier if e.B is model.problem.B]
         if not comparable:
             return None
-        vectors = np.array([e.effect for e in comparable] + [model.problem.effect_of_loads])
+        problem, last, effect = model.problem, comparable[-1], model.problem.effect_of_loads
+        change = effect - last.effect
+        if problem.factored:  # d has the slips before: those of the last loading do not count
+            change = change + np.where(problem.tangential, problem.c - last.c, 0.0)
+        changed, square = self._comm.allreduce(np.array([change @ change, effect @ effect]))
+        if changed <= UNCHANGED**2 * square:
+            return Guess(last.multiplier)
+        vectors = np.array([e.effect for e in comparable] + [effect])
         shares = nearest_combination(self._comm.allreduce(vectors @ vectors.T))
         if shares is None:
             return None

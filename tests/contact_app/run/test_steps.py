@@ -270,6 +270,21 @@ def test_increments_begin_with_the_answers_and_slips_of_a_step(method: str, most
 
 
 @pytest.mark.ratchet
+@pytest.mark.parametrize("method", ["auto", "primal"])
+def test_an_increment_without_a_change_of_loads_costs_next_to_nothing(method: str) -> None:
+    """Its forces are those before, although the slips that it is measured from are others."""
+    steps = [{"press": 1}, {"push": 1, "increments": 2}, {"push": 1, "increments": 2}, {"press": 1}]
+    made = {**block(steps), "solver": {"method": method, "tolerance": 1e-8}}
+    records = solved(made).summary["steps"]
+    assert records[2]["contacts"][0]["nodes"]["slip"] > 0
+    assert all(r["solver"]["hessian_multiplications"] <= 4 for r in records[3:])
+    for record in records[3:]:
+        for key in ("energy", "dissipated_work", "max_displacement"):
+            before = records[2]["solution"][key]
+            assert record["solution"][key] == pytest.approx(before, rel=1e-6)
+
+
+@pytest.mark.ratchet
 def test_a_cycle_ends_as_it_began_in_few_operator_applications() -> None:
     """The last step begins with the answer to its loads, and not with that of the step before."""
     made = contact_app.solve(Path(__file__).parents[3] / "configs" / "rod_cycle.yaml")
