@@ -40,7 +40,8 @@ class FrictionPoints:
     """Force over multiplier; its inverse is slip over residual. Shapes (k,), (k,)."""
     shared: Ints
     other_rows: Ints
-    """Points whose node has other contact rows, and those rows of B. Shapes (pairs,), (pairs,)."""
+    """Points whose node has other contact rows, and those rows of B, or that are held so that they
+    cannot stick, and their normal rows. Shapes (pairs,), (pairs,)."""
     places: Array
     sources: Ints
     """Coordinates of each point, and the number of its contact. Shapes (points, 3), (points,)."""

@@ -79,12 +79,35 @@ def friction_points(
         runs(begins, ends - begins),
     )
     other = other_rows != normal[first][shared]
+    pressed = _without_room(friction.rows, contact, normal, point)
+    shared = np.concatenate([shared[other], pressed])
+    other_rows = np.concatenate([other_rows[other], normal[first][pressed]])
     return FrictionPoints(
         rows=np.flatnonzero(tangential), normals=normals[normal],
         point=point, first=first, coefficients=friction.coefficients[first],
         limits=friction.limits[first], spread=friction.rows.spread,
         normal_spread=contact.spread[normal],
-        shared=shared[other], other_rows=normals[other_rows[other]],
+        shared=shared, other_rows=normals[other_rows],
         places=friction.rows.points[first], sources=friction.rows.sources[first],
         tangents=-friction.rows.normals, acts=friction.acts,
     )  # fmt: skip
+
+
+def _without_room(rows: ContactRows, contact: ContactRows, normal: Ints, point: Ints) -> Ints:
+    """Points whose node has less free components than rows: closed, it slides as it is held to.
+
+    Parameters
+    ----------
+    normal, point : (rows,), (rows,)
+        Contact row and point of each tangential row.
+    """
+    count = int(point.max(initial=-1)) + 1
+    of_contact = np.full(len(contact.nodes), -1, np.int64)
+    of_contact[normal] = point
+    both = rows.entries, contact.entries
+    points = np.concatenate([point[both[0].row], of_contact[both[1].row]])
+    places = [np.stack([entries.node, entries.component]) for entries in both]
+    unknowns = np.unique(np.hstack(places), axis=1, return_inverse=True)[1].reshape(-1)
+    pairs = np.unique(np.stack([points, unknowns])[:, points >= 0], axis=1)
+    unknowns_of_point = np.bincount(pairs[0], minlength=count)
+    return np.flatnonzero(unknowns_of_point < np.bincount(point, minlength=count) + 1)

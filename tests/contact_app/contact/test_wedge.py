@@ -1,6 +1,7 @@
 """A wedge that friction locks: more friction lowers the forces that cause it."""
 
 from pathlib import Path
+from typing import Any
 
 import meshio
 import numpy as np
@@ -70,6 +71,71 @@ def test_limits_that_push_a_wedge_out_are_relaxed(
     forces = np.array([contact["force"][:2] for contact in summary["contacts"]])
     across = normal * (cosine - MU * sine)
     assert forces == pytest.approx(np.array([[-across, LOAD / 2], [across, LOAD / 2]]), rel=1e-5)
+
+
+def pushed_wedge(path: Path, mu: float, slope: float = 0.18) -> scenes.Config:
+    """A wedge pushed in between a floor and a jaw by all nodes of its back."""
+
+    def body(name: str, count: tuple[int, int], place: Any, where: dict[str, str]) -> Any:
+        x, y = (a.ravel() for a in np.meshgrid(*(np.linspace(0, 1, n) for n in count)))
+        nodes = np.arange(count[0] * count[1]).reshape(count[::-1])
+        a, b = nodes[:-1, :-1].ravel(), nodes[:-1, 1:].ravel()
+        c, d = nodes[1:, 1:].ravel(), nodes[1:, :-1].ravel()
+        points = np.column_stack([*place(x, y), 0.0 * x])
+        meshio.Mesh(points, {"triangle": np.r_[np.c_[a, b, c], np.c_[a, c, d]]}).write(path / name)
+        return {
+            "name": name.removesuffix(".vtu"),
+            "mesh": {"file": str(path / name)},
+            "material": {"young": 1000, "poisson": 0.3},
+            "boundaries": {key: {"where": text} for key, text in where.items()},
+        }
+
+    def skin(x: np.ndarray) -> np.ndarray:
+        return 0.2 + slope * (x + 1)
+
+    edge = f"{0.2 + slope} + {slope} * x"
+    sides = {"up": f"y > {edge} - 1e-6", "lo": f"-y > {edge} - 1e-6", "back": "x > 0.999"}
+    wedge = body(
+        "wedge.vtu", (18, 6), lambda x, y: (2 * x - 1, (2 * y - 1) * skin(2 * x - 1)), sides
+    )
+    jaw = body(
+        "jaw.vtu", (12, 8),
+        lambda x, y: (1.4 * x - 0.8, (1 - y) * skin(1.4 * x - 0.8) + 1.2 * y),
+        {"skin": f"y < {edge} + 1e-6", "top": "y > 1.199"},
+    )  # fmt: skip
+    floor = {"plane": {"point": [-1, -0.2], "normal": [slope, 1]}}
+    return {
+        "dimension": 2,
+        "bodies": [wedge, jaw],
+        "conditions": [
+            {"on": "jaw.top", "displacement": [0, 0]},
+            {"on": "wedge.back", "displacement": [-0.02, None]},
+        ],
+        "contacts": [
+            {"on": "jaw.skin", "against": "wedge.up", "friction": {"coulomb": mu}},
+            {"on": "wedge.lo", "obstacle": floor, "friction": {"coulomb": mu}},
+        ],
+        "solver": {"method": "active-set", "tolerance": 1e-8},
+    }
+
+
+@pytest.mark.ratchet
+@pytest.mark.parametrize("mu", [0.05, 0.3])
+def test_a_held_node_that_its_contact_leaves_no_room_cannot_stick(
+    mu: float, tmp_path: Path
+) -> None:
+    """A corner is moved along x while the floor is inclined: normal and tangent leave it no room.
+
+    If it may stick, its set has no solution: 390 to 2,227 operator applications, the last of them
+    by multigrid. The force that drives the wedge is 2 N (sin α + μ cos α).
+    """
+    summary = solve_scene(scenes.build(pushed_wedge(tmp_path, mu), 2)).summary
+    assert summary["certificate"]["passed"]
+    assert summary["solver"]["method"] == "active-set"
+    assert summary["solver"]["hessian_multiplications"] <= 80
+    pushed, up = -summary["reactions"][1]["force"][0], summary["contacts"][0]["force"][1]
+    slope = 0.18
+    assert pushed / up == pytest.approx(2 * (slope + mu) / (1 - mu * slope), rel=1e-5)
 
 
 @pytest.mark.ratchet
