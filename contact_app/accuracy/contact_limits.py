@@ -92,8 +92,6 @@ class ContactLimits:
 
 LIMITS = ContactLimits()
 
-SMOOTHED_TOO = "and max_smoothed_pressure may be wrong by half or more, too"
-
 
 def entered_beside(model: Model, solution: Solution, number: int, other: int) -> tuple[int, float]:
     """Number of surface nodes of a body that enter the obstacle of a contact, and their depth.
@@ -389,39 +387,13 @@ def carries_force(comm: MPI.Intracomm, pressure: Array, shares: Array, least: fl
     return bool(comm.allreduce(float(pressure @ shares)) > least)
 
 
-def coarse_pressure(facets: PressedFacets, comm: MPI.Intracomm, dimension: int) -> str:
-    """Warning on a pressure that varies within single facets; empty if there is none (collective).
-
-    The name of its contact is left out.
-    """
-    across = facets.across(comm, dimension)
-    narrow = facets.across_narrow_side(comm, dimension)
-    if across < LIMITS.fewest_facets:
-        return (
-            "the pressure varies within single facets: only about "
-            f"{max(across, 1.0):.0f} across carry the contact; the largest pressure depends on "
-            f"the mesh, {SMOOTHED_TOO}; use smaller cells there"
-        )
-    if narrow < LIMITS.fewest_facets:
-        return (
-            f"the pressure varies within single facets: about {narrow:.1f} "
-            "facets lie across the narrow side of the contact and "
-            f"{max(facets.along_axes(comm)):.0f} along it; the largest pressure depends on the "
-            f"mesh, {SMOOTHED_TOO}; use smaller cells there"
-        )
-    if narrow < LIMITS.enough_facets:
-        return (
-            "the pressure varies as that of Hertz's contact with only about "
-            f"{narrow:.1f} facets across: max_smoothed_pressure may be "
-            f"{100.0 * expected_error(narrow):.0f} % off, more where the pressure is singular, "
-            "and the pressure of single nodes more; use smaller cells there"
-        )
-    return ""
-
-
-def expected_error(across: float) -> float:
-    """Relative error to expect of the largest smoothed pressure, by facets across the contact."""
-    return LIMITS.peak_error * (LIMITS.fewest_facets / across) ** LIMITS.order
+def pressed_contacts(model: Model, solution: Solution, nodes: NodeFields) -> list[bool]:
+    """Whether each contact of a scene carries a force above the solver's error (collective)."""
+    loads = solution.tolerance * solution.measures.loads
+    return [
+        carries_force(model.comm, at_nodes.pressure, at_nodes.shares, loads[item.body])
+        for item, at_nodes in zip(model.scene.touching, nodes.contacts, strict=True)
+    ]
 
 
 def pressed_facets(model: Model, nodes: NodeFields) -> list[PressedFacets]:

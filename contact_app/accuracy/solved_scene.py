@@ -6,7 +6,9 @@ from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
+from contact_app.accuracy.contact_limits import pressed_contacts
 from contact_app.accuracy.estimate.error_estimate import ErrorEstimator
+from contact_app.accuracy.hertz import CoarsePressure, coarse_pressures
 from contact_app.machine.timings import Timings
 from contact_app.model.model import Model
 from contact_app.results.fields import CellFields, NodeFields
@@ -60,6 +62,16 @@ class SolvedScene:
         """A sentence for each group of bodies that friction does not hold (collective)."""
         name_of = self.model.geometry.body_names.__getitem__
         return list(overcome_friction(self.model.problem, self.solution, name_of))
+
+    @cached_property
+    def coarse_pressures(self) -> list[CoarsePressure | None]:
+        """The contacts with few facets across (collective)."""
+        return coarse_pressures(self.model, self.nodes, self.pressed)
+
+    @cached_property
+    def pressed(self) -> list[bool]:
+        """Whether each contact carries a force above the solver's error (collective)."""
+        return pressed_contacts(self.model, self.solution, self.nodes)
 
     @cached_property
     def estimator(self) -> ErrorEstimator:

@@ -55,10 +55,8 @@ class Moduli:
     shape: Array
 
     @classmethod
-    def of(cls, parts: Parts, form: Any, equal: EqualCells | None) -> Moduli | None:
-        """The moduli of the cells of this rank; None where the space is not of degree 1."""
-        if dolfinx_compat.lagrange_degree(parts.space) != 1:
-            return None
+    def of(cls, parts: Parts, form: Any, equal: EqualCells | None = None) -> Moduli:
+        """The moduli of the cells of this rank."""
         energies, d = CellEnergies(form, parts.space, equal), parts.dimension
         middle = parts.points[parts.cells].mean(axis=1)[:, :d]
         zero = np.zeros_like(middle)

@@ -32,6 +32,7 @@ from contact_app.forms.sides import Sides, sides_of
 from contact_app.forms.stress_loads import stress_loads
 from contact_app.forms.subdomains import Subdomains, subdomains_of
 from contact_app.forms.uniform import EqualCells, in_cylindrical_coordinates
+from meshes import dolfinx_compat
 from meshes.arrays import Array, Ints, Mask
 from meshes.contact_surface import Surface
 from meshes.ties import MeanJumps
@@ -202,10 +203,12 @@ def build_model(
         pieces, constraints, groups, lambda: measure("factorization"), options, state.loose
     )
     problem = DualProblem(system).sharing(SharedPlace())
+    linear = dolfinx_compat.lagrange_degree(space) == 1
+    moduli = Moduli.of(parts, forms[0], equal) if linear else None
     return FormModel(
         subdomains, bodies, exchange, tuple(contacts), sides, jumps, problem, merged,
         _notes(bodies, state, (forms[0], contacts)), _places(classes, subdomains.count),
-        Moduli.of(parts, forms[0], equal), forms[0],
+        moduli, forms[0],
         fingerprint_of_form(forms[0], space.mesh, contacts), of_rows,
     )  # fmt: skip
 

@@ -286,6 +286,7 @@ class ContactProblem:
                 model, solution, owners, on_space, displacement, at_nodes, self.bcs, self._in_halves
             )
             messages = [*messages, *model.notes, *form_warnings(answer)]
+            peaks = [None if coarse is None else coarse.peak for coarse in answer.coarse_pressures]
             certificate = replace(solution.certificate, warnings=tuple(messages))
             solution = replace(solution, certificate=certificate)
             none = np.zeros(owners.count)
@@ -312,7 +313,7 @@ class ContactProblem:
                 function(slip, "slip")
                 function(status.astype(float), "contact_status")
             records = (
-                contact_records(model, owners, at_nodes),
+                contact_records(model, owners, at_nodes, peaks),
                 reaction_records(model, solution, owners, self.bcs),
             )
         summary = summary_of(model, solution, displacement, records, timings, self._pressed)

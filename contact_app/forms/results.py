@@ -179,11 +179,20 @@ def _smoothed(
 
 
 def contact_records(
-    model: FormModel, owners: Owners, contacts: list[ContactAtNodes]
+    model: FormModel,
+    owners: Owners,
+    contacts: list[ContactAtNodes],
+    peaks: Sequence[float | None],
 ) -> list[dict[str, Any]]:
-    """The list `contacts` of the summary (collective)."""
+    """The list `contacts` of the summary (collective).
+
+    Parameters
+    ----------
+    peaks
+        The largest smoothed pressures where they are not those at nodes.
+    """
     records, points = [], owners.at(model.parts.points)
-    for contact, nodes in zip(model.contacts, contacts, strict=True):
+    for contact, nodes, peak in zip(model.contacts, contacts, peaks, strict=True):
         comm, carriers = model.parts.comm, nodes.carriers
         resultant = summed(comm, points, carriers, nodes.forces, nodes.shares, nodes.moments)
         counts = np.bincount(nodes.status[carriers], minlength=3)
@@ -191,8 +200,9 @@ def contact_records(
         records.append({
             "on": contact.on, "with": contact.other,
             **joined([resultant], model.parts.dimension), "area": float(area),
-            "max_pressure": largest_magnitude(model.parts.comm, nodes.pressure),
-            "max_smoothed_pressure": largest_magnitude(model.parts.comm, nodes.smoothed),
+            "max_pressure": largest_magnitude(comm, nodes.pressure),
+            "max_smoothed_pressure": largest_magnitude(comm, nodes.smoothed)
+            if peak is None else peak,
             "nodes": dict(zip(("open", "stick", "slip"), map(int, counts), strict=True)),
         })  # fmt: skip
     return records

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from functools import cache, partial
+from functools import cache, cached_property, partial
 from itertools import combinations
 
 import numpy as np
@@ -19,7 +19,6 @@ from contact_app.accuracy.contact_limits import (
     PressedFacets,
     between_nodes,
     carries_force,
-    coarse_pressure,
     depth_between,
     entered_points,
 )
@@ -31,10 +30,12 @@ from contact_app.accuracy.entered_pairs import (
     passing_through,
 )
 from contact_app.accuracy.faceted_curves import Distances, facets_match, largest_distances
+from contact_app.accuracy.hertz import CoarsePressure, coarse_pressure
 from contact_app.accuracy.sharp_edges import Skin, sharp_edge, sharp_peak, within
 from contact_app.forms.bodies import contact_motions
 from contact_app.forms.boundary import exterior_facets, gathered_surface
 from contact_app.forms.contacts import Contact
+from contact_app.forms.half_spaces import half_spaces
 from contact_app.forms.locking import Fit, affine_fit, locking
 from contact_app.forms.model import FormModel
 from contact_app.forms.results import ContactAtNodes, OnSpace, Owners
@@ -92,6 +93,11 @@ class FormAnswer:
         """Bodies of the first side of a contact."""
         return sorted(self.model.bodies_at(self.model.sides[number].surfaces[0]))
 
+    @cached_property
+    def coarse_pressures(self) -> list[CoarsePressure | None]:
+        """The contacts with few facets across (collective)."""
+        return [_coarse_pressure(self, number) for number in range(len(self.contacts))]
+
 
 def form_warnings(answer: FormAnswer) -> list[str]:
     """Warnings for the certificate, one sentence each (collective)."""
@@ -101,7 +107,9 @@ def form_warnings(answer: FormAnswer) -> list[str]:
     for number, contact in enumerate(answer.model.contacts):
         sentences = [*_of_contact(answer, number, contact)]
         if _presses(answer, number):
-            sentences += [_coarse_pressure(answer, number), _sharp_edge(answer, number, contact)]
+            coarse = answer.coarse_pressures[number]
+            sentences += ["" if coarse is None else coarse.warning]
+            sentences += [_sharp_edge(answer, number, contact)]
         warnings += [f"contacts[{number}]: {text}" for text in sentences if text]
     problem = answer.model.problem
     before = problem.system.loads.displacements_before
@@ -233,15 +241,21 @@ def _presses(answer: FormAnswer, number: int) -> bool:
     return carries_force(answer.model.parts.comm, nodes.pressure, nodes.shares, least)
 
 
-def _coarse_pressure(answer: FormAnswer, number: int) -> str:
-    """A pressure that varies within single facets (collective)."""
+def _coarse_pressure(answer: FormAnswer, number: int) -> CoarsePressure | None:
+    """A pressure with a force that varies within single facets (collective)."""
+    if not _presses(answer, number):
+        return None
     parts, facets = answer.model.parts, answer.model.sides[number].facets
     d = parts.dimension
     corners = facets.points[:, : facets.vertices(d).shape[1]]
     areas = moments(facets.points, d).sum(axis=(1, 2)) if len(facets.copies) else np.zeros(0)
     pressure = answer.owners.copies(answer.contacts[number].pressure)[facets.copies]
     pressed = PressedFacets(corners, areas, pressure, answer.contacts[number].planes)
-    return coarse_pressure(pressed, parts.comm, d)
+    nodes = answer.contacts[number]
+    on, points = nodes.shares > 0.0, answer.owners.at(parts.points)
+    at = points[on], nodes.forces[on], nodes.smoothed[on]
+    of_bodies = partial(half_spaces, answer.model, answer.owners, number)
+    return coarse_pressure(answer.model.problem, number, at, pressed, of_bodies)
 
 
 def _displaced(answer: FormAnswer, surface: Surface) -> Array:

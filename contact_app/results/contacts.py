@@ -14,7 +14,7 @@ force is reflected as a vector, a moment as an axial vector, and nodes on a plan
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -46,10 +46,18 @@ class _Contact:
     max_smoothed: float
 
 
-def contact_records(model: Model, nodes: NodeFields) -> list[dict[str, Any]]:
-    """The list `contacts` of ``summary.json``, in the order of the scene file (collective)."""
+def contact_records(
+    model: Model, nodes: NodeFields, peaks: Sequence[float | None]
+) -> list[dict[str, Any]]:
+    """The list `contacts` of ``summary.json``, in the order of the scene file (collective).
+
+    Parameters
+    ----------
+    peaks
+        The largest smoothed pressures of contacts where they are not those at nodes.
+    """
     contacts = ContactsOfWhole(model, nodes, full_mesh(model, nodes))
-    of_solved_part = _resultants(model, nodes)
+    of_solved_part = _resultants(model, nodes, peaks)
     records = []
     for number, (name, counts) in enumerate(
         zip(model.scene.contact_names, contacts.counts(), strict=True)
@@ -70,16 +78,18 @@ def contact_records(model: Model, nodes: NodeFields) -> list[dict[str, Any]]:
     return records
 
 
-def _resultants(model: Model, nodes: NodeFields) -> list[_Contact]:
+def _resultants(model: Model, nodes: NodeFields, peaks: Sequence[float | None]) -> list[_Contact]:
     """Sums over the nodes of each contact of the solved part (collective)."""
     scene, comm, resultants = model.scene, model.comm, []
-    for touching, contact in zip(scene.touching, nodes.contacts, strict=True):
+    for touching, contact, peak in zip(scene.touching, nodes.contacts, peaks, strict=True):
         centre, on = _middle(scene.bodies[touching.body].mesh), np.ones(len(contact.nodes), bool)
         arm = nodes.points[contact.nodes - nodes.first] - centre
         whole = summed(comm, arm, on, contact.forces, contact.shares, contact.moments)
-        peaks = (largest_magnitude(comm, part) for part in (contact.pressure, contact.smoothed))
+        largest = largest_magnitude(comm, contact.pressure)
+        smoothed = largest_magnitude(comm, contact.smoothed) if peak is None else peak
         area = comm.allreduce(float(contact.areas.sum()))
-        resultants.append(_Contact(replace(whole, point=centre + whole.point), area, *peaks))
+        whole = replace(whole, point=centre + whole.point)
+        resultants.append(_Contact(whole, area, largest, smoothed))
     return resultants
 
 

@@ -36,7 +36,7 @@ to the edge of a flat punch is up to three times as wrong.
 The peak is as right as the mesh allows from about four facets across the contact on, if the gap is
 that of the round surfaces (`round` of a contact between bodies, or a round obstacle). With fewer,
 the discrete answer itself is off, and no smoothing mends it
-(`contact_app.accuracy.contact_limits.expected_error`). At sharp edges, such as the ends of a bore
+(`contact_app.accuracy.hertz`). At sharp edges, such as the ends of a bore
 on a longer pin, the pressure of the theory is infinite, and the smoothed peak grows with the mesh
 as that of nodes does: a warning says so (`contact_app.accuracy.sharp_edges`).
 """

@@ -22,20 +22,13 @@ from functools import partial
 import numpy as np
 from mpi4py import MPI
 
-from contact_app.accuracy.contact_limits import (
-    carries_force,
-    coarse_pressure,
-    entered_beside,
-    pressed_facets,
-    slipped_through,
-)
+from contact_app.accuracy.contact_limits import entered_beside, slipped_through
 from contact_app.accuracy.entered_pairs import (
     entered_by_rigid_bodies,
     entered_pairs,
     entered_without_contact,
 )
 from contact_app.accuracy.faceted_curves import median_gaps, pair_distances, sagittas
-from contact_app.accuracy.hertz import hertz_peak
 from contact_app.accuracy.sharp_edges import sharp_peaks
 from contact_app.accuracy.solved_scene import SolvedScene
 from contact_app.accuracy.trust import few_cells
@@ -149,7 +142,7 @@ def _beside_obstacles(answer: SolvedScene) -> Iterator[str]:
 
 def _facing_away(answer: SolvedScene) -> Iterator[str]:
     """Boundaries that face away from their obstacle (collective)."""
-    contacts, pressed = answer.model.scene.contacts, _pressed(answer)
+    contacts, pressed = answer.model.scene.contacts, answer.pressed
     for source in turned_round(answer.model.geometry):
         pulls = any(p for c, p in zip(contacts, pressed, strict=False) if c.source == source)
         yield f"{source}: {facing_away(pulls)}"
@@ -157,28 +150,10 @@ def _facing_away(answer: SolvedScene) -> Iterator[str]:
 
 def _coarse_pressures(answer: SolvedScene) -> Iterator[str]:
     """Pressures that vary within single facets."""
-    scene, comm = answer.model.scene, answer.model.comm
-    every = pressed_facets(answer.model, answer.nodes)
-    for i, (facets, pressed) in enumerate(zip(every, _pressed(answer), strict=True)):
-        if pressed and (text := coarse_pressure(facets, comm, scene.dimension)):
-            hertz = hertz_peak(answer.model, answer.nodes, facets, i)
-            if hertz is not None:
-                text += f"; for bodies large beside the contact Hertz's theory gives {hertz:.4g}"
-            yield f"{scene.touching[i].source}: {text}"
-
-
-def _pressed(answer: SolvedScene) -> list[bool]:
-    """Whether each contact carries a force above the solver's error (collective)."""
-    solution = answer.solution
-    return [
-        carries_force(
-            answer.model.comm,
-            at_nodes.pressure,
-            at_nodes.shares,
-            solution.tolerance * solution.measures.loads[item.body],
-        )
-        for item, at_nodes in zip(answer.model.scene.touching, answer.nodes.contacts, strict=True)
-    ]
+    contacts = answer.model.scene.touching
+    for contact, coarse in zip(contacts, answer.coarse_pressures, strict=True):
+        if coarse is not None:
+            yield f"{contact.source}: {coarse.warning}"
 
 
 def _sliding_bodies(answer: SolvedScene) -> Iterator[str]:
@@ -454,7 +429,7 @@ CHECKS: tuple[Callable[[SolvedScene], Iterable[str]], ...] = (
     lambda answer: entered_without_contact(answer.model, answer.solution, answer.nodes),
     lambda answer: entered_by_rigid_bodies(answer.model, answer.solution),
     _coarse_pressures,
-    lambda answer: sharp_peaks(answer.model, answer.nodes, _pressed(answer)),
+    lambda answer: sharp_peaks(answer.model, answer.nodes, answer.pressed),
     _sliding_bodies,
     lambda answer: tilted_pairs(answer.model, answer.solution),
     lambda answer: answer.model.scene.idle,

@@ -42,9 +42,9 @@ def summary_of(solved: SolvedScene) -> dict[str, Any]:
         pair.source: [float(f) for f in force] for pair, force in zip(pairs, forces, strict=True)
     }
     ties = tie_records(solved.model, solved.solution, nodes.surface)
-    summary["contacts"] = in_order_of_file(
-        (*scene.contact_names, *scene.tie_names), contact_records(solved.model, nodes), ties
-    )
+    peaks = [None if coarse is None else coarse.peak for coarse in solved.coarse_pressures]
+    records = contact_records(solved.model, nodes, peaks)
+    summary["contacts"] = in_order_of_file((*scene.contact_names, *scene.tie_names), records, ties)
     summary["reactions"] = reaction_records(solved.model, solved.solution, nodes)
     if scene.rigid.bodies:
         reactions = summary["reactions"]

@@ -8,17 +8,18 @@ import numpy as np
 import pytest
 
 import contact_app
-from contact_app.accuracy.hertz import peak_of
+from contact_app.accuracy.hertz import FREE, peak_of
 from tests import scenes
 
 MODULUS, FORCE, RADIUS = 1000.0, 2.0, 3.0
+ROOM = np.full(3, np.inf)
 HALF = (0.75 * FORCE * RADIUS / MODULUS) ** (1.0 / 3.0)
 
 
 @pytest.mark.parametrize("slope", [0.5 / RADIUS, 1e-17])
 def test_a_curvature_that_is_a_rounding_error_gives_no_peak(slope: float) -> None:
     """An edge on a plane: its contact would be infinitely wide."""
-    found = peak_of(FORCE, MODULUS, np.full(2, slope), np.full(2, HALF / np.sqrt(5.0)), 0.02)
+    found = peak_of(FORCE, MODULUS, np.full(2, slope), np.full(2, HALF / np.sqrt(5.0)), 0.02, ROOM)
     if slope < 1e-9:
         assert found is None
     else:
@@ -28,12 +29,23 @@ def test_a_curvature_that_is_a_rounding_error_gives_no_peak(slope: float) -> Non
 @pytest.mark.parametrize("size", [0.4, 2.5])
 def test_a_contact_of_other_size_gives_no_peak(size: float) -> None:
     lengths = np.full(2, size * HALF / np.sqrt(5.0))
-    assert peak_of(FORCE, MODULUS, np.full(2, 0.5 / RADIUS), lengths, 0.02) is None
+    assert peak_of(FORCE, MODULUS, np.full(2, 0.5 / RADIUS), lengths, 0.02, ROOM) is None
 
 
 def test_a_line_on_a_line_gives_no_peak() -> None:
     """The edge of a block: one row of nodes of some length."""
-    assert peak_of(FORCE, MODULUS, np.array([-1e-17, 1e-17]), np.array([0.0, 0.3]), 0.17) is None
+    bends, lengths = np.array([1e-17, -1e-17]), np.array([0.0, 0.3])
+    assert peak_of(FORCE, MODULUS, bends, lengths, 0.17, ROOM) is None
+
+
+@pytest.mark.parametrize("place", [0, 1, 2])
+def test_the_end_of_a_boundary_and_thin_bodies_give_no_peak(place: int) -> None:
+    found = []
+    for share in (1.01, 0.99):
+        room = np.where(np.arange(3) == place, share * FREE * HALF, np.inf)
+        lengths = np.full(2, HALF / np.sqrt(5.0))
+        found.append(peak_of(FORCE, MODULUS, np.full(2, 0.5 / RADIUS), lengths, 0.02, room))
+    assert found == [pytest.approx(1.5 * FORCE / (np.pi * HALF**2), rel=1e-5), None]
 
 
 @pytest.mark.parametrize("force", [1e-165, 1e-300])

@@ -13,7 +13,7 @@ import ufl
 from dolfinx import fem
 from mpi4py import MPI
 
-from contact_app import Contact, ContactProblem, Plane
+from contact_app import Contact, ContactProblem, Plane, Sphere
 from meshes import dolfinx_compat
 from tests import form_problems as problems
 from tests import meshfiles
@@ -340,3 +340,39 @@ def test_a_body_between_equally_rough_sides_is_carried_by_either(above: float, t
     assert problem.certificate.passed
     found = [w for w in problem.certificate.warnings if "wherever friction acts" in w]
     assert len(found) == told, problem.certificate.warnings
+
+
+@pytest.mark.parametrize("cell", ["quadrilateral", "hexahedron"])
+@pytest.mark.parametrize("degree", [1, 2])
+@pytest.mark.parametrize("material", ["isotropic", "orthotropic", "layered"])
+def test_few_facets_across_have_the_peak_of_hertz(cell: str, degree: int, material: str) -> None:
+    """A roller and a ball two facets wide; the theory is of one isotropic material."""
+    d, cells = (2, (16, 8)) if cell == "quadrilateral" else (3, (10, 10, 5))
+    size = (2.0, 2.0, 1.0)[3 - d :]
+    mesh = problems.box(cell, cells, size, MPI.COMM_WORLD)
+    V, up = problems.vector_space(mesh, degree), d - 1
+    tags = problems.facet_tags(mesh, {1: lambda x: np.isclose(x[up], 1.0)})
+    u, v = ufl.TrialFunction(V), ufl.TestFunction(V)
+    young: Any = 1000.0
+    if material == "layered":
+        young *= 1.0 + ufl.conditional(ufl.lt(ufl.SpatialCoordinate(mesh)[up], 0.5), 1.0, 0.0)
+    a = ufl.inner(problems.isotropic(u, young, 0.3), problems.strain(v)) * ufl.dx
+    if material == "orthotropic":
+        a += 500.0 * u[0].dx(0) * v[0].dx(0) * ufl.dx
+    L = ufl.inner(fem.Constant(mesh, np.zeros(d)), v) * ufl.dx
+    ball = Contact(tags, 1, Sphere((*(1.03,) * up, 5.0), 4.0), interference=0.003)
+    problem = ContactProblem(a, L, [problems.held(V, lambda x: np.isclose(x[up], 0.0))], [ball])
+    problem.solve()
+    (record,), modulus = problem.summary["contacts"], 1000.0 / 0.91
+    force, largest = -record["force"][up], problem.smoothed_contact_pressure.x.array.max()
+    right = (6.0 * force * modulus**2 / (np.pi**3 * 16.0)) ** (1.0 / 3.0)
+    if d == 2:
+        right = (force * modulus / (np.pi * 4.0)) ** 0.5
+    told = [text for text in problem.certificate.warnings if "Hertz's theory gives" in text]
+    if material == "isotropic":
+        assert record["max_smoothed_pressure"] == pytest.approx(right, rel=0.01)
+        assert f"max_smoothed_pressure, {right:.2g}"[:-1] in told[0]
+        assert abs(largest / right - 1.0) > 0.015
+    else:
+        assert record["max_smoothed_pressure"] == pytest.approx(largest, rel=1e-12)
+        assert not told

@@ -318,10 +318,9 @@ def test_few_facets_across_a_long_contact_cause_a_warning() -> None:
     told = [w for w in found["certificate"]["warnings"] if "narrow side of the contact" in w]
     assert [w.split(":")[0] for w in told] == ["contacts[0]", "contacts[1]"]
     assert "about 2.6 facets lie across" in told[0]
-    assert "max_smoothed_pressure may be wrong by half or more" in told[0]
-    assert 2249.0 == pytest.approx(float(told[0].split("Hertz's theory gives ")[1]), rel=0.04)
+    assert "the smoothed field may be wrong by half or more" in told[0]
     for contact in found["contacts"]:
-        assert contact["max_smoothed_pressure"] == pytest.approx(2390.0, rel=0.14)
+        assert contact["max_smoothed_pressure"] == pytest.approx(2249.0, rel=0.04)
     assert found["solution"]["max_contact_pressure"] > 1.5 * 2249.0  # Hertz
 
 
