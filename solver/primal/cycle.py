@@ -108,7 +108,7 @@ class CycleWithSprings:
     """Stiffness of its levels with springs."""
     springs: Array  # (rows,)
     """Stiffness of each spring; zero for open rows."""
-    rows: Sequence[PETSc.Mat]
+    rows: Sequence[BlockRows]
     """C on each of its levels."""
 
 
@@ -137,19 +137,14 @@ class CycleOnSets:
         if made is None:
             self._operators = [rows_in_blocks(operator) for operator in hierarchy.operators[1:]]
             self._springs = np.zeros(len(system.rows))
-            self._rows = self._in_blocks(rows_on_levels(system.C, self._prolongations))
+            self._rows = rows_on_levels(system.C, self._prolongations)
         else:
             self._coarse, self._operators = made.cycle, list(made.operators)
-            self._springs, self._rows = made.springs, self._in_blocks(made.rows)
+            self._springs, self._rows = made.springs, list(made.rows)
 
     def _cycle(self) -> Cycle:
         operators = [petsc_blocks(rows) for rows in self._operators]
         return Cycle(operators, self._prolongations[1:], self._options)
-
-    def _in_blocks(self, rows: Sequence[PETSc.Mat]) -> list[BlockRows]:
-        """Rows on each coarse level, in the blocks of its unknowns."""
-        sizes = [operator.local.blocksize[0] for operator in self._operators]
-        return [BlockRows.of_rows(Q, size) for Q, size in zip(rows, sizes, strict=True)]
 
     def adapt_to(self, projector: Projector) -> None:
         """Adapt to another active set, the frames and compliances of its rows (collective)."""
@@ -215,7 +210,7 @@ class CycleOnSets:
         if system is self._unturned:
             return [rows.some(some) for rows in self._rows]
         chosen = petsc_rows(system.comm, local_rows(system.C)[some], system.size)
-        return self._in_blocks(rows_on_levels(chosen, self._prolongations))
+        return rows_on_levels(chosen, self._prolongations)
 
     def apply(self, residual: Array, out: Array) -> None:
         """Put the correction of a residual Πᵀ r into out."""
@@ -230,11 +225,11 @@ class CycleOnSets:
         self._smoother.apply(residual, out, projector)
 
 
-def rows_on_levels(C: PETSc.Mat, prolongations: Sequence[PETSc.Mat]) -> list[PETSc.Mat]:
-    """C P₁, C P₁ P₂, …: rows on each coarse level (collective)."""
-    result = [C]
+def rows_on_levels(C: PETSc.Mat, prolongations: Sequence[PETSc.Mat]) -> list[BlockRows]:
+    """C P₁, C P₁ P₂, …: rows on each coarse level, in the blocks of its unknowns (collective)."""
+    result = [BlockRows.of_rows(C, P.getBlockSizes()[0]) for P in prolongations[:1]]
     for P in prolongations:
-        result.append(result[-1].matMult(P))
+        result.append(result[-1].times_matrix(P))
     return result[1:]
 
 

@@ -135,7 +135,8 @@ class Factor:
             weights = np.maximum(weights, springs)
         weights[projector.rows] = options.penalty * stiff[projector.rows]
         near = NEAR + spread_means(system)
-        matrix = with_springs(system.K, system.C, weights, near * system.diagonal)
+        rows = BlockRows.of_rows(system.C, system.K.getBlockSize())
+        matrix = with_springs(system.K, rows, weights, near * system.diagonal)
         self._pc = factored(matrix)
         self._residual, self._correction = matrix.createVecs()
 
@@ -209,13 +210,13 @@ def diagonal_below(P: PETSc.Mat, springs: Array) -> Array:
     return multiply_transposed(squared(chosen_rows(P, some)), springs[some])
 
 
-def with_springs(A: PETSc.Mat, Q: PETSc.Mat, weights: Array, near: Array) -> PETSc.Mat:
+def with_springs(A: PETSc.Mat, Q: BlockRows, weights: Array, near: Array) -> PETSc.Mat:
     """A + Qᵀ diag(weights) Q + diag(near), in single entries (collective)."""
-    springs = spring_matrix(Q, weights, A.getBlockSize()).plus_diagonal(near)
+    springs = spring_matrix(Q, weights).plus_diagonal(near)
     return rows_in_blocks(A).plus(springs).to_petsc()
 
 
-def spring_matrix(Q: PETSc.Mat, weights: Array, block: int) -> BlockRows:
-    """Qᵀ diag(weights) Q in square blocks (collective)."""
+def spring_matrix(Q: BlockRows, weights: Array) -> BlockRows:
+    """Qᵀ diag(weights) Q of rows in blocks of one row (collective)."""
     some = np.flatnonzero(weights > 0.0)
-    return BlockRows.of_rows(Q, block).some(some).scaled(np.sqrt(weights[some])).gram()
+    return Q.some(some).scaled(np.sqrt(weights[some])).gram()

@@ -18,6 +18,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from petsc4py import PETSc
 
+from solver.primal.block_rows import BlockRows
 from solver.primal.blocks import petsc_blocks, rows_in_blocks
 from solver.primal.cycle import Cycle, CycleWithSprings, rows_on_levels
 from solver.primal.factor import diagonal_below, row_stiffness, spread_means, squared_rows
@@ -62,17 +63,18 @@ def find_first_set(
     rows = Rows(system.comm, system.c, system.normal, system.equality, stiff, friction)
     start = system.at_rest
     if not P:  # the problem itself is coarse
-        only_level = SharedLevel(rows, A[0], system.C, system.load, options)
+        Q = BlockRows.of_rows(system.C, A[0].getBlockSize())
+        only_level = SharedLevel(rows, A[0], Q, system.load, options)
         x = only_level.minimise(np.zeros(system.size), options.exact_steps)
         active = only_level.pressed(x) | system.equality
         return FirstSet(active, x, only_level.tensions(x))
-    Q, loads = rows_on_levels(system.C, P), [system.load - multiply(system.K, start)]
+    on_levels, loads = rows_on_levels(system.C, P), [system.load - multiply(system.K, start)]
     for prolongation in P:
         loads.append(multiply_transposed(prolongation, loads[-1]))
     x, pressed, tensions, cycle = np.zeros(len(loads[-1])), system.equality, None, None
     for k in range(len(P), 0, -1):
         below = replace(hierarchy, prolongations=P[k:], operators=tuple(A[k:]))
-        level = CycleLevel(rows, below, Q[k - 1 :], loads[k], options)
+        level = CycleLevel(rows, below, on_levels[k - 1 :], loads[k], options)
         if A[k].getSize()[0] <= options.largest:
             x = _on_every_rank(level, x, k == len(P))
         elif k == len(P):  # bodies may have no place yet

@@ -16,6 +16,7 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from mpi4py import MPI
@@ -33,7 +34,7 @@ from solver.primal.friction_springs import FrictionSprings
 from solver.primal.hierarchy import Hierarchy
 from solver.primal.line_search import minimum_along
 from solver.primal.products import multiply, multiply_transposed
-from solver.tfeti.constraints.matrix import lent, local_rows
+from solver.tfeti.constraints.matrix import lent
 from solver.vectors import Array, Mask
 
 SMALL = 1e-2
@@ -262,10 +263,15 @@ class SharedLevel(Level):
     """A level whose unknowns the ranks share; a sparse factor solves for each step."""
 
     def __init__(
-        self, rows: Rows, A: PETSc.Mat, Q: PETSc.Mat, load: Array, options: FirstSetOptions
+        self, rows: Rows, A: PETSc.Mat, Q: BlockRows, load: Array, options: FirstSetOptions
     ) -> None:
         self.A, self.Q = A, Q
         super().__init__(rows, load, np.asarray(A.getDiagonal().getArray()), options)
+
+    @cached_property
+    def _Q(self) -> PETSc.Mat:
+        """Q for products; levels that every rank solves need none (collective at first)."""
+        return self.Q.to_petsc()
 
     def stiffness(self, x: Array) -> Array:
         """A x."""
@@ -273,11 +279,11 @@ class SharedLevel(Level):
 
     def images(self, x: Array) -> Array:
         """Q x, (rows,)."""
-        return multiply(self.Q, x)
+        return multiply(self._Q, x)
 
     def forces(self, tensions: Array) -> Array:
         """Qᵀ t of tensions (rows,)."""
-        return multiply_transposed(self.Q, tensions)
+        return multiply_transposed(self._Q, tensions)
 
     def newton_step(self, weights: Array, residual: Array) -> Array:
         """Newton step by a sparse factor of the Hessian."""
@@ -312,7 +318,7 @@ class CycleLevel(SharedLevel):
     """
 
     def __init__(
-        self, rows: Rows, hierarchy: Hierarchy, Q: Sequence[PETSc.Mat], load: Array,
+        self, rows: Rows, hierarchy: Hierarchy, Q: Sequence[BlockRows], load: Array,
         options: FirstSetOptions, cycle: Cycle | None = None,
     ) -> None:  # fmt: skip
         super().__init__(rows, hierarchy.operators[0], Q[0], load, options)
@@ -350,10 +356,10 @@ class CycleLevel(SharedLevel):
         Faint springs, which most rows have, are only the diagonal of their Galerkin products.
         """
         if self._cycle is None:
-            levels, block = self._hierarchy, self.A.getBlockSize()
+            levels = self._hierarchy
             stiff = np.where(weights > self.options.faint * self.rows.stiffness, weights, 0.0)
-            springs = spring_matrix(self.Q, stiff, block)
-            faint = multiply_transposed(squared(self.Q), weights - stiff)
+            springs = spring_matrix(self.Q, stiff)
+            faint = multiply_transposed(squared(self._Q), weights - stiff)
             added = springs.plus_diagonal(self.shift + faint)
             operators = [rows_in_blocks(self.A).plus(added)]
             for A, P in zip(levels.operators[1:], levels.prolongations, strict=True):
@@ -387,8 +393,8 @@ class DenseLevel(Level):
         """A distributed level, gathered on every rank (collective)."""
         comm = level.comm
         A, Q = (
-            sparse.csr_matrix(sparse.vstack(comm.allgather(rows)))
-            for rows in (rows_in_blocks(level.A).local.tocsr(), local_rows(level.Q))
+            sparse.csr_matrix(sparse.vstack(comm.allgather(rows.local.tocsr())))
+            for rows in (rows_in_blocks(level.A), level.Q)
         )
         load = np.concatenate(comm.allgather(level.load))
         return cls(level.rows.everywhere(), A, Q, load, level.options)

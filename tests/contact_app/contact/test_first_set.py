@@ -10,6 +10,7 @@ from scipy.sparse.linalg import spsolve
 
 from solver.primal.friction_springs import FrictionSprings
 from solver.primal.hierarchy import Hierarchy, MultigridOptions
+from solver.primal.block_rows import BlockRows
 from solver.primal.spring_levels import CycleLevel, DenseLevel, FirstSetOptions, Rows
 from solver.tfeti.constraints.matrix import petsc_rows
 
@@ -82,7 +83,7 @@ def test_a_cycle_has_the_springs_of_rows_on_all_levels() -> None:
     operators = petsc_rows(comm, A, n), petsc_rows(comm, sparse.csr_matrix(P.T @ A @ P), n // each)
     hierarchy = Hierarchy((petsc_rows(comm, P, n // each),), operators, MultigridOptions())
     options = replace(FirstSetOptions(), reduction=1e-9, iterations=9)
-    level = CycleLevel(rows, hierarchy, [petsc_rows(comm, Q, n)], load, options)
+    level = CycleLevel(rows, hierarchy, [BlockRows(comm, Q.tobsr((1, 1)), n)], load, options)
     K = sparse.csc_matrix(A + Q.T @ sparse.diags(stiff) @ Q)
     exact = spsolve(K, load)
     error = level.newton_step(stiff, load) - exact
