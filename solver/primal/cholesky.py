@@ -6,10 +6,11 @@ import numpy as np
 from mpi4py import MPI
 from petsc4py import PETSc
 from scipy import sparse
+from scipy.linalg import LinAlgError, cho_factor, cho_solve
 
 from solver.factors import compute_factor
 from solver.tfeti.constraints.matrix import petsc_rows
-from solver.vectors import Array, on_arrays
+from solver.vectors import Array, Mask, on_arrays
 
 
 def factored(matrix: PETSc.Mat) -> PETSc.PC:
@@ -57,4 +58,32 @@ class SmallInverse:
             return values / self._diagonal
         out = np.empty_like(values)
         on_arrays(self._pc.apply, self._right, np.ascontiguousarray(values), self._left, out)
+        return out
+
+
+class BorderedInverse:
+    """The inverse of a matrix from that of its block without a few rows, by block elimination.
+
+    Raises
+    ------
+    ArithmeticError
+        The matrix has no factor.
+    """
+
+    def __init__(self, inverse: SmallInverse, matrix: sparse.csr_matrix, few: Mask) -> None:
+        self._inverse, self._few, self._most = inverse, np.flatnonzero(few), np.flatnonzero(~few)
+        rows = matrix[self._few]
+        self._border = rows[:, self._most].toarray()
+        self._solved = inverse.apply(np.ascontiguousarray(self._border.T))
+        complement = rows[:, self._few].toarray() - self._border @ self._solved
+        try:
+            self._factor = cho_factor(complement)
+        except LinAlgError as error:
+            raise ArithmeticError("the rows of means have no Cholesky factor") from error
+
+    def apply(self, values: Array) -> Array:
+        """The product with values (rows,), or with each column of (rows, columns)."""
+        out, most = np.empty_like(values), self._inverse.apply(values[self._most])
+        out[self._few] = few = cho_solve(self._factor, values[self._few] - self._border @ most)
+        out[self._most] = most - self._solved @ few
         return out

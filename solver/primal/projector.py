@@ -13,13 +13,11 @@ projector (`solver.primal.rigid_bodies`).
 
 from __future__ import annotations
 
-from functools import cached_property
-
 import numpy as np
 from mpi4py import MPI
 from scipy import sparse
 
-from solver.primal.cholesky import SmallInverse
+from solver.primal.cholesky import BorderedInverse, SmallInverse
 from solver.primal.merged import MergedSystem
 from solver.primal.products import chosen_rows, own_columns
 from solver.primal.rigid_bodies import RowsOfMotions
@@ -66,13 +64,14 @@ class Projector:
         self.system, comm = system, system.comm
         self.rows = np.flatnonzero(active)
         self.compliance = None if compliance is None else compliance[self.rows]
-        masks = comm.allgather(active)
+        masks, means = zip(*comm.allgather((active, system.means)), strict=True)
         self._counts = np.array([int(mask.sum()) for mask in masks])
         first = int(self._counts[: comm.rank].sum())
         self._of_rank = slice(first, first + len(self.rows))
         every = np.concatenate(masks)
         self.C = own_columns(system.C)[np.flatnonzero(every)]
         self.empty = not every.any()
+        self._narrow: Projector | None = None
         if self.empty:
             return
         self._inverse = system.flexibility
@@ -84,11 +83,26 @@ class Projector:
         else:
             some = np.flatnonzero(every[wide._every])
             self._S, self._stiffless = wide._S[some][:, some], wide._stiffless[some]
-        self._inverse_of_rows = SmallInverse(self._S)
+        mean = np.concatenate(means)[every]
+        if mean.any():
+            self._narrow = Projector(system, active & ~system.means, compliance, self)
+        self._inverse_of_rows: SmallInverse | BorderedInverse
+        if self._narrow is None or self._narrow.empty:
+            self._inverse_of_rows = SmallInverse(self._S)
+        else:
+            self._inverse_of_rows = BorderedInverse(self._narrow._inverse_of_rows, self._S, mean)
         self._of_motions: RowsOfMotions | None = None
         if system.has_rigid_bodies:
             C = chosen_rows(system.C, self.rows)
             self._of_motions = RowsOfMotions(system, C, self._stiffless[self._of_rank])
+
+    @property
+    def narrow(self) -> Projector:
+        """The projector without the rows that hold a motion in the mean of many nodes.
+
+        Itself without such rows.
+        """
+        return self if self._narrow is None else self._narrow
 
     def _sum_of_ranks(self) -> tuple[sparse.csr_matrix, Mask]:
         """S = C_A D⁻¹ C_Aᵀ of all ranks, and the rows of rigid bodies alone (collective).
@@ -171,23 +185,6 @@ class Projector:
         if self.compliance is None:
             return np.zeros(self.system.size)
         return self.lifting(self.compliance * self.multipliers(residual))
-
-    @cached_property
-    def narrow(self) -> Projector:
-        """The projector without the rows that hold a motion in the mean of many nodes.
-
-        Itself without such rows (collective).
-        """
-        wide = self.system.means[self.rows]
-        if not self.system.comm.allreduce(int(wide.any())):
-            return self
-        active = np.zeros(len(self.system.rows), bool)
-        active[self.rows[~wide]] = True
-        compliance = None
-        if self.compliance is not None:
-            compliance = np.zeros(len(active))
-            compliance[self.rows] = self.compliance
-        return Projector(self.system, active, compliance, self)
 
 
 def _with_diagonal(S: sparse.csr_matrix, values: Array) -> sparse.csr_matrix:

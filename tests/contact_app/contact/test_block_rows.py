@@ -43,6 +43,7 @@ def worst_error(comm: MPI.Intracomm, nodes: int = 12, coupled: bool = True) -> f
     again = product.to_petsc()
     differences = (
         left.times(right).local - (A @ P)[fine],
+        left.times_matrix(right.to_petsc()).local - (A @ P)[fine],
         product.local - (P.T @ A @ P)[coarse],
         local_rows(again) - (P.T @ A @ P)[coarse],
         BlockRows.of(again).local - product.local,

@@ -217,6 +217,9 @@ def test_rows_that_hold_a_motion_in_the_mean_do_not_cut_the_coarse_spaces() -> N
     narrow = every.narrow
     assert set(every.rows) - set(narrow.rows) == set(np.flatnonzero(system.means))
     assert narrow.narrow is narrow
+    forces = np.random.default_rng(3).standard_normal(len(every.rows))
+    jumps = local_rows(system.C) @ every.lifting(forces)  # by the inverse of the narrow rows
+    np.testing.assert_allclose(jumps[every.rows], forces, atol=1e-8 * np.abs(forces).max())
 
 
 def test_the_cycle_that_has_followed_sets_is_that_of_the_last_one() -> None:
