@@ -8,9 +8,9 @@ from mpi4py import MPI
 from scipy import sparse
 from scipy.sparse.linalg import spsolve
 
+from solver.primal.block_rows import BlockRows
 from solver.primal.friction_springs import FrictionSprings
 from solver.primal.hierarchy import Hierarchy, MultigridOptions
-from solver.primal.block_rows import BlockRows
 from solver.primal.spring_levels import CycleLevel, DenseLevel, FirstSetOptions, Rows
 from solver.tfeti.constraints.matrix import petsc_rows
 
