@@ -70,7 +70,9 @@ class BorderedInverse:
         The matrix has no factor.
     """
 
-    def __init__(self, inverse: SmallInverse, matrix: sparse.csr_matrix, few: Mask) -> None:
+    def __init__(
+        self, inverse: SmallInverse | BorderedInverse, matrix: sparse.csr_matrix, few: Mask
+    ) -> None:
         self._inverse, self._few, self._most = inverse, np.flatnonzero(few), np.flatnonzero(~few)
         rows = matrix[self._few]
         self._border = rows[:, self._most].toarray()
