@@ -274,6 +274,9 @@ def contact_motions(geometry: Geometry, contact: ContactRows) -> sparse.csr_matr
     """Contact rows applied to the rigid motions of each body, (rows, bodies · motions)."""
     rigid, bodies, partition = RigidUnknowns.of(geometry), geometry.bodies, geometry.partition
     d, more = geometry.dimension, contact.rigid
+    shape = len(contact.nodes), (len(bodies) + rigid.count) * MOTIONS[d]
+    if not shape[0]:
+        return sparse.csr_matrix(shape)
 
     def motions_of(b: int, points: Array) -> Array:
         return rigid_motions(points, d, *body_frame(bodies[b]))
@@ -284,10 +287,7 @@ def contact_motions(geometry: Geometry, contact: ContactRows) -> sparse.csr_matr
     place = of_rigid * MOTIONS[d] + rigid.motion_of(more.node, more.component)
     of_moving = more.value, more.row, place
     value, rows, columns = map(np.concatenate, zip(of_elastic, of_moving, strict=True))
-    return sparse.csr_matrix(
-        (value, (rows, columns)),
-        shape=(len(contact.nodes), (len(bodies) + rigid.count) * MOTIONS[d]),
-    )
+    return sparse.csr_matrix((value, (rows, columns)), shape=shape)
 
 
 def entries_on_motions(

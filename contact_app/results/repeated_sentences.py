@@ -39,6 +39,8 @@ def without_repetitions(sentences: Sequence[str], names: Iterable[str]) -> list[
     >>> without_repetitions(["b1: is loose", "b2: is stiff", "b3: is loose"], ["b1", "b2", "b3"])
     ['b1: is loose (and 1 more alike: b3)', 'b2: is stiff']
     """
+    if len(sentences) < 2:
+        return list(sentences)
     pattern = _names(names)
     groups = _grouped(dict.fromkeys(sentences), lambda sentence: pattern.sub("\0", sentence))
     return [_joined(group, pattern) for group in groups]
