@@ -146,23 +146,38 @@ class CholeskyFactor:
 
 
 class DenseFactor:
-    """LAPACK's factor A = Uᵀ U of a small sparse positive definite matrix, as `CholeskyFactor`."""
+    """LAPACK's factor of a small sparse positive definite matrix, as `CholeskyFactor`.
+
+    Unknowns of `restricted` are eliminated last: their part of A = L Lᵀ is the factor of a Schur
+    complement, whose inverse is their part of A⁻¹.
+    """
 
     def __init__(self, matrix: sparse.spmatrix) -> None:
-        self._upper, failed = lapack.dpotrf(matrix.toarray(order="F"), lower=0, overwrite_a=1)
+        self._matrix = matrix
+        self._order, self._lower = np.arange(0), np.empty((0, 0))
+
+    def _factorise(self, last: Ints) -> None:
+        first = np.setdiff1d(np.arange(self._matrix.shape[0]), last)
+        self._order = np.concatenate([first, last])
+        ordered = self._matrix.toarray()[self._order][:, self._order].T
+        self._lower, failed = lapack.dpotrf(ordered, lower=1, clean=0, overwrite_a=1)
         if failed:
             raise ArithmeticError(NO_FACTOR)
 
     def solve(self, loads: Array) -> Array:
         """The inverse times each column: (n, columns) to (n, columns), both in Fortran order."""
-        return np.asarray(lapack.dpotrs(self._upper, loads, lower=0)[0])
+        if not len(self._order):
+            self._factorise(self._order)
+        result = np.empty(loads.shape, order="F")
+        result[self._order] = lapack.dpotrs(self._lower, loads[self._order], lower=1)[0]
+        return result
 
     def restricted(self, unknowns: Ints) -> Array:
         """The inverse between some unknowns, (m, m), symmetric."""
-        unit = np.zeros((len(self._upper), len(unknowns)), order="F")
-        unit[unknowns, np.arange(len(unknowns))] = 1.0
-        half = lapack.dtrtrs(self._upper, unit, lower=0, trans=1, overwrite_b=1)[0]
-        return np.asarray(half.T @ half)
+        self._factorise(unknowns)
+        begin = len(self._order) - len(unknowns)
+        block = np.tril(lapack.dpotri(self._lower[begin:, begin:], lower=1)[0])
+        return block + np.tril(block, -1).T
 
 
 class GeneralisedInverse:
