@@ -23,8 +23,10 @@ def nearest_admissible(
     problem: DecomposedProblem, multiplier: Array, displacements: list[Array]
 ) -> Array:
     """The admissible û with the least duality gap, on the interface; elsewhere û = u."""
-    interface = problem.on_interface(displacements)
-    return interface + _nearest(problem, multiplier, interface)[0]
+    interface, bodies = problem.on_interface(displacements), problem.bodies
+    changes, costs = _candidates(problem, multiplier, interface)
+    second = (costs[-1] < costs[0])[bodies.groups[bodies.columns]]
+    return interface + np.where(second, changes[-1], changes[0])
 
 
 def duality_gap(
@@ -46,16 +48,16 @@ def group_gaps(
     problem: DecomposedProblem, multiplier: Array, interface: Array, rest: float = 0.0
 ) -> Array:
     """`duality_gap` of each group, (groups,)."""
-    return _nearest(problem, multiplier, interface, rest)[1]
+    return np.asarray(_candidates(problem, multiplier, interface, rest)[1].min(axis=0))
 
 
-def _nearest(
+def _candidates(
     problem: DecomposedProblem, multiplier: Array, interface: Array, rest: float = 0.0
-) -> tuple[Array, Array]:
-    """The change û - u to an admissible û of least gap, and the gap of each group, (groups,).
+) -> tuple[list[Array], Array]:
+    """Changes û - u to one or two admissible û, and their gaps in each group, (·, groups).
 
-    Two admissible û are tried: one closes the contact rows of `worth_closing`, the other does not.
-    Each group of bodies takes the one with the smaller gap.
+    One closes the contact rows of `worth_closing`, the other does not. Each group of bodies takes
+    the one with the smaller gap.
     """
     bodies, tied = problem.bodies, without_jumps(problem, interface)
     candidates = [_candidate(problem, multiplier, tied, None, rest)]
@@ -67,10 +69,7 @@ def _nearest(
         opened + bodies.sum_by_group(motion_energies(problem, w))
         for w, (_, opened) in zip(changes, candidates, strict=True)
     ])  # fmt: skip
-    costs = problem.comm.allreduce(costs)
-    second = costs[-1] < costs[0]
-    change = np.where(second[bodies.groups[bodies.columns]], changes[-1], changes[0])
-    return change, np.where(second, costs[-1], costs[0])
+    return changes, problem.comm.allreduce(costs)
 
 
 def _candidate(

@@ -124,7 +124,7 @@ class MeasuredAnswer:
             strict=True,
         ):
             force = forces[part].reshape(cls.members, -1)
-            stiff = cls.resistance[:, None]
+            flexibility = 1.0 / cls.resistance
             held = np.ones(cls.unknowns, bool)
             held[cls.free] = False
             for members in cls.batches():
@@ -137,8 +137,8 @@ class MeasuredAnswer:
                 Ku[cls.interface] += force[members].T
                 reactions = np.abs(Ku[held]).sum(axis=0)
                 Ku[held] = 0.0
-                squares = np.einsum("im,im->m", Ku, Ku)
-                each = squares, reactions, np.einsum("im,im->m", Ku, Ku / stiff), strains
+                Ku *= Ku
+                each = Ku.sum(axis=0), reactions, flexibility @ Ku, strains
                 for row, values in zip(sums, each, strict=True):
                     row += np.bincount(body[members], values, bodies.count)
         sums, work = problem.comm.allreduce(sums), problem.comm.allreduce(work)

@@ -257,13 +257,13 @@ class KernelRows:
             first = np.flatnonzero(other)
             several = np.add.reduceat(self._table[place] * value[:, None], first, axis=0)
             row, start, width = row[first], start[first], width[first]
-        touched = np.bincount(row, minlength=len(rows))
-        for m in np.unique(touched[touched > 0]):
-            pairs = np.flatnonzero(touched[row] == m).reshape(-1, m)
+        touched = np.bincount(row)[row]
+        for m in np.flatnonzero(np.bincount(touched)):
+            pairs = np.flatnonzero(touched == m).reshape(-1, m)
             pairs = pairs[np.lexsort(start[pairs].T)]
-            starts = start[pairs]
-            first = np.flatnonzero(np.r_[True, (starts[1:] != starts[:-1]).any(axis=1)])
-            sizes = np.diff(first, append=len(starts))
+            starts = start[pairs].T
+            first = np.flatnonzero(np.r_[True, (starts[:, 1:] != starts[:, :-1]).any(axis=0)])
+            sizes = np.diff(first, append=len(pairs))
             for n in np.unique(sizes):
                 begins = first[sizes == n]
                 of = pairs[begins[:, None] + np.arange(n)]
@@ -278,7 +278,8 @@ class KernelRows:
                 else:
                     values = several[of]
                 yield RowSets(
-                    rows[row[of[:, :, 0]]], starts[begins].astype(np.int64), width[pairs[begins]],
+                    rows[row[of[:, :, 0]]], starts[:, begins].T.astype(np.int64),
+                    width[pairs[begins]],
                     values.reshape(len(values), n, -1), kind,
                 )  # fmt: skip
 

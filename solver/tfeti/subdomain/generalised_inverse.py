@@ -286,7 +286,7 @@ class SymmetricBlock:
         The coordinates; loads and displacements are in the order of its unknowns.
     """
 
-    MEMBERS_AT_ONCE = 128
+    MEMBERS_AT_ONCE = 256
     """Number of members transformed together.
 
     Few enough for small temporary arrays, many enough for a fast product.
