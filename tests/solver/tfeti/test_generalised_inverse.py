@@ -122,4 +122,4 @@ def test_dense_factors_are_those_of_sparse_ones() -> None:
     np.testing.assert_allclose(dense.solve(loads), other.solve(loads), atol=1e-13)
     np.testing.assert_allclose(dense.restricted(some), other.restricted(some), atol=1e-13)
     with pytest.raises(ArithmeticError, match="no Cholesky factor"):
-        DenseFactor(matrix - 2.0 * sparse.identity(27))
+        DenseFactor(matrix - 2.0 * sparse.identity(27)).restricted(some)
