@@ -258,12 +258,13 @@ def _required_reduction(
     Parameters
     ----------
     loads : (bodies,)
-        Sum of the magnitudes of the loads on each body.
+        Sum of the magnitudes of all loads on each body, for those that heat alone loads.
     """
     problem = backend.problem
     pressed = problem.bodies.sum_rows(np.abs(state.multiplier * problem.spread), problem.inequality)
-    load = np.maximum(loads, problem.comm.allreduce(pressed))
-    worst = max(problem.largest_distance(state), state.imbalance / (float(load.max()) or 1.0))
+    load = np.maximum(problem.mechanical_loads, problem.comm.allreduce(pressed))
+    size = float(load.max()) or float(loads.max()) or 1.0
+    worst = max(problem.largest_distance(state), state.imbalance / size)
     left = friction_residual(problem, state.multiplier, state.jumps, state.lengths)
     worst = max(worst, left / SURE)
     required = rule.required_reduction(worst, state.strained, lambda: 0.5 * state.error_square)

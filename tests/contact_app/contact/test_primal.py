@@ -3,6 +3,7 @@
 import weakref
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -18,6 +19,7 @@ from solver.backend import Turn
 from solver.contact.options import SolverOptions
 from solver.contact.stopping import StoppingRule
 from solver.driver import solve as solve_problem
+from solver.primal import by_active_sets
 from solver.primal.backend import STALLED_WITH_FACTOR
 from solver.primal.blocks import in_blocks
 from solver.primal.by_active_sets import solve_by_multigrid
@@ -78,6 +80,24 @@ def test_scenes_in_the_plane(name: str, cell: str) -> None:
 
 
 MULTIGRID_ALWAYS = FactorOptions(small=0.0, thin_seconds=0.0, slow_seconds=0.0)
+
+
+def test_a_heated_body_is_certified_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Its residual has to be small beside the contact forces, a thousandth of the thermal ones."""
+    made = {**scenes.rollers_and_floor("tetrahedron", 6), "solver": {"method": "primal"}}
+    made["bodies"][0]["material"]["expansion"] = 0.1
+    made["conditions"].append({"in": "block", "temperature": "100 - 20*z"})
+    answers, certify = [], by_active_sets.certify
+
+    def watched(*arguments: Any) -> Any:
+        answers.append(certify(*arguments))
+        return answers[-1]
+
+    monkeypatch.setattr(by_active_sets, "certify", watched)
+    problem = build_model(scenes.build(made), MPI.COMM_SELF).problem
+    task = Task(problem, StoppingRule(1e-9), MPRGP(rtol=1e-10, max_iterations=2000))
+    assert solve_by_multigrid(task, None, None, MULTIGRID_ALWAYS).converged
+    assert len(answers) == 1
 
 
 @pytest.mark.parametrize(("name", "cell"), covering(scenes.ALL, scenes.CELLS_3D))
