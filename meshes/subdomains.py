@@ -226,7 +226,6 @@ class Subdomain:
     number: int
     """Number of the subdomain in the whole scene."""
     body: int
-    """Index of its body."""
     reference: Reference
     translation: Array
     nodes: Ints  # (nodes,)

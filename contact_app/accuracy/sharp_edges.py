@@ -90,7 +90,6 @@ class Skin:
     joints: _Joints
     """The edges between them."""
     name: str
-    """Name of the body."""
     stiffness: float
     """Its Young's modulus, in a unit common to both sides."""
 

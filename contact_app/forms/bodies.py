@@ -211,7 +211,6 @@ class Resisting:
     friction: FrictionRows
     """Tangential rows."""
     contacts: int
-    """Number of contacts."""
 
 
 def holding(

@@ -36,7 +36,6 @@ class InnerSurface:
     area: float
     """Area; in 2D length."""
     centre: Array  # (3,)
-    """Centroid."""
 
 
 def locate_inner_surface(geometry: Geometry, section: InnerSection) -> InnerSurface:

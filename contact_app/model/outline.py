@@ -79,7 +79,6 @@ class CandidateRows:
     """The rows of conditions, contacts and ties that this rank owns."""
 
     held: HeldRows
-    """Held nodes."""
     contact: ContactRows
     """Candidate rows of all contacts."""
     merged: ContactRows

@@ -53,7 +53,6 @@ class RoughContact:
     number: int
     """Number of the contact, as `sources` of contact rows count it."""
     law: Friction
-    """Its law of friction."""
     shares: Callable[[Ints], Array]
     """From numbers of nodes this rank owns, (n,), to ∫ φ_k over the boundary (collective)."""
     slips: Callable[[ContactRows], tuple[ContactRows, Mask]]

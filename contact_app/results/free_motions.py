@@ -34,7 +34,6 @@ class FreeMotion:
     """The slide of one body."""
 
     body: int
-    """Its number."""
     along: str
     """The motion in words."""
     names: tuple[int, ...]

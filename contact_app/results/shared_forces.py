@@ -51,7 +51,6 @@ class SharedForces:
     """Nodes whose force may be divided between their contacts in several ways."""
 
     nodes: int
-    """Their number."""
     shares: Array  # (contacts,)
     """Range of the normal forces of these nodes over all normal forces of the contact."""
     moves: bool
@@ -81,7 +80,6 @@ class SharedNode:
     """Masks of contacts with a normal force, and of those with friction and without a slip. Shapes
     (contacts,), (contacts,)."""
     nodes: int = 1
-    """Their number."""
 
     @property
     def ties(self) -> Mask:

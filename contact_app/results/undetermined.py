@@ -52,7 +52,6 @@ class Undetermined:
     """A motion of one body, with others perhaps, that leaves energy and forces as they are."""
 
     name: str
-    """Name of the body."""
     along: str
     """The motion in words."""
     reach: float
@@ -104,7 +103,6 @@ class Movable:
     groups: Sequence[Ints]
     """Numbers of the bodies of each group that may touch."""
     names: Sequence[str]
-    """Names of each body."""
     size_of: Callable[[int, Array], float]
     """Largest displacement of a body, by its number, in a rigid motion (motions,)."""
 

@@ -44,7 +44,6 @@ class _Coarser:
     """The part of a step that is also solved in increments of twice the length."""
 
     step: int = 0
-    """Number of the step."""
     number: int = 0
     """Number of its increments so far."""
     last: Scene | None = None

@@ -159,7 +159,6 @@ class Contact:
     interference: float = 0.0
     """Overlap along the normal (length), added to that of the geometry."""
     law: Friction = FRICTIONLESS
-    """The law of friction."""
     rigid: int | None = None
     part: int = 0
     """Number of the rigid body of the obstacle, and number of the obstacle within the body; None
@@ -192,7 +191,6 @@ class BodyContact:
     interference: float = 0.0
     """Overlap along the normal (length), added to that of the geometry."""
     law: Friction = FRICTIONLESS
-    """The law of friction."""
     round: bool = False
     """Whether flat facets stand for smooth surfaces."""
 

@@ -111,7 +111,6 @@ class RigidBodies:
     dimension: int
     """2 or 3."""
     bodies: tuple[RigidBody, ...]
-    """The bodies."""
     motions: tuple[RigidMotion, ...]
     loads: tuple[RigidLoad, ...]
     """Their prescribed motions and their loads."""

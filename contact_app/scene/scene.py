@@ -71,7 +71,6 @@ class InnerSection:
 
     name: str
     body: int
-    """Number of the body."""
     boundary: str
     """Name of the surface: of the mesh, or of an expression of the body."""
     behind: tuple[float, float, float]
@@ -96,7 +95,6 @@ class LoadCase:
     """Factors of named conditions in a load case; other names have factor zero."""
 
     name: str
-    """Name of the case."""
     factors: tuple[tuple[str, float], ...]
     """Pairs of a condition's name and its factor."""
 

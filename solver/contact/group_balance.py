@@ -30,7 +30,6 @@ class GroupRows:
     joined: Array  # (k, bodies · motions)
     """Rows that hold the bodies together, or on request."""
     contact: Array  # (rows, bodies · motions)
-    """Contact rows."""
     moved: Array | None  # (rows · dimension, bodies · motions) or None
     """Relative motion of the sides of the contact rows; None if a body of the group is rigid."""
     cones: FrictionCones

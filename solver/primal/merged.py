@@ -36,7 +36,6 @@ class MergedSystem:
     """The undecomposed problem; local parts throughout."""
 
     problem: DecomposedProblem
-    """The decomposed problem."""
     nodes: MergedNodes
     K: PETSc.Mat
     """Stiffness with the held unknowns taken out."""

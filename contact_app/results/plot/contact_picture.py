@@ -172,7 +172,6 @@ class Patch:
     pressed: Ints
     """Triangles that are shown, and those in contact among them. Shapes (m, 3), (k, 3)."""
     names: tuple[str, str]
-    """Names of the coordinates."""
     middle: Array  # (3,)
     """Middle of the triangles in contact."""
 

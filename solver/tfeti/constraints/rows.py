@@ -56,7 +56,6 @@ class SharedRows:
     """Rows over nodes of any ranks, each kind sorted by node."""
 
     contact: ContactRows
-    """Contact rows."""
     friction: FrictionRows
     """Tangential rows, sorted by contact within a node."""
     tied: ContactRows
