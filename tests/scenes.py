@@ -14,6 +14,8 @@ import yaml
 
 Config = dict[str, Any]
 
+CONFIGS = Path(__file__).parents[1] / "configs"
+
 CELLS_3D, CELLS_2D = ("hexahedron", "tetrahedron"), ("quadrilateral", "triangle")
 
 
@@ -404,6 +406,15 @@ def lifted_strip(length: float, cells: list[int], degree: int = 1, **solver: Any
 
 
 # --- from configuration to scene ---------------------------------------------------------------
+
+
+def read(scene: Path | str, overrides: Sequence[str] = ()) -> Any:
+    """The scene of a file, or the shipped scene of a name."""
+    from contact_app.scene.build import build_scene
+    from contact_app.scene.configuration import load
+
+    file = CONFIGS / f"{scene}.yaml" if isinstance(scene, str) else scene
+    return build_scene(load(file, overrides))
 
 
 def write(made: Config, path: Path) -> Path:

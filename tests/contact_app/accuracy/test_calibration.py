@@ -7,8 +7,6 @@ from contact_app.accuracy.estimate.calibration import LEAST, UNCERTAIN, Calibrat
 from contact_app.accuracy.refine.levels import Refined
 from contact_app.accuracy.refine.refinement import solve_to_accuracy
 from contact_app.run.solve import solve_scene
-from contact_app.scene.build import build_scene
-from contact_app.scene.configuration import load
 from contact_app.scene.scene import Scene
 from tests import scenes
 from tests.contact_app.accuracy.test_refinement import DATA, shipped
@@ -25,7 +23,7 @@ error."""
 
 def packaged(name: str, cells: list[int], accuracy: float) -> Scene:
     made = [f"bodies.0.mesh.box.cells={cells}", f"accuracy={accuracy}", "decomposition=auto"]
-    return build_scene(load(DATA / f"{name}.yaml", made))
+    return scenes.read(DATA / f"{name}.yaml", made)
 
 
 def cube(accuracy: float) -> Scene:

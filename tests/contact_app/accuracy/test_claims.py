@@ -12,9 +12,8 @@ from contact_app.accuracy.refine.refinement import Limits, solve_to_accuracy
 from contact_app.accuracy.trust import few_cells
 from contact_app.run.solve import solve_scene
 from contact_app.scene.bodies import Box
-from contact_app.scene.build import build_scene
-from contact_app.scene.configuration import load
 from contact_app.scene.scene import Scene
+from tests import scenes
 
 STRIP = """
 dimension: 2
@@ -87,7 +86,7 @@ def built(text: str, accuracy: float | None = None) -> Scene:
     with tempfile.TemporaryDirectory() as directory:
         path = Path(directory) / "scene.yaml"
         path.write_text(text, encoding="utf-8")
-        return build_scene(load(path, [] if accuracy is None else [f"accuracy={accuracy}"]))
+        return scenes.read(path, [] if accuracy is None else [f"accuracy={accuracy}"])
 
 
 def fine_energy(text: str) -> float:
@@ -184,8 +183,7 @@ contacts:
 
 def test_a_mesh_file_of_enough_cells_needs_no_second_mesh() -> None:
     """After refinement the polygons of a round body do not fit into the bore any more."""
-    configs = Path(__file__).parents[3] / "configs"
-    scene = build_scene(load(configs / "press_fit.yaml", ["accuracy=0.001"]))
+    scene = scenes.read("press_fit", ["accuracy=0.001"])
     found = solve_to_accuracy(scene, solve_scene)
     assert not found.missed
     assert len(found.levels) == 1

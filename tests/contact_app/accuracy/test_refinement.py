@@ -20,8 +20,6 @@ from contact_app.run.files import write_run
 from contact_app.run.progress import Progress
 from contact_app.run.run import run
 from contact_app.run.solve import solve_scene
-from contact_app.scene.build import build_scene
-from contact_app.scene.configuration import load
 from contact_app.scene.scene import Scene
 from meshes.graded import graded_box
 from meshes.unstructured import CellMesh
@@ -29,12 +27,11 @@ from tests import scenes
 from tests.comparison import solve
 from tests.contact_app.model.test_convergence import column, confined_modulus
 
-CONFIGS = Path(__file__).parents[3] / "configs"
 DATA = Path(__file__).parents[2] / "data"
 
 
 def shipped(name: str, *overrides: str) -> Scene:
-    return build_scene(load(CONFIGS / f"{name}.yaml", overrides))
+    return scenes.read(name, overrides)
 
 
 @pytest.mark.ratchet
@@ -249,7 +246,7 @@ def test_the_degree_is_chosen_where_the_file_leaves_it_open() -> None:
 
 
 def punch(accuracy: float) -> Scene:
-    return build_scene(load(DATA / "flat_punch.yaml", [f"accuracy={accuracy}"]))
+    return scenes.read(DATA / "flat_punch.yaml", [f"accuracy={accuracy}"])
 
 
 def test_the_error_with_the_best_grid_lines_is_predicted() -> None:
@@ -264,7 +261,7 @@ def test_the_error_with_the_best_grid_lines_is_predicted() -> None:
 def test_smooth_answers_with_a_narrow_contact_take_few_unknowns() -> None:
     """Hertz's disc to 1 %: equal cells of degree 2 take 30,000."""
     wanted = ["bodies.0.mesh.box.cells=[8,8]", "accuracy=0.01", "decomposition=auto"]
-    scene = build_scene(load(DATA / "hertz.yaml", wanted))
+    scene = scenes.read(DATA / "hertz.yaml", wanted)
     found = solve_to_accuracy(scene, solve_scene)
     assert not found.missed
     assert found.levels[-1].dofs < 2_500

@@ -12,8 +12,7 @@ from contact_app.accuracy.sharp_edges import sharp_edge, sharp_peak, skin_near
 from contact_app.run.solve import solve_scene
 from contact_app.scene.build import build_scene
 from contact_app.scene.configuration import from_mapping, load
-
-CONFIGS = Path(__file__).parents[3] / "configs"
+from tests.scenes import CONFIGS
 
 SIDES = ((0, "y+"), (1, "y-"))
 

@@ -10,8 +10,6 @@ from contact_app.accuracy.refine.refinement import solve_to_accuracy
 from contact_app.accuracy.refine.warm_start import LastLevel
 from contact_app.accuracy.solved_scene import SolvedScene
 from contact_app.run.solve import solve_scene
-from contact_app.scene.build import build_scene
-from contact_app.scene.configuration import load
 from contact_app.scene.scene import Decomposition, Scene
 from tests import scenes
 from tests.rows import covering
@@ -21,7 +19,7 @@ ROOT = Path(__file__).parents[3]
 
 
 def built(path: str, *overrides: str, subdomains: Any = None) -> Scene:
-    scene = build_scene(load(ROOT / path, overrides))
+    scene = scenes.read(ROOT / path, overrides)
     return replace(scene, decomposition=Decomposition(subdomains))
 
 

@@ -11,14 +11,13 @@ from mpi4py import MPI
 
 from contact_app.model.model import build_model
 from contact_app.run.progress import together
-from contact_app.scene.build import build_scene
-from contact_app.scene.configuration import load
 from solver import Counts, Reason, Step
 from solver.contact.active_set_options import ActiveSetOptions
 from solver.contact.checkpoint import Attention, Checkpoint, CheckpointError, Saver
 from solver.driver import Solution, solve
 from solver.qp.outer_state import Restart
 from solver.tfeti.dual import DualProblem
+from tests import scenes
 
 CUBE = Path(__file__).parents[3] / "configs" / "cube.yaml"
 
@@ -26,7 +25,7 @@ CUBE = Path(__file__).parents[3] / "configs" / "cube.yaml"
 @pytest.fixture(scope="module")
 def scene() -> Any:
     overrides = ["bodies.0.mesh.box.cells=[9,9,9]", "decomposition.subdomains=[3,3,3]"]
-    return build_scene(load(CUBE, overrides))
+    return scenes.read(CUBE, overrides)
 
 
 @pytest.fixture(scope="module")
@@ -124,10 +123,8 @@ def test_a_checkpoint_of_another_problem_is_refused(
     problem: DualProblem, scene: Any, tmp_path: Path
 ) -> None:
     go(problem, scene, tmp_path, stopped_after(3), resume=False, active_sets=SMALBE_ALONE)
-    other = build_scene(
-        load(CUBE, ["bodies.0.mesh.box.cells=[9,9,9]", "decomposition.subdomains=[3,3,3]",
-                    "conditions.1.traction=[0,0,-466]"])
-    )  # fmt: skip
+    cut = ["bodies.0.mesh.box.cells=[9,9,9]", "decomposition.subdomains=[3,3,3]"]
+    other = scenes.read(CUBE, [*cut, "conditions.1.traction=[0,0,-466]"])
     with pytest.raises(CheckpointError, match="another problem"):
         go(
             build_model(other, MPI.COMM_SELF).problem,
@@ -182,7 +179,7 @@ def test_a_run_continues_from_a_checkpoint_at_any_stage(
     how = {} if on_sets else {"active_sets": SMALBE_ALONE}
     overrides = ["bodies.0.mesh.box.cells=[9,9,9]", "decomposition.subdomains=[3,3,3]"]
     overrides += [f"{'solver.' * (k == 'tolerance')}{k}={v}" for k, v in changes.items()]
-    scene = build_scene(load(CUBE, overrides))
+    scene = scenes.read(CUBE, overrides)
     problem = build_model(scene, MPI.COMM_SELF).problem
     straight = solve(problem, scene.solver, **how)
     if ended == "stopped":

@@ -6,7 +6,6 @@ import itertools
 import weakref
 from dataclasses import replace
 from functools import cache
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -15,8 +14,6 @@ from mpi4py import MPI
 
 from contact_app.model.model import build_model
 from contact_app.run.solve import solve_scene
-from contact_app.scene.build import build_scene
-from contact_app.scene.configuration import load
 from solver.backend import Statuses
 from solver.contact.active_set_options import ActiveSetOptions
 from solver.driver import solve
@@ -31,12 +28,10 @@ from solver.vectors import Array, Mask
 from tests import scenes
 from tests.loops import loop
 
-CONFIGS = Path(__file__).parents[3] / "configs"
-
 
 @cache
 def summary(name: str, *overrides: str) -> dict[str, Any]:
-    return solve_scene(build_scene(load(CONFIGS / f"{name}.yaml", overrides))).summary
+    return solve_scene(scenes.read(name, overrides)).summary
 
 
 def test_a_scene_that_touches_nothing_ends_with_conjugate_gradients() -> None:
@@ -50,11 +45,8 @@ def test_a_scene_that_touches_nothing_ends_with_conjugate_gradients() -> None:
 
 def test_only_subdomains_with_a_load_are_solved() -> None:
     """A traction on the top loads four of eight subdomains."""
-    scene = build_scene(
-        load(
-            CONFIGS / "cube.yaml",
-            ["bodies.0.mesh.box.cells=[8,8,8]", "decomposition.subdomains=[2,2,2]"],
-        )
+    scene = scenes.read(
+        "cube", ["bodies.0.mesh.box.cells=[8,8,8]", "decomposition.subdomains=[2,2,2]"]
     )
     problem = build_model(scene, MPI.COMM_SELF).problem
     (cls,), (loads,) = problem.classes, problem.loads
@@ -79,7 +71,7 @@ def test_only_subdomains_with_a_load_are_solved() -> None:
 
 def test_one_held_subdomain_has_neither_gluing_nor_coarse_problem() -> None:
     overrides = ["decomposition.subdomains=[1,1,1]", "bodies.0.mesh.box.cells=[6,6,6]"]
-    scene = build_scene(load(CONFIGS / "cube.yaml", overrides))
+    scene = scenes.read("cube", overrides)
     model = build_model(scene, MPI.COMM_SELF)
     assert model.problem.coarse is None
     assert model.problem.size == 42  # the wall's nodes less those of the foot
@@ -103,7 +95,7 @@ def test_active_sets_solve_scenes_on_which_smalbe_is_slow(name: str, overrides: 
 
 @pytest.mark.parametrize("name", ["cube", "stack", "plate_and_pins"])
 def test_smalbe_finds_the_same_answer_without_active_sets(name: str) -> None:
-    scene = build_scene(load(CONFIGS / f"{name}.yaml"))
+    scene = scenes.read(name)
     problem = build_model(scene, MPI.COMM_SELF).problem
     by_sets = solve(problem, scene.solver)
     alone = solve(problem, scene.solver, active_sets=ActiveSetOptions(most_sets=0))
@@ -140,7 +132,7 @@ def test_an_expansion_without_a_method_means_the_papers_algorithm() -> None:
 
 
 def test_active_sets_that_do_not_settle_are_reported() -> None:
-    scene = build_scene(load(CONFIGS / "cube.yaml", ["solver.method=active-set"]))
+    scene = scenes.read("cube", ["solver.method=active-set"])
     problem = build_model(scene, MPI.COMM_SELF).problem
     found = solve(problem, scene.solver, active_sets=ActiveSetOptions(most_sets=2))
     assert found.reason is Reason.UNSETTLED
@@ -181,7 +173,7 @@ def test_an_answer_far_from_the_solution_is_not_certified() -> None:
 
 
 def cube_problem() -> DualProblem:
-    return build_model(build_scene(load(CONFIGS / "cube.yaml")), MPI.COMM_SELF).problem
+    return build_model(scenes.read("cube"), MPI.COMM_SELF).problem
 
 
 def test_an_active_set_is_let_go_before_the_next_is_made() -> None:

@@ -9,8 +9,6 @@ from mpi4py import MPI
 from contact_app.model.model import build_model
 from contact_app.run.increments import solved_increments
 from contact_app.run.solve import solve_scene
-from contact_app.scene.build import build_scene
-from contact_app.scene.configuration import load
 from solver.backend import Statuses
 from solver.contact.stopping import StoppingRule
 from solver.primal.backend import Multigrid
@@ -29,10 +27,10 @@ from tests.comparison import solve
 from tests.contact_app.contact import test_friction
 from tests.contact_app.contact.test_friction import LAWS, on_a_slope, pair, rough
 from tests.rows import covering
+from tests.scenes import CONFIGS
 from tests.scenes_on_ranks import summary_of
 from tests.stability.fuzz_friction import judge
 
-CONFIGS = Path(__file__).parents[3] / "configs"
 CELLS = ("quadrilateral", "triangle", "hexahedron", "tetrahedron")
 
 
@@ -95,7 +93,7 @@ def test_multigrid_handles_elastic_rows(law: dict[str, float]) -> None:
 def test_the_cycle_has_springs_for_sliding_points() -> None:
     """A ball in grooves takes 27 operator applications."""
     rubbed = [f"contacts.{k}.friction={{tresca: 10}}" for k in range(2)]
-    scene = build_scene(load(CONFIGS / "ball_in_grooves.yaml", ["solver.method=primal", *rubbed]))
+    scene = scenes.read("ball_in_grooves", ["solver.method=primal", *rubbed])
     summary = solve_scene(scene, MPI.COMM_SELF).summary
     assert summary["certificate"]["passed"]
     assert summary["solver"]["hessian_multiplications"] <= 50
@@ -105,7 +103,7 @@ def test_the_cycle_has_springs_for_sliding_points() -> None:
 def test_the_first_set_has_friction() -> None:
     """A bracket takes 48 operator applications; 72 where all points of the first set stick."""
     settings = ["solver.method=primal", "contacts.0.friction={tresca: 3000}"]
-    scene = build_scene(load(CONFIGS / "bracket.yaml", settings))
+    scene = scenes.read("bracket", settings)
     summary = solve_scene(scene, MPI.COMM_SELF).summary
     assert summary["certificate"]["passed"]
     assert summary["solver"]["hessian_multiplications"] <= 58
@@ -113,7 +111,7 @@ def test_the_first_set_has_friction() -> None:
 
 def test_friction_of_the_first_set_is_within_its_limit_and_along_the_slip() -> None:
     settings = ["solver.method=primal", "contacts.0.friction={coulomb: 0.1}"]
-    scene = build_scene(load(CONFIGS / "pin_in_lug.yaml", settings))
+    scene = scenes.read("pin_in_lug", settings)
     system = merge(build_model(scene, MPI.COMM_SELF, needed="distinct").problem)
     first, points = find_first_set(system, build_hierarchy(system)), system.problem.friction
     assert first.tensions is not None
@@ -165,7 +163,7 @@ def test_rows_for_mean_motions_do_not_slow_conjugate_gradients_with_friction(
     """The upper stub of the flange has `hold` and sticks: its means are left to a coarse space."""
     path = CONFIGS / "bolted_flange.yaml"
     values = ["bodies.0.degree=1", "bodies.1.degree=1", "solver.method=primal"]
-    scene = build_scene(load(path, [*values, "contacts.0.friction={tresca: 3.0}"]))
+    scene = scenes.read(path, [*values, "contacts.0.friction={tresca: 3.0}"])
     scene = scene.under(scene.cases[2])
     held = solve_scene(scene, MPI.COMM_SELF).summary
     monkeypatch.setattr(Multigrid, "prepare_motions", lambda *_: 0)
@@ -200,7 +198,7 @@ def test_problems_under_other_loads_share_the_lifts_of_mean_motions() -> None:
     """Increments of a history need one V-cycle for each mean in all."""
     settings = [f"bodies.{k}.degree=1" for k in (0, 1)]
     settings += ["solver.method=primal", "contacts.0.friction={tresca: 3.0}"]
-    scene = build_scene(load(CONFIGS / "bolted_flange.yaml", settings))
+    scene = scenes.read("bolted_flange", settings)
     problem = build_model(scene.under(scene.cases[2]), MPI.COMM_SELF, needed="distinct").problem
     place = SharedPlace()
     first = Multigrid(problem, place=place)
@@ -215,7 +213,7 @@ def test_problems_under_other_loads_share_the_lifts_of_mean_motions() -> None:
 
 def test_rows_for_mean_motions_are_left_to_the_projector_without_friction() -> None:
     values = ["bodies.0.degree=1", "bodies.1.degree=1", "solver.method=primal"]
-    scene = build_scene(load(CONFIGS / "bolted_flange.yaml", values))
+    scene = scenes.read("bolted_flange", values)
     problem = build_model(scene.under(scene.cases[2]), MPI.COMM_SELF, needed="distinct").problem
     backend = Multigrid(problem)
     backend.on_set(Statuses(backend.closed_in(backend.first_set())), None)

@@ -7,8 +7,6 @@ import pytest
 from mpi4py import MPI
 
 from contact_app.model.model import build_model
-from contact_app.scene.build import build_scene
-from contact_app.scene.configuration import load
 from meshes.samples.make_trials import write
 from solver.backend import Statuses
 from solver.contact.stopping import StoppingRule
@@ -19,6 +17,7 @@ from solver.qp.mprgp import MPRGP
 from solver.tfeti.dual import DualProblem
 from solver.tfeti.methods.task import Task
 from solver.vectors import Mask
+from tests import scenes
 from tests.contact_app.contact.test_primal import MULTIGRID_ALWAYS
 
 INNER = MPRGP(rtol=1e-10, max_iterations=2000)
@@ -64,7 +63,7 @@ def test_rows_that_a_step_leaves_do_not_hold_it_back() -> None:
 
 def trial(name: str, path: Path) -> DualProblem:
     """A coarse trial part of `make_trials.py`."""
-    scene = build_scene(load(write(name, 1.8, path), ["solver.method=primal"]))
+    scene = scenes.read(write(name, 1.8, path), ["solver.method=primal"])
     return build_model(scene, MPI.COMM_SELF, needed="distinct").problem
 
 

@@ -9,8 +9,6 @@ import pytest
 from contact_app.accuracy.refine.refinement import solve_to_accuracy
 from contact_app.accuracy.solved_scene import SolvedScene
 from contact_app.run.solve import solve_scene
-from contact_app.scene.build import build_scene
-from contact_app.scene.configuration import load
 from tests import meshfiles, reference, scenes
 from tests.comparison import same_displacement
 from tests.contact_app.model.test_meshes_from_files import patch, two_materials
@@ -194,7 +192,7 @@ def test_a_refined_polygon_causes_a_warning() -> None:
     path = Path(__file__).parents[3] / "configs" / "bushing.yaml"
     told = {}
     for key in ("bodies.0.mesh.refine=0", "bodies.0.mesh.refine=1", "accuracy=0.2"):
-        scene = build_scene(load(path, [key]))
+        scene = scenes.read(path, [key])
         if scene.accuracy is None:
             solved = solve_scene(scene)
         else:

@@ -10,8 +10,6 @@ from scipy.sparse.linalg import splu
 from contact_app.errors import NoEquilibriumError
 from contact_app.model.assembly import Element
 from contact_app.run.solve import solve_scene
-from contact_app.scene.build import build_scene
-from contact_app.scene.configuration import load
 from contact_app.scene.material import Material
 from contact_app.scene.yaml_reader import read
 from meshes import BoxShape, decompose
@@ -135,7 +133,7 @@ def test_remedies_of_volumetric_locking(cell: str) -> None:
 
 def test_the_corner_of_the_guides_block_sinks_by_a_thousandth() -> None:
     path = Path(__file__).parents[3] / "docs" / "guide" / "confined_block.yaml"
-    found = solve_scene(build_scene(load(path, ["bodies.0.degree=2"]))).summary
+    found = solve_scene(scenes.read(path, ["bodies.0.degree=2"])).summary
     corner = found["probes"]["corner"]["displacement"]
     assert corner == pytest.approx([0.0, -0.001], rel=2e-3, abs=1e-9)
 
@@ -286,7 +284,7 @@ def test_hertz_near_incompressible() -> None:
             "bodies.0.material.poisson=0.4999", f"bodies.0.mean_dilatation={remedy}",
             "solver.tolerance=1e-6",
         )  # fmt: skip
-        solved = solve_scene(build_scene(load(config, overrides)))
+        solved = solve_scene(scenes.read(config, overrides))
         peaks.append(solved.summary["solution"]["max_contact_pressure"])
     assert peaks[0] > 1.5 * 7899
     assert peaks[1] == pytest.approx(7899, rel=5e-3)

@@ -12,7 +12,7 @@ from contact_app.model.outline import partition_scene
 from contact_app.model.symmetry import halved
 from contact_app.run.solve import solve_scene
 from contact_app.scene.build import build_scene
-from contact_app.scene.configuration import from_mapping, load
+from contact_app.scene.configuration import from_mapping
 from tests import meshfiles, reference, rings, scenes
 from tests.comparison import same_displacement, solve
 from tests.scenes_on_ranks import one_and_two, same_solution
@@ -20,7 +20,6 @@ from tests.scenes_on_ranks import one_and_two, same_solution
 YOUNG, POISSON, ALPHA, RISE = 1000.0, 0.3, 1e-4, 50.0
 STRAIN = ALPHA * RISE
 
-CONFIGS = Path(__file__).parents[3] / "configs"
 
 ELEMENTS = [
     (cell, degree, False) for cell in (*scenes.CELLS_2D, *scenes.CELLS_3D) for degree in (1, 2)
@@ -194,7 +193,7 @@ def test_a_solid_shaft_in_a_hub(scene: str, plane: str) -> None:
     δ is the radial interference: what is given, or what the hub shrinks by if it is free, which in
     plane strain is 1 + ν times as much.
     """
-    solved = solve_scene(build_scene(load(CONFIGS / f"{scene}.yaml", [f"dimension={plane}"])))
+    solved = solve_scene(scenes.read(scene, [f"dimension={plane}"]))
     (material,) = solved.model.scene.bodies[0].materials
     exact = material.young * 0.01 / 20.0 * (1.0 - 0.25)
     if plane == "plane_strain":

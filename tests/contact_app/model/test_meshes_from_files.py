@@ -13,8 +13,6 @@ from contact_app.errors import ConfigurationError
 from contact_app.model.outline import outline_of_scene
 from contact_app.run.check import describe
 from contact_app.run.solve import solve_scene
-from contact_app.scene.build import build_scene
-from contact_app.scene.configuration import load
 from tests import meshfiles, reference, scenes
 from tests.comparison import same_displacement
 from tests.scenes_on_ranks import one_and_two, same_solution
@@ -178,7 +176,7 @@ def test_the_path_counts_from_the_scene_file(tmp_path: Path) -> None:
     (tmp_path / "meshes").mkdir()
     meshfiles.write(meshfiles.block("triangle", 2), tmp_path / "meshes" / "block.msh")
     made = patch("triangle", Path("meshes/block.msh"))
-    scene = build_scene(load(written(made, tmp_path)))
+    scene = scenes.read(written(made, tmp_path))
     assert scene.bodies[0].mesh.nodes == 9
     assert scene.bodies[0].mesh.boundaries == ("x-", "x+", "y-", "y+")
 
@@ -251,7 +249,7 @@ def test_a_mesh_without_names_is_reported(tmp_path: Path) -> None:
     bare = meshio.Mesh(mesh.points, {"triangle": mesh.cells_dict["triangle"]})
     file = meshfiles.write(bare, tmp_path / "block.msh")
     with pytest.raises(ConfigurationError, match="the body has none: name it in the mesh file"):
-        build_scene(load(written(patch("triangle", file), tmp_path)))
+        scenes.read(written(patch("triangle", file), tmp_path))
 
 
 @pytest.mark.parametrize(("changes", "expected", "allowed"), WRONG, ids=[w[1][:40] for w in WRONG])
@@ -262,7 +260,7 @@ def test_mistakes_are_reported_with_file_line_and_key(
     made: Any = patch("triangle", Path("block.msh"))
     made = scenes.changed(made, changes)
     with pytest.raises(ConfigurationError) as caught:
-        build_scene(load(written(made, tmp_path)))
+        scenes.read(written(made, tmp_path))
     message = str(caught.value)
     assert message.startswith(f"{tmp_path / 'part.yaml'}:")
     assert expected in message

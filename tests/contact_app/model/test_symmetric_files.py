@@ -16,8 +16,6 @@ from contact_app.accuracy.refine.refinement import solve_to_accuracy
 from contact_app.accuracy.solved_scene import SolvedScene
 from contact_app.model.symmetry import halved
 from contact_app.run.solve import solve_scene
-from contact_app.scene.build import build_scene
-from contact_app.scene.configuration import load
 from contact_app.scene.scene import Scene
 from tests import meshfiles, scenes
 from tests.comparison import same_contacts
@@ -444,7 +442,7 @@ def test_shipped_scene(tmp_path: Path) -> None:
     text = (SAMPLES.parents[1] / "configs" / "plate_and_pins.yaml").read_text()
     path = tmp_path / "plate.yaml"
     path.write_text(text + "symmetry: allow\n")
-    scene = build_scene(load(path))
+    scene = scenes.read(path)
     known, found = solve_scene(scene), solve_scene(cut(scene, "x"))
     assert found.summary["mesh"] == known.summary["mesh"]
     # another division of the same box

@@ -13,8 +13,6 @@ from contact_app.model.symmetry import halved
 from contact_app.results.plot.stored import read
 from contact_app.run.run import run
 from contact_app.run.solve import solve_scene
-from contact_app.scene.build import build_scene
-from contact_app.scene.configuration import load
 from meshes.quadratic import VERTICES, node_vertices
 from tests import meshfiles, scenes
 from tests.comparison import same_contacts
@@ -46,7 +44,7 @@ def pressed(cell: str, n: int, degree: int = 1) -> scenes.Config:
 def files(made: scenes.Config, directory: Path, name: str) -> tuple[dict[str, Any], Any]:
     """Summary and grid of a run."""
     path = scenes.write(made, directory / f"{name}.yaml")
-    assert run(build_scene(load(path)), directory / name) == 0
+    assert run(scenes.read(path), directory / name) == 0
     summary = json.loads((directory / name / "summary.json").read_text())
     return summary, read(directory / name)
 

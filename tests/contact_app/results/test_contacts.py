@@ -13,8 +13,6 @@ from contact_app.model.symmetry import halved
 from contact_app.results.plot.stored import read
 from contact_app.run.run import run
 from contact_app.run.solve import solve_scene
-from contact_app.scene.build import build_scene
-from contact_app.scene.configuration import load
 from tests import meshfiles, scenes
 from tests.boundary_integrals import WEIGHTS, Where, facets, integral, pressure_of
 from tests.comparison import same_contacts, solve
@@ -49,7 +47,7 @@ def plane_at(axis: int, at: float) -> Where:
 def file_with_rows(directory: Path, made: scenes.Config) -> tuple[dict[str, Any], Any]:
     """Summary and grid of a run."""
     path = scenes.write(made, directory / "scene.yaml")
-    assert run(build_scene(load(path)), directory / "out") == 0
+    assert run(scenes.read(path), directory / "out") == 0
     return json.loads((directory / "out" / "summary.json").read_text()), read(directory / "out")
 
 
@@ -85,7 +83,7 @@ def test_at_a_node_of_two_contacts_the_larger_pressure_counts(tmp_path: Path) ->
 
 def test_the_shipped_corner() -> None:
     """Three faces with a pressure each: 10, 15 and 20."""
-    solved = solve_scene(build_scene(load(CORNER, ["bodies.0.mesh.box.cells=[4,4,4]"])))
+    solved = solve_scene(scenes.read(CORNER, ["bodies.0.mesh.box.cells=[4,4,4]"]))
     assert solved.summary["solution"]["max_contact_pressure"] == pytest.approx(20.0, rel=1e-5)
     found = [c["max_pressure"] for c in solved.summary["contacts"]]
     assert found == pytest.approx([10, 15, 20], rel=1e-5)

@@ -9,8 +9,6 @@ import pytest
 
 from contact_app.results.history import COLUMNS, History
 from contact_app.run.run import run
-from contact_app.scene.build import build_scene
-from contact_app.scene.configuration import load
 from solver import MPRGP, SMALBE, BoxQP
 from solver.qp.result import Step
 from tests import scenes
@@ -83,7 +81,7 @@ def test_the_active_set_and_its_rows_are_reported(method: str, tmp_path: Path) -
     made = scenes.wall("quadrilateral", 8)
     made["solver"] = {"method": method}
     made["decomposition"] = {"subdomains": 4}
-    assert run(build_scene(load(scenes.write(made, tmp_path / "s.yaml"))), tmp_path / "out") == 0
+    assert run(scenes.read(scenes.write(made, tmp_path / "s.yaml")), tmp_path / "out") == 0
     summary = json.loads((tmp_path / "out" / "summary.json").read_text())
     found = rows(tmp_path / "out" / "history.csv")
     closed = summary["solution"]["active_contacts"]

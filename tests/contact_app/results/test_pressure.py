@@ -12,8 +12,6 @@ from contact_app.accuracy.solved_scene import SolvedScene
 from contact_app.model.facets import moments
 from contact_app.results.alternation import Lines, alternation
 from contact_app.run.solve import solve_scene
-from contact_app.scene.build import build_scene
-from contact_app.scene.configuration import load
 from tests import meshfiles, scenes
 from tests.comparison import solve
 
@@ -61,7 +59,7 @@ def hertz(directory: Path, curved: bool, *overrides: str) -> Profile:
         file = meshfiles.write(mesh, directory / "disc.msh")
     given = (f"bodies.0.mesh.file={file}", "bodies.0.degree=2", "decomposition.subdomains=1",
              *overrides)  # fmt: skip
-    scene = build_scene(load(ROOT / "configs" / "hertz_disc.yaml", given))
+    scene = scenes.read("hertz_disc", given)
     solved = solve_scene(scene, MPI.COMM_SELF)
     assert solved.summary["certificate"]["passed"]
     return profile(solved)
@@ -128,7 +126,7 @@ def test_nodes_that_an_alternation_opens_are_closed() -> None:
 def top(cells: list[int], degree: int) -> dict[tuple[float, float], float]:
     """Nodal pressures of the cushion under a ball, by place."""
     given = (f"bodies.0.mesh.box.cells={cells}", f"bodies.0.degree={degree}")
-    scene = build_scene(load(ROOT / "configs" / "sphere.yaml", given))
+    scene = scenes.read("sphere", given)
     nodes = solve_scene(scene, MPI.COMM_SELF).nodes
     surface = ~np.isnan(nodes.gap)
     at = np.round(nodes.points[surface][:, :2], 6).tolist()

@@ -1,6 +1,5 @@
 """Reactions of supports: they balance loads and contact forces, in forces and moments."""
 
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -9,8 +8,6 @@ import pytest
 from contact_app.model.boundaries import boundary_nodes
 from contact_app.model.symmetry import halved
 from contact_app.run.solve import solve_scene
-from contact_app.scene.build import build_scene
-from contact_app.scene.configuration import load
 from tests import scenes
 from tests.comparison import load_resultant
 from tests.rows import covering
@@ -138,8 +135,7 @@ def test_symmetric_scenes_have_the_reactions_of_the_whole() -> None:
 
 def test_the_shipped_scene_with_a_remote_load_is_in_balance() -> None:
     """The floor carries the force and its moment: its edge is where a beam's would be."""
-    configs = Path(__file__).parents[3] / "configs"
-    summary = solve_scene(build_scene(load(configs / "remote_load.yaml"))).summary
+    summary = solve_scene(scenes.read("remote_load")).summary
     (floor,) = summary["contacts"]
     assert floor["force"][2] == pytest.approx(5000.0, rel=1e-6)
     assert floor["moment"][1] == pytest.approx(-5000.0 * 12.0, rel=1e-6)  # 12 beside the middle

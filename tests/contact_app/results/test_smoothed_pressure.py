@@ -11,8 +11,6 @@ from contact_app.errors import ConfigurationError
 from contact_app.model.symmetry import halved
 from contact_app.results.smoothed_pressure import smoothed_on
 from contact_app.run.solve import solve_scene
-from contact_app.scene.build import build_scene
-from contact_app.scene.configuration import load
 from meshes.contact_surface import Surface
 from tests import scenes
 from tests.contact_app.model.test_symmetry import pressed
@@ -22,7 +20,7 @@ LAME = 78.75
 
 
 def fit(*changes: str) -> SolvedScene:
-    return solve_scene(build_scene(load(CONFIG, changes)))
+    return solve_scene(scenes.read(CONFIG, changes))
 
 
 @pytest.fixture(scope="module")

@@ -12,8 +12,6 @@ from contact_app.results.plot.stored import read as read_xdmf
 from contact_app.results.vtu import VTUWriter, vtu_bytes
 from contact_app.results.xdmf import CELL_TYPES
 from contact_app.run.run import run
-from contact_app.scene.build import build_scene
-from contact_app.scene.configuration import load
 from tests import scenes
 from tests.contact_app.results.test_xdmf import MESHIO, separate_cells
 from tests.scenes_on_ranks import summary_of
@@ -96,7 +94,7 @@ def test_both_files_hold_the_same(cell: str, degree: int, tmp_path: Path) -> Non
     made["bodies"][0]["degree"] = degree
     made["output"] = {"vtu": True}
     made["symmetry"] = "allow"
-    assert run(build_scene(load(scenes.write(made, tmp_path / "s.yaml"))), tmp_path / "out") == 0
+    assert run(scenes.read(scenes.write(made, tmp_path / "s.yaml")), tmp_path / "out") == 0
     stored, found = (read_xdmf(tmp_path / "out"), meshio.read(tmp_path / "out" / "solution.vtu"))
     np.testing.assert_array_equal(found.points, stored.points)
     (cells,) = stored.cells.values()

@@ -1,7 +1,6 @@
 """The method that `solver.method: auto` chooses."""
 
 from dataclasses import replace
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -21,10 +20,9 @@ from contact_app.scene.scene import Scene
 from solver import Counts, Reason
 from tests import scenes
 from tests.comparison import solve
+from tests.scenes import CONFIGS
 from tests.stability.feature_scenes import feature_scene
 from tests.stability.friction_scenes import friction_scene
-
-CONFIGS = Path(__file__).parents[3] / "configs"
 
 
 def method_of(scene: Scene) -> str:
@@ -71,7 +69,7 @@ def test_boxes_and_small_bodies_stay_with_total_feti() -> None:
         assert method_of(scene) == "auto"
         assert not MethodChoice.of(scene).may_peel
     assert LIMITS.least > 3 * 5**3
-    small = build_scene(load(CONFIGS / "pillow_block.yaml", ["bodies.0.degree=1"]))
+    small = scenes.read("pillow_block", ["bodies.0.degree=1"])
     assert small.unknowns < LIMITS.least
     assert method_of(small) == "auto"
 
@@ -119,7 +117,7 @@ class Larger:
 
 def pillow_block(degree: int, thickness: float | None = None) -> Scene:
     """The pillow block with ten times its unknowns, 120 long."""
-    scene = build_scene(load(CONFIGS / "pillow_block.yaml", [f"bodies.0.degree={degree}"]))
+    scene = scenes.read("pillow_block", [f"bodies.0.degree={degree}"])
     body = scene.bodies[0]
     return replace(scene, bodies=(replace(body, mesh=Larger(body.mesh, thickness)),), cases=())
 
@@ -187,7 +185,7 @@ def test_with_friction_one_body_takes_multigrid_thick_or_thin() -> None:
         larger = replace(body, mesh=Larger(body.mesh, thickness))
         return replace(scene, bodies=(larger,), cases=())
 
-    history = build_scene(load(CONFIGS / "press_and_push.yaml")).steps
+    history = scenes.read("press_and_push").steps
     pair = replace(made(), bodies=made().bodies * 2)
     for chosen in (made(), made(thickness=2.0), pair, replace(made(), steps=history)):
         assert method_of(chosen) == "primal"
@@ -197,7 +195,7 @@ def test_with_friction_one_body_takes_multigrid_thick_or_thin() -> None:
 def test_with_friction_a_small_scene_from_mesh_files_takes_multigrid() -> None:
     """Total FETI took 345 operator applications, multigrid takes 24."""
     path = CONFIGS / "mindlin.yaml"
-    assert build_scene(load(path)).unknowns < LIMITS.least
+    assert scenes.read(path).unknowns < LIMITS.least
     steps = contact_app.solve(path).summary["steps"]
     assert all(step["certificate"]["passed"] for step in steps)
     assert sum(step["solver"]["hessian_multiplications"] for step in steps) <= 40
@@ -208,7 +206,7 @@ def test_with_friction_a_small_scene_from_mesh_files_takes_multigrid() -> None:
     [("cube", "share a factor"), ("hertz_disc", "in the plane"), ("bracket", "so few unknowns")],
 )
 def test_check_gives_the_reason_for_total_feti(name: str, why: str) -> None:
-    assert why in MethodChoice.of(build_scene(load(CONFIGS / f"{name}.yaml"))).why_total_feti
+    assert why in MethodChoice.of(scenes.read(name)).why_total_feti
 
 
 def ways(scene: Scene) -> list[tuple[str, int | None]]:
@@ -226,7 +224,7 @@ def test_small_thin_bodies_of_mesh_files_begin_with_total_feti() -> None:
     larger = pillow_block(1, thickness=8.0)
     assert larger.unknowns > LIMITS.least_thin
     assert ways(larger) == [("primal", LIMITS.patience_of_multigrid), ("auto", None)]
-    mesh = build_scene(load(CONFIGS / "pillow_block.yaml")).bodies[0].mesh
+    mesh = scenes.read("pillow_block").bodies[0].mesh
     body = replace(larger.bodies[0], mesh=Larger(mesh, 8.0, times=3))
     small = replace(larger, bodies=(body,))
     assert LIMITS.least < small.unknowns < LIMITS.least_thin
@@ -265,13 +263,13 @@ def test_several_bodies_from_mesh_files_with_friction_are_solved_by_multigrid() 
     """Without friction, too, unless the scene is small and a body thin."""
 
     def chosen(*changes: str) -> str:
-        scene = build_scene(load(CONFIGS / "hub_on_shaft.yaml", changes))
+        scene = scenes.read("hub_on_shaft", changes)
         return method_of(scene)
 
     friction = "contacts.0.friction={coulomb: 0.2}"
     assert chosen() == chosen(friction) == "primal"
     coarse = ["bodies.0.degree=1", "bodies.1.degree=1"]
-    scene = build_scene(load(CONFIGS / "hub_on_shaft.yaml", coarse))
+    scene = scenes.read("hub_on_shaft", coarse)
     hub, shaft = scene.bodies
     thin = replace(hub, mesh=Larger(hub.mesh, thickness=2.0, times=2)), shaft
     assert LIMITS.least < replace(scene, bodies=thin).unknowns < LIMITS.least_thin
@@ -339,7 +337,7 @@ def test_one_thin_body_with_friction_in_the_plane_takes_multigrid() -> None:
 
 def test_a_curved_strip_with_friction_is_thin_by_its_area() -> None:
     """A strap over a cylinder took 1,024 operator applications by Total FETI, and 44 so."""
-    scene = build_scene(load(CONFIGS / "rough_rod.yaml"))
+    scene = scenes.read("rough_rod")
     body = scene.bodies[0]
     strap = Larger(body.mesh, 100.0)  # its box is as high as it is long
     strap.size = body.mesh.size

@@ -9,8 +9,6 @@ import pytest
 from contact_app.accuracy.contact_limits import entered_between
 from contact_app.accuracy.entered_pairs import entered, near_each_other
 from contact_app.run.solve import solve_scene
-from contact_app.scene.build import build_scene
-from contact_app.scene.configuration import load
 from meshes.contact_surface import Surface
 from tests import meshfiles, scenes
 from tests.comparison import solve
@@ -63,7 +61,7 @@ def test_interference_with_a_flat_side_causes_a_warning() -> None:
 def test_a_round_surface_on_a_round_obstacle_is_no_obstacle_between_nodes() -> None:
     """The initial overlap is that of the polygon, which another warning covers."""
     config = Path(__file__).parents[3] / "configs" / "bushing.yaml"
-    solved = solve_scene(build_scene(load(config)))
+    solved = solve_scene(scenes.read(config))
     depth = entered_between(solved.model, solved.solution, 0)
     assert depth < 0.01 * solved.summary["solution"]["max_displacement"]
 

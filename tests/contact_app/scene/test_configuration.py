@@ -16,11 +16,11 @@ from hypothesis import strategies as st
 
 from contact_app.errors import ConfigurationError
 from contact_app.scene import yaml_reader
-from contact_app.scene.build import build_scene
 from contact_app.scene.configuration import Configuration, load
 from contact_app.scene.schema.options import EXPANSIONS, FIELDS, Solver
 from solver.contact.options import SolverOptions
 from solver.qp.expansion import expansion_names
+from tests import scenes
 
 SCENE = """\
 title: cube
@@ -51,18 +51,18 @@ def file(tmp_path: Path) -> Path:
 def refused(path: Path, *overrides: str) -> str:
     """Message of a refusal; fails where there is none."""
     with pytest.raises(ConfigurationError) as caught:
-        build_scene(load(path, overrides))
+        scenes.read(path, overrides)
     return str(caught.value)
 
 
 def test_numbers_of_yaml_1_2_reach_the_scene(file: Path) -> None:
-    scene = build_scene(load(file, ["bodies.0.material.young=2E5", f"{BOX}.upper=[1e-3, .5, 2]"]))
+    scene = scenes.read(file, ["bodies.0.material.young=2E5", f"{BOX}.upper=[1e-3, .5, 2]"])
     assert scene.bodies[0].materials[0].young == 200_000.0
     assert scene.bodies[0].mesh.upper == (0.001, 0.5, 2)
 
 
 def test_defaults_equal_the_manual(file: Path) -> None:
-    scene = build_scene(load(file))
+    scene = scenes.read(file)
     assert scene.solver.tolerance == 1e-6
     assert scene.solver == SolverOptions()
     assert scene.output.xdmf
@@ -389,7 +389,7 @@ def test_random_mutations_are_scenes_or_refused(
     file.write_text(yaml.dump(data, allow_unicode=True), encoding="utf-8", errors="replace")
     expected = ""
     try:
-        build_scene(load(file))
+        scenes.read(file)
     except ConfigurationError as error:
         expected = str(error)
     assert not expected or expected.startswith(str(file))
@@ -404,7 +404,7 @@ def test_random_overrides_are_scenes_or_refused(
     file.write_text(SCENE)
     expected = "--set"
     try:
-        build_scene(load(file, [".".join(map(str, path)) + "=" + value]))
+        scenes.read(file, [".".join(map(str, path)) + "=" + value])
     except ConfigurationError as error:
         expected = str(error)
     assert expected.startswith(("--set", str(file)))
@@ -426,7 +426,7 @@ def test_the_manual_names_every_key() -> None:
 
 def test_the_manual_s_scene_is_a_scene(file: Path) -> None:
     file.write_text(re.findall(r"```yaml\n(.*?)```", MANUAL, flags=re.DOTALL)[0])
-    scene = build_scene(load(file))
+    scene = scenes.read(file)
     assert scene.title == "cube pressed beside a rigid wall"
 
 

@@ -14,8 +14,8 @@ from meshes.read import FileContent, read_file
 from meshes.repair import load_mesh
 from tests import meshfiles
 from tests.ranks import execute
+from tests.scenes import CONFIGS
 
-CONFIGS = Path(__file__).parents[3] / "configs"
 HUB, BALL = CONFIGS / "hub_on_shaft.yaml", CONFIGS / "ball_in_grooves.yaml"
 
 

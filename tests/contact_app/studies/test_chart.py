@@ -12,8 +12,6 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from contact_app.errors import ConfigurationError
-from contact_app.scene.build import build_scene
-from contact_app.scene.configuration import load
 from contact_app.scene.material import Material
 from contact_app.studies import chart
 from contact_app.studies.chart_figure import frontier
@@ -26,8 +24,8 @@ from contact_app.studies.tables import read
 from meshes.graded import graded_box
 from tests import meshfiles, scenes
 from tests.reference import solve as solve_reference
+from tests.scenes import CONFIGS
 
-CONFIGS = Path(__file__).parents[3] / "configs"
 NUMBERS = st.one_of(st.integers(0, 5).map(float), st.sampled_from([np.nan, np.inf]))
 
 
@@ -70,7 +68,7 @@ def _body(cell: str, degree: int, cells: int) -> BodyNodes:
 
 
 def test_pressure_is_continued_to_nodes_without_a_row() -> None:
-    scene = build_scene(load(CONFIGS / "block_2d.yaml"))
+    scene = scenes.read("block_2d")
     finest, coarse = _body("quadrilateral", 1, 8), _body("quadrilateral", 1, 2)
     floor = coarse.points[:, 1] == 0.0
     watched = floor & (coarse.points[:, 0] > 0.0)
@@ -84,7 +82,7 @@ def test_pressure_is_continued_to_nodes_without_a_row() -> None:
 
 
 def test_extrapolation_finds_rate_and_rest() -> None:
-    scene = build_scene(load(CONFIGS / "block_2d.yaml"))
+    scene = scenes.read("block_2d")
     distances = Distances(scene, (PointsOfMesh(_body("quadrilateral", 1, 4)),))
     limit = np.random.default_rng(0).normal(size=(25, 3))
     drift = np.random.default_rng(1).normal(size=(25, 3))
@@ -272,7 +270,7 @@ def test_peers_solve_scenes_with_turned_frames(name: str, cells: str) -> None:
     from contact_app.studies.peers import solve
 
     overrides = [f"bodies.0.mesh.box.cells={cells}"]
-    scene = build_scene(load(CONFIGS / f"{name}.yaml", overrides))
+    scene = scenes.read(name, overrides)
     expected = solve_reference(scene)
     row, system, x = solve(scene, "snes-vi-cholmod", 1e-10)
     assert row["energy"] == pytest.approx(expected.energy, rel=1e-8)
@@ -348,6 +346,6 @@ def test_a_chart_of_drawn_meshes_runs_each_with_both_degrees(tmp_path: Path) -> 
 def test_peers_refuse_two_bodies() -> None:
     from contact_app.studies.undecomposed import UnsuitableError, assemble
 
-    scene = build_scene(load(CONFIGS / "three_bodies.yaml"))
+    scene = scenes.read("three_bodies")
     with pytest.raises(UnsuitableError, match="bodies"):
         assemble(scene)

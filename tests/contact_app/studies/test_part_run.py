@@ -10,8 +10,8 @@ from contact_app.studies.undecomposed import UnsuitableError
 from tests import meshfiles, scenes
 from tests.comparison import solve
 from tests.contact_app.model.test_meshes_from_files import two_materials
+from tests.scenes import CONFIGS
 
-CONFIGS = Path(__file__).parents[3] / "configs"
 COARSE = ["bodies.0.degree=1"]
 """The pillow block: several loads on different boundaries, total forces among them."""
 

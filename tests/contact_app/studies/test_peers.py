@@ -11,8 +11,6 @@ import numpy as np
 import pytest
 
 from contact_app.run.solve import solve_scene
-from contact_app.scene.build import build_scene
-from contact_app.scene.configuration import load
 from contact_app.scene.scene import Scene
 from contact_app.studies import processes
 from contact_app.studies.parts import CUBE
@@ -36,7 +34,7 @@ def test_a_process_out_of_time_or_in_error_is_reported() -> None:
 
 def cube(mesh: dict[str, Any], *overrides: str) -> Scene:
     given = (f"bodies.0.mesh={json.dumps(mesh)}", "decomposition=auto", "solver.tolerance=1e-9")
-    return build_scene(load(CUBE, [*given, *overrides]))
+    return scenes.read(CUBE, [*given, *overrides])
 
 
 def test_the_cube_in_the_file_is_moved_inside_and_whole(tmp_path: Path) -> None:

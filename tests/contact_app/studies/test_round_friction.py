@@ -8,11 +8,10 @@ import pytest
 from mpi4py import MPI
 
 from contact_app.run.solve import solve_scene
-from contact_app.scene.build import build_scene
-from contact_app.scene.configuration import load
 from contact_app.studies.round_friction import BELT, PULL, write_belt
-from contact_app.studies.verification import ROOT, find, study
+from contact_app.studies.verification import find, study
 from solver.qp.result import Reason
+from tests import scenes
 
 
 @pytest.mark.ratchet
@@ -39,7 +38,7 @@ def _pulled_at_both_ends(directory: Path, share: float) -> Any:
     ends = [f"{{on: ring.moved, total_force: [0, {-force}]}}",
             f"{{on: ring.pulled, total_force: [{-PULL}, 0]}}"]  # fmt: skip
     overrides = [*BELT, f"bodies.0.mesh.file={file}", f"conditions=[{', '.join(ends)}]"]
-    scene = build_scene(load(ROOT / "configs" / "thick_ring.yaml", overrides))
+    scene = scenes.read("thick_ring", overrides)
     return solve_scene(scene, MPI.COMM_SELF)
 
 

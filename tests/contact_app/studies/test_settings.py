@@ -1,13 +1,11 @@
 """Scenes under several settings side by side."""
 
-from pathlib import Path
-
 import pytest
 
 from contact_app.run.answer import CaseAnswers, solve
 from contact_app.studies.settings import HEADING, rows
+from tests.scenes import CONFIGS
 
-CONFIGS = Path(__file__).parents[3] / "configs"
 COLUMNS = [cell.strip() for cell in HEADING.splitlines()[0].strip("|").split("|")]
 
 

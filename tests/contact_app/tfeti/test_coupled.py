@@ -1,19 +1,16 @@
 """Rows that share nodes, weighed on several ranks as on one."""
 
-from pathlib import Path
-
 import numpy as np
 import pytest
 from mpi4py import MPI
 from scipy import sparse
 
 from contact_app.run.solve import solve_scene
-from contact_app.scene.build import build_scene
-from contact_app.scene.configuration import load
 from solver.tfeti.coupled import FactorOfParts
+from tests import scenes
 from tests.ranks import execute
+from tests.scenes import CONFIGS
 
-CONFIGS = Path(__file__).parents[3] / "configs"
 HEXAHEDRA, PART = "stack", "hub_on_shaft"
 
 
@@ -22,7 +19,7 @@ def applications(name: str, comm: MPI.Intracomm) -> int:
     path = CONFIGS / f"{name}.yaml"
     asked = ["solver.method=active-set", "solver.tolerance=1e-8"]
     asked += [f"bodies.{i}.degree=1" for i in range(2)]
-    solved = solve_scene(build_scene(load(path, asked)), comm)
+    solved = solve_scene(scenes.read(path, asked), comm)
     assert solved.solution.certificate.passed
     return int(solved.solution.counts.hessian)
 

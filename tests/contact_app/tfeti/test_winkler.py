@@ -1,7 +1,5 @@
 """The contact of rigid subdomains on a Winkler foundation, beside a general optimiser."""
 
-from pathlib import Path
-
 import numpy as np
 import pytest
 from mpi4py import MPI
@@ -9,8 +7,6 @@ from scipy.optimize import minimize
 
 from contact_app.model.model import build_model
 from contact_app.run.solve import solve_scene
-from contact_app.scene.build import build_scene
-from contact_app.scene.configuration import load
 from solver.tfeti.dual import DualProblem
 from solver.tfeti.methods.by_active_sets import gaps_are_zero
 from solver.tfeti.winkler import WinklerOptions, contact_stiffness, winkler_contact
@@ -21,8 +17,6 @@ CASES = {
     "corner, graph": ("floating_in_corner", "triangle", 3),
     "hollow sphere": ("rolling_in_hollow_sphere", "tetrahedron", 2),
 }
-
-CONFIGS = Path(__file__).parents[3] / "configs"
 
 
 def problem_of(case: str) -> DualProblem:
@@ -85,7 +79,7 @@ def column(problem: DualProblem, i: int) -> np.ndarray:
 def test_a_ball_on_a_plane_needs_few_products() -> None:
     """It takes 104 if sets begin at the multiplier of least norm, which presses all over the
     ball."""
-    solved = solve_scene(build_scene(load(CONFIGS / "hertz_sphere.yaml")), MPI.COMM_SELF)
+    solved = solve_scene(scenes.read("hertz_sphere"), MPI.COMM_SELF)
     assert solved.summary["certificate"]["passed"]
     assert solved.summary["solver"]["outer_iterations"] == 0
     assert solved.summary["solver"]["hessian_multiplications"] < 60
@@ -112,7 +106,7 @@ def test_bodies_that_lie_flat_need_few_products(
     scene: str, overrides: list[str], products: int
 ) -> None:
     """The cube's wall takes 19 from the springs' guess on, the bracket 63 peeled row by row."""
-    built = build_scene(load(CONFIGS / f"{scene}.yaml", overrides))
+    built = scenes.read(scene, overrides)
     solved = solve_scene(built, MPI.COMM_SELF)
     assert solved.summary["certificate"]["passed"]
     assert solved.summary["solver"]["hessian_multiplications"] <= products
