@@ -434,3 +434,14 @@ def build(
     if subdomains is not None:
         made["decomposition"] = {"subdomains": subdomains}
     return build_scene(Configuration.model_validate(made), memory=memory)
+
+
+def problem(
+    made: Config, subdomains: int | list[int] | None = None, comm: Any = None, **options: Any
+) -> Any:
+    """The problem of a configuration, on one rank unless a communicator is given."""
+    from mpi4py import MPI
+
+    from contact_app.model.model import build_model
+
+    return build_model(build(made, subdomains), comm or MPI.COMM_SELF, **options).problem

@@ -25,8 +25,7 @@ from tests.hard_scenes import slender
 
 @pytest.fixture(scope="module")
 def problem() -> DualProblem:
-    scene = scenes.build(scenes.ALL["wall"]("hexahedron", 8), [2, 2, 2])
-    return build_model(scene, MPI.COMM_SELF).problem
+    return scenes.problem(scenes.ALL["wall"]("hexahedron", 8), [2, 2, 2])
 
 
 def every_second(problem: DualProblem) -> Mask:
@@ -109,7 +108,7 @@ def beside_two_walls(cell: str, angle: float) -> DualProblem:
     made = scenes.wall(cell, 4)
     turned = scenes.plane(cell, (1, 0, 0), (-1, 0, angle))
     made["contacts"].append({"on": "block.x+", "obstacle": turned})
-    return build_model(scenes.build(made, [2] * scenes.dimension(cell)), MPI.COMM_SELF).problem
+    return scenes.problem(made, [2] * scenes.dimension(cell))
 
 
 @pytest.mark.parametrize("cell", ["quadrilateral", "hexahedron"])

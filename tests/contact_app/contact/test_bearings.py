@@ -4,9 +4,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from mpi4py import MPI
 
-from contact_app.model.model import build_model
 from solver.contact.bodies import Bodies
 from solver.contact.solve_on_set import Outcome
 from solver.contact.stopping import StoppingRule
@@ -76,7 +74,7 @@ def test_a_plate_that_peels_off_goes_on_by_factors_or_with_the_lagrangian(
                       "obstacle": {"plane": {"point": [0, 0, 0], "normal": [0, 0, 1]}}}],
         "solver": {"method": "primal"},
     }  # fmt: skip
-    problem = build_model(scenes.build(made), MPI.COMM_SELF).problem
+    problem = scenes.problem(made)
     begun = []
 
     class Recorded(AugmentedLagrangian):

@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 from mpi4py import MPI
 
-from contact_app.model.model import build_model
 from solver import MPRGP
 from solver.backend import Statuses, Turn
 from solver.tfeti.active_set_problem import ActiveSetProblem
@@ -28,7 +27,7 @@ def problem() -> DualProblem:
     moved = {"on": "block.z+", "displacement": [0.02, 0.01, -0.02]}
     rough = floor | {"friction": {"tresca": 1.0}}
     made = scenes.config(cell, [scenes.block(cell, 6)], [moved], [rough])
-    return build_model(scenes.build(made, [2, 2, 2]), MPI.COMM_WORLD).problem
+    return scenes.problem(made, [2, 2, 2], comm=MPI.COMM_WORLD)
 
 
 def sliding(problem: DualProblem, angle: float) -> Statuses:

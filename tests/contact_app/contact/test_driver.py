@@ -149,7 +149,7 @@ def test_the_default_cube_stays_cheap() -> None:
 def test_a_repaired_multiplier_is_admissible() -> None:
     """λ ≥ 0 on contact rows and Gλ = e, whatever iterate it starts from."""
     made = scenes.ALL["floating_in_corner"]("hexahedron", 4)
-    problem = build_model(scenes.build(made, [2, 2, 2]), MPI.COMM_SELF).problem
+    problem = scenes.problem(made, [2, 2, 2])
     assert problem.coarse is not None
     random = np.random.default_rng(3)
     size = np.abs(problem.offset).max()
@@ -242,7 +242,7 @@ def test_active_sets_that_come_back_are_decided_later() -> None:
 def test_rows_of_b_come_one_face_edge_or_corner_after_another() -> None:
     """Rows that touch the same subdomains are one run of them; contact rows last, by node."""
     made = scenes.ALL["wall"]("hexahedron", 6)
-    problem = build_model(scenes.build(made, [3, 3, 3]), MPI.COMM_SELF).problem
+    problem = scenes.problem(made, [3, 3, 3])
     begins, columns, _ = problem.B.matrix.getValuesCSR()
     widths = [len(c.interface) for c in problem.classes for _ in range(c.members)]
     subdomain = np.repeat(np.arange(len(widths)), widths)

@@ -12,7 +12,6 @@ from scipy.spatial import cKDTree
 
 import contact_app
 from contact_app.errors import ConfigurationError, NoEquilibriumError
-from contact_app.model.model import build_model
 from solver.tfeti.preconditioner import DualPreconditioner, ScaledPreconditioner
 from tests import friction_reference, scenes
 from tests.comparison import same_displacement, solve
@@ -282,9 +281,7 @@ def test_load_cases() -> None:
 
 def test_the_preconditioner_of_sliding_points_is_symmetric() -> None:
     """xᵀ M y = yᵀ M x for residuals x, y, in the range of Pᵀ, with factors that differ."""
-    problem = build_model(
-        scenes.build(rough(scenes.wall("hexahedron", 2), LAWS[0]), 8), MPI.COMM_WORLD
-    ).problem
+    problem = scenes.problem(rough(scenes.wall("hexahedron", 2), LAWS[0]), 8, comm=MPI.COMM_WORLD)
     random = np.random.default_rng(1)
     scale = np.where(problem.tangential, random.uniform(0.1, 1e2, problem.size), 1.0)
     base = DualPreconditioner(problem, np.inf)

@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 from mpi4py import MPI
 
-from contact_app.model.model import build_model
 from contact_app.run.solve import solve_scene
 from solver.tfeti.constraints.hierarchy import constraint_hierarchy
 from solver.tfeti.dual import DualProblem
@@ -37,7 +36,7 @@ if comm.rank == 0:
 
 
 def problem(made: Config, parts: list[int]) -> DualProblem:
-    return build_model(scenes.build(made, parts), MPI.COMM_WORLD).problem
+    return scenes.problem(made, parts, comm=MPI.COMM_WORLD)
 
 
 def test_levels_of_a_slender_body_are_nested_and_even() -> None:

@@ -103,7 +103,7 @@ def test_a_heated_body_is_certified_once(monkeypatch: pytest.MonkeyPatch) -> Non
 @pytest.mark.parametrize(("name", "cell"), covering(scenes.ALL, scenes.CELLS_3D))
 def test_multigrid_where_a_factor_would_be_taken(name: str, cell: str) -> None:
     made = {**scenes.ALL[name](cell, 4), "solver": {"method": "primal"}}
-    problem = build_model(scenes.build(made), MPI.COMM_SELF).problem
+    problem = scenes.problem(made)
     inner = MPRGP(rtol=1e-10, max_iterations=2000)
     task = Task(problem, StoppingRule(1e-9), inner)
     found = solve_by_multigrid(task, None, None, MULTIGRID_ALWAYS)
@@ -117,7 +117,7 @@ def test_multigrid_where_a_factor_would_be_taken(name: str, cell: str) -> None:
 def test_a_set_that_takes_few_steps_a_digit_keeps_its_cycle() -> None:
     """A factor in its place would cost more than the remaining steps."""
     made = {**scenes.wall("tetrahedron", 12), "solver": {"method": "primal"}}
-    problem = build_model(scenes.build(made), MPI.COMM_SELF).problem
+    problem = scenes.problem(made)
     task = Task(problem, StoppingRule(1e-9), MPRGP(rtol=1e-10, max_iterations=2000))
 
     def applications(**slow: float) -> int:
@@ -143,7 +143,7 @@ def test_a_factor_that_replaces_the_cycle_late_has_steps_of_its_own() -> None:
                                                                "radius": 20}}}],
         "solver": {"method": "primal"},
     }  # fmt: skip
-    problem = build_model(scenes.build(made), MPI.COMM_SELF).problem
+    problem = scenes.problem(made)
     task = Task(problem, StoppingRule(1e-8), MPRGP(rtol=1e-10, max_iterations=2000))
     late = FactorOptions(
         small=0.0, thin_seconds=0.0, slow=STALLED_WITH_FACTOR + 1, slow_digit=1, step=1.0

@@ -80,7 +80,7 @@ def test_multigrid_handles_elastic_rows(law: dict[str, float]) -> None:
     """The test uses multigrid although `auto` would use a factor; the V-cycle alone would not
     converge on stiff springs."""
     made = {**rough(scenes.ALL["pushed"]("hexahedron", 5), law), "solver": {"method": "primal"}}
-    problem = build_model(scenes.build(made), MPI.COMM_SELF).problem
+    problem = scenes.problem(made)
     task = Task(problem, StoppingRule(1e-9), MPRGP(rtol=1e-10, max_iterations=2000))
     found = solve_by_multigrid(task, None, None, MULTIGRID_ALWAYS)
     known = solve(made, [2, 2, 2], method="active-set", tolerance=1e-10)

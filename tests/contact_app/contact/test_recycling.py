@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 from mpi4py import MPI
 
-from contact_app.model.model import build_model
 from solver import MPRGP, Reason
 from solver.backend import Statuses
 from solver.contact.active_set import ActiveSetMethod
@@ -27,7 +26,7 @@ TOLERANCE = 1e-8
 @pytest.fixture(scope="module")
 def problem() -> DualProblem:
     """A nearly incompressible block in four parts, whose F is ill-conditioned."""
-    return build_model(scenes.build(wall(poisson=0.4999), [2, 2]), MPI.COMM_WORLD).problem
+    return scenes.problem(wall(poisson=0.4999), [2, 2], comm=MPI.COMM_WORLD)
 
 
 def closed(problem: DualProblem, count: int) -> Mask:

@@ -3,7 +3,6 @@
 import numpy as np
 from mpi4py import MPI
 
-from contact_app.model.model import build_model
 from solver.contact.active_set import ActiveSetMethod
 from solver.contact.active_set_options import ActiveSetOptions
 from solver.contact.friction_law import Friction
@@ -26,7 +25,7 @@ def test_sets_that_fail_ahead_of_the_states_are_tried_without() -> None:
     made = under_a_plate(
         "quadrilateral", {"coulomb": 0.3}, plate("quadrilateral", [None] * d, total_force=load)
     )
-    problem = build_model(scenes.build(made), MPI.COMM_SELF).problem
+    problem = scenes.problem(made)
     law = Friction(
         points=problem.friction,
         stiffness=np.full(len(problem.friction.first), np.inf),

@@ -7,7 +7,6 @@ import pytest
 from mpi4py import MPI
 
 import contact_app
-from contact_app.model.model import build_model
 from contact_app.run.case_models import nearest_combination
 from contact_app.run.cases import solved_cases
 from solver.contact.solution import Guess
@@ -104,16 +103,13 @@ def test_multigrid_begins_an_increment_with_the_contact_of_the_last() -> None:
 def test_loads_away_from_contact_have_an_effect_without_factors() -> None:
     whole, half = (on_a_block(False, {}) for _ in range(2))
     half["conditions"][1]["traction"] = [0, -5.0]
-    effects = [
-        build_model(scenes.build(made), MPI.COMM_SELF).problem.effect_of_loads
-        for made in (whole, half)
-    ]
+    effects = [scenes.problem(made).effect_of_loads for made in (whole, half)]
     assert np.abs(effects[0]).max() > 0.0
     np.testing.assert_allclose(effects[0], 2.0 * effects[1])
 
 
 def test_a_guess_that_holds_no_body_is_dropped() -> None:
-    problem = build_model(scenes.build(on_a_block(False, {})), MPI.COMM_SELF).problem
+    problem = scenes.problem(on_a_block(False, {}))
     task = Task(problem, StoppingRule(1e-6), MPRGP(rtol=1e-8, max_iterations=2000))
     found = solve_by_multigrid(task, Guess(np.zeros(problem.size)), None)
     assert found.converged

@@ -2,9 +2,6 @@
 
 from dataclasses import replace
 
-from mpi4py import MPI
-
-from contact_app.model.model import build_model
 from solver.contact.options import SolverOptions
 from solver.driver import reason_text, solve
 from solver.qp.result import Reason
@@ -12,7 +9,7 @@ from tests import scenes
 
 
 def test_a_limit_of_outer_iterations_names_the_method_to_take() -> None:
-    problem = build_model(scenes.build(scenes.wall("quadrilateral", 4)), MPI.COMM_SELF).problem
+    problem = scenes.problem(scenes.wall("quadrilateral", 4))
     solution = solve(problem, SolverOptions())
     ended = replace(
         solution,

@@ -2,7 +2,6 @@
 
 import numpy as np
 import pytest
-from mpi4py import MPI
 
 from solver import MPRGP, SMALBE, BoxQP
 from solver.qp.iterate import Iterate
@@ -15,10 +14,7 @@ from tests import scenes
 
 @pytest.fixture(scope="module")
 def problem() -> DualProblem:
-    from contact_app.model.model import build_model
-
-    made = scenes.ALL["wall"]("hexahedron", 6)
-    return build_model(scenes.build(made, [3, 3, 3]), MPI.COMM_SELF).problem
+    return scenes.problem(scenes.ALL["wall"]("hexahedron", 6), [3, 3, 3])
 
 
 class Counted(ProjectorEquality):

@@ -80,8 +80,7 @@ def problem_of(
     case: str, comm: MPI.Intracomm = MPI.COMM_SELF, options: TotalFetiOptions = FEW
 ) -> DualProblem:
     name, cell, subdomains = CASES[case]
-    scene = scenes.build(scenes.ALL[name](cell, 6), subdomains)
-    return build_model(scene, comm, options=options).problem
+    return scenes.problem(scenes.ALL[name](cell, 6), subdomains, comm, options=options)
 
 
 def errors_of(problem: DualProblem) -> float:

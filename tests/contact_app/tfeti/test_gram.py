@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 from mpi4py import MPI
 
-from contact_app.model.model import build_model
 from solver.tfeti.dual import DualProblem
 from solver.tfeti.options import TotalFetiOptions
 from tests import scenes
@@ -23,8 +22,7 @@ def problem_of(
     case: str, comm: MPI.Intracomm = MPI.COMM_SELF, options: TotalFetiOptions | None = None
 ) -> DualProblem:
     name, cell, subdomains = CASES[case]
-    scene = scenes.build(scenes.ALL[name](cell, 4), subdomains)
-    return build_model(scene, comm, options=options).problem
+    return scenes.problem(scenes.ALL[name](cell, 4), subdomains, comm, options=options)
 
 
 def error_of(problem: DualProblem) -> float:

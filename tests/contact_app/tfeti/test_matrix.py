@@ -5,7 +5,6 @@ import pytest
 from mpi4py import MPI
 from scipy import sparse
 
-from contact_app.model.model import build_model
 from solver.tfeti.constraints.matrix import ConstraintMatrix
 from tests import scenes
 from tests.ranks import execute
@@ -20,7 +19,7 @@ CASES = {
 
 def constraints_of(case: str, comm: MPI.Intracomm = MPI.COMM_SELF) -> ConstraintMatrix:
     name, cell, subdomains = CASES[case]
-    B = build_model(scenes.build(scenes.ALL[name](cell, 4), subdomains), comm).problem.B
+    B = scenes.problem(scenes.ALL[name](cell, 4), subdomains, comm=comm).B
     assert isinstance(B, ConstraintMatrix)
     return B
 

@@ -21,8 +21,7 @@ CASES = {
 
 def problem_of(case: str) -> DualProblem:
     name, cell, subdomains = CASES[case]
-    scene = scenes.build(scenes.ALL[name](cell, 4), subdomains)
-    return build_model(scene, MPI.COMM_SELF).problem
+    return scenes.problem(scenes.ALL[name](cell, 4), subdomains)
 
 
 @pytest.mark.parametrize("case", CASES)
