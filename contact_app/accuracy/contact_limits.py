@@ -36,58 +36,43 @@ from solver.contact.solution import Solution
 
 @dataclass(frozen=True)
 class ContactLimits:
-    """Limits of the warnings on contacts.
-
-    Attributes
-    ----------
-    entered
-        Depth of nodes next to a contact in an obstacle, over the displacement, that causes a
-        warning.
-    between
-        Depth of a round obstacle between nodes, over the largest displacement, from which on a
-        warning follows. Under Hertz's ball on facets of size h it is h²/(8a²) of the approach, a
-        the radius of contact.
-    flat
-        Thickness of a boundary, over its size, up to which it counts as flat.
-    unpressed_depth
-        Limit for that depth in runs to an accuracy if the obstacle presses no node. Without a
-        force, the depth alone decides.
-    concentrated
-        Number of nodes in contact, by dimension, up to which their force counts as concentrated.
-    facets_across
-        Facets across a contact times the variation of its pressure within them.
-    fewest_facets
-        Facets across a contact below which its pressure is that of the mesh, and even their number
-        is uncertain: one facet whose four vertices press alike counts as 3, with a peak 70 % too
-        low; with 2.6 across Hertz's ellipse of a ball between grooves the largest is 80 % too high.
-    long
-        Largest `PressedFacets.across` over the number of facets across the narrow side of an
-        ellipse: 3π/4 if it is very long.
-    enough_facets
-        Facets across the narrow side of a contact from which on its largest pressure is not warned
-        of: it is within 4 % of Hertz's.
-    peak_error, order
-        Largest error of the largest smoothed pressure of Hertz's contact with three facets across,
-        and the power of their number with which it falls: of balls and rollers at random positions
-        on meshes of all kinds of cells, and of half and quarter models of degree 1, none had a
-        larger one (`python -m contact_app.studies.peak_draws --seed 11`, also `--half`). The worst
-        is a ball above the middle of a hexahedron's facet, 21 % too low with 3.5 facets counted.
-    reaches
-        Distance of a contact from a plane of symmetry, over its size, up to which it reaches it.
-    """
+    """Limits of the warnings on contacts."""
 
     entered: float = 0.01
+    """Depth of nodes next to a contact in an obstacle, over the displacement, that causes a
+    warning."""
     between: float = 0.1
+    """Depth of a round obstacle between nodes, over the largest displacement, from which on a
+    warning follows. Under Hertz's ball on facets of size h it is h²/(8a²) of the approach, a the
+    radius of contact."""
     flat: float = 1e-9
+    """Thickness of a boundary, over its size, up to which it counts as flat."""
     unpressed_depth: float = 0.01
+    """Limit for that depth in runs to an accuracy if the obstacle presses no node. Without a force,
+    the depth alone decides."""
     concentrated: Mapping[int, float] = field(default_factory=lambda: {2: 1, 3: 3})
+    """Number of nodes in contact, by dimension, up to which their force counts as concentrated."""
     facets_across: Mapping[int, float] = field(default_factory=lambda: {2: 8.0 / np.pi, 3: 6.0})
+    """Facets across a contact times the variation of its pressure within them."""
     fewest_facets: float = 3.005
+    """Facets across a contact below which its pressure is that of the mesh, and even their number
+    is uncertain: one facet whose four vertices press alike counts as 3, with a peak 70 % too low;
+    with 2.6 across Hertz's ellipse of a ball between grooves the largest is 80 % too high."""
     long: float = 2.5
+    """Largest `PressedFacets.across` over the number of facets across the narrow side of an
+    ellipse: 3π/4 if it is very long."""
     enough_facets: float = 6.0
+    """Facets across the narrow side of a contact from which on its largest pressure is not warned
+    of: it is within 4 % of Hertz's."""
     peak_error: float = 0.33
     order: float = 2.6
+    """Largest error of the largest smoothed pressure of Hertz's contact with three facets across,
+    and the power of their number with which it falls: of balls and rollers at random positions on
+    meshes of all kinds of cells, and of half and quarter models of degree 1, none had a larger one
+    (`python -m contact_app.studies.peak_draws --seed 11`, also `--half`). The worst is a ball above
+    the middle of a hexahedron's facet, 21 % too low with 3.5 facets counted."""
     reaches: float = 1e-6
+    """Distance of a contact from a plane of symmetry, over its size, up to which it reaches it."""
 
 
 LIMITS = ContactLimits()
@@ -311,21 +296,13 @@ def between_nodes(depth: float, moved: float, name: str, averaged: bool) -> str:
 
 @dataclass(frozen=True, eq=False)
 class PressedFacets:
-    """This rank's facets of a contact with its pressure.
+    """This rank's facets of a contact with its pressure."""
 
-    Attributes
-    ----------
-    corners : (facets, vertices, 3)
-    areas : (facets,)
-    pressure : (facets, nodes of a facet)
-    planes
-        Axis and place of planes of symmetry that the contact may reach.
-    """
-
-    corners: Array
-    areas: Array
-    pressure: Array
+    corners: Array  # (facets, vertices, 3)
+    areas: Array  # (facets,)
+    pressure: Array  # (facets, nodes of a facet)
     planes: Sequence[tuple[int, float]] = ()
+    """Axis and place of planes of symmetry that the contact may reach."""
 
     def across(self, comm: MPI.Intracomm, dimension: int) -> float:
         """Approximate number of facets that carry the contact.

@@ -39,20 +39,14 @@ SHAPE = {2: [[1.0, 1.0], [1.0, -1.0]], 3: [[1.0, 1.0, 1.0], [1.0, -0.5, 1.0], [1
 
 @dataclass(frozen=True, eq=False)
 class Moduli:
-    """Energies that a form gives to each cell under a change of volume and of shape.
-
-    Attributes
-    ----------
-    energies
-        Of the form.
-    volume, shape : (cells,)
-        a_T(I x, I x) / d, and a_T(D x, D x) / |D|² with tr D = 0: in an isotropic body d |T| times
-        the bulk modulus of d dimensions, and 2 |T| times the shear modulus.
-    """
+    """Energies that a form gives to each cell under a change of volume and of shape."""
 
     energies: CellEnergies
+    """Energies of the form."""
     volume: Array
     shape: Array
+    """a_T(I x, I x) / d, and a_T(D x, D x) / |D|² with tr D = 0: in an isotropic body d |T| times
+    the bulk modulus of d dimensions, and 2 |T| times the shear modulus. Shape (cells,)."""
 
     @classmethod
     def of(cls, parts: Parts, form: Any, equal: EqualCells | None = None) -> Moduli:
@@ -81,22 +75,15 @@ class Moduli:
 
 @dataclass(frozen=True, eq=False)
 class Locking:
-    """Signs of locking of the cells of degree 1.
+    """Signs of locking of the cells of degree 1."""
 
-    Attributes
-    ----------
-    varying : (bodies,)
-        Share of the energy of each body in strains that vary within quadrilaterals or hexahedra.
-    poisson : (bodies,)
-        The largest Poisson's ratio of a cell that an isotropic material would have; 0 if that is
-        negative.
-    error
-        Estimated relative error in energy norm on triangles or tetrahedra.
-    """
-
-    varying: Array
-    poisson: Array
+    varying: Array  # (bodies,)
+    """Share of the energy of each body in strains that vary within quadrilaterals or hexahedra."""
+    poisson: Array  # (bodies,)
+    """The largest Poisson's ratio of a cell that an isotropic material would have; 0 if that is
+    negative."""
     error: float
+    """Estimated relative error in energy norm on triangles or tetrahedra."""
 
 
 Fit = tuple[Array, Array, Array]

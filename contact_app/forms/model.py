@@ -57,42 +57,30 @@ Measure = Callable[[str], AbstractContextManager[None]]
 
 @dataclass(frozen=True, eq=False)
 class FormModel:
-    """The discrete model of a problem of forms.
-
-    Attributes
-    ----------
-    subdomains
-        With the copies of nodes that `exchange` brings to their owners.
-    bodies
-        What hangs together.
-    sides, jumps
-        Of each contact: its facets and surfaces, and `jumps_of`.
-    merged
-        Rows that a tighter one of the same node makes redundant.
-    notes
-        Sentences for the certificate.
-    place : (subdomains, 2)
-        Class and column of each subdomain of this rank in the problem.
-    moduli
-        Of the cells of a space of degree 1.
-    form, of_form, of_rows
-        a, and fingerprints of its values, with the tags of contacts, and of the rows.
-    """
+    """The discrete model of a problem of forms."""
 
     subdomains: Subdomains
+    """With the copies of nodes that `exchange` brings to their owners."""
     bodies: Bodies
+    """Groups of cells that hang together."""
     exchange: NodeExchange
     contacts: tuple[Contact, ...]
     sides: tuple[Sides, ...]
     jumps: tuple[MeanJumps | None, ...]
+    """For each contact its facets and surfaces, and `jumps_of`."""
     problem: DualProblem
     merged: ContactRows
+    """Rows that a tighter one of the same node makes redundant."""
     notes: tuple[str, ...]
-    place: Ints
+    """Sentences for the certificate."""
+    place: Ints  # (subdomains, 2)
+    """Class and column of each subdomain of this rank in the problem."""
     moduli: Moduli | None
+    """Moduli of the cells of a space of degree 1."""
     form: Any
     of_form: bytes
     of_rows: bytes
+    """a, and fingerprints of its values, with the tags of contacts, and of the rows."""
 
     @property
     def parts(self) -> Parts:

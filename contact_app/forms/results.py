@@ -93,18 +93,12 @@ class OnSpace:
 
 @dataclass(frozen=True, eq=False)
 class ContactAtNodes(NodesInContact):
-    """One contact at the nodes that this rank owns; zero away from it.
+    """One contact at the nodes that this rank owns; zero away from it."""
 
-    Attributes
-    ----------
-    gap : (owned,)
-        NaN where there is no row.
-    planes
-        Axis and place of the planes of symmetry at which the contact goes on.
-    """
-
-    gap: Array
+    gap: Array  # (owned,)
+    """NaN where there is no row."""
     planes: Sequence[tuple[int, float]]
+    """Axis and place of the planes of symmetry at which the contact goes on."""
 
 
 def contact_at_nodes(

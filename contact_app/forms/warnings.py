@@ -63,31 +63,21 @@ from solver.vectors import Array, largest_magnitude
 
 @dataclass(frozen=True, eq=False)
 class FormAnswer:
-    """An answer that is tested for the assumptions of its model.
-
-    Attributes
-    ----------
-    owners
-        Of the copies in parts.
-    on_space
-        Of the nodes of the space.
-    displacement : (owned, dimension)
-    contacts
-        Each contact at nodes.
-    bcs
-        Dirichlet conditions.
-    in_halves
-        The warning of two half increments; None if they were not tried.
-    """
+    """An answer that is tested for the assumptions of its model."""
 
     model: FormModel
     solution: Solution
     owners: Owners
+    """Owners of the copies in parts."""
     on_space: OnSpace
-    displacement: Array
+    """On space of the nodes of the space."""
+    displacement: Array  # (owned, dimension)
     contacts: Sequence[ContactAtNodes]
+    """Each contact at nodes."""
     bcs: Sequence[object]
+    """Dirichlet conditions."""
     in_halves: str | None = None
+    """The warning of two half increments; None if they were not tried."""
 
     def bodies_on(self, number: int) -> list[int]:
         """Bodies of the first side of a contact."""

@@ -32,16 +32,11 @@ from solver.vectors import Array, Ints, Mask, largest_magnitude
 
 @dataclass(frozen=True, eq=False)
 class _Contact:
-    """One contact of the solved part, over all ranks; `whole` is the force on the body of `on`.
-
-    Attributes
-    ----------
-    area
-        Area of the boundary that belongs to nodes in contact.
-    """
+    """One contact of the solved part, over all ranks; `whole` is the force on the body of `on`."""
 
     whole: Resultant
     area: float
+    """Area of the boundary that belongs to nodes in contact."""
     max_pressure: float
     max_smoothed: float
 

@@ -85,22 +85,15 @@ def outlines_of_cases(
 
 @dataclass(frozen=True, eq=False)
 class _Earlier:
-    """A solved loading.
-
-    Attributes
-    ----------
-    B
-        Constraints of its model.
-    effect : (any,)
-        `DualProblem.effect_of_loads`.
-    multiplier, c : (dual,), (dual,)
-        Right-hand sides c of the rows.
-    """
+    """A solved loading."""
 
     B: ConstraintMatrix
-    effect: Array
+    """Constraints of its model."""
+    effect: Array  # (any,)
+    """`DualProblem.effect_of_loads`."""
     multiplier: Array
     c: Array
+    """Right-hand sides c of the rows. Shapes (dual,), (dual,)."""
 
 
 class CaseModels:

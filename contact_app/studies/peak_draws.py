@@ -32,17 +32,12 @@ YOUNG, POISSON, RADIUS = 1000.0, 0.3, 4.0
 
 @dataclass(frozen=True)
 class Kind:
-    """Cells of the block.
-
-    Attributes
-    ----------
-    cells
-        Along an edge of the surface.
-    """
+    """Cells of the block."""
 
     cell: str
     degree: int
     cells: int
+    """Along an edge of the surface."""
 
     @property
     def dimension(self) -> int:
