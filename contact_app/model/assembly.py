@@ -26,6 +26,7 @@ from petsc4py import PETSc
 from scipy import sparse
 
 from contact_app.model.equal_cells import has_equal_cells, stiffness_of_equal_cells
+from contact_app.model.facets import moments, normal_moments
 from contact_app.scene.material import CellMaterials, Material
 from meshes import Reference, dolfinx_compat
 from meshes.arrays import Array, Ints
@@ -169,8 +170,8 @@ class Element:
 
     def traction(self, rows: NDArray[np.int32], traction: Array) -> Array:
         """Load of a force per area on facets (rows of ``reference.facets``), (unknowns,)."""
-        test = ufl.TestFunction(self.space)
-        return self._load(ufl.inner(self._constant(traction), test) * self._ds(rows))
+        shares = moments(self.reference.points[self.reference.facets[rows]], self.dimension)
+        return self._on_facets(rows, shares.sum(axis=1).T[..., None] * traction)
 
     def linear_traction(self, rows: NDArray[np.int32], values: Array) -> Array:
         """Load of a force per area given at the nodes, (nodes, dimension); (unknowns,)."""
@@ -190,9 +191,16 @@ class Element:
 
     def pressure(self, rows: NDArray[np.int32], pressure: float) -> Array:
         """Load of a pressure against the outward normal of facets, (unknowns,)."""
-        test, normal = ufl.TestFunction(self.space), ufl.FacetNormal(self.mesh)
-        value = fem.Constant(self.mesh, PETSc.ScalarType(pressure))
-        return self._load(-value * ufl.inner(normal, test) * self._ds(rows))
+        reference = self.reference
+        x, behind = reference.points[reference.facets[rows]], reference.middles_behind[rows]
+        return self._on_facets(rows, -pressure * normal_moments(x, behind, self.dimension))
+
+    def _on_facets(self, rows: NDArray[np.int32], forces: Array) -> Array:
+        """Load of forces at the nodes of facets, (nodes, facets, dimension); (unknowns,)."""
+        nodes = self.reference.facets[rows].T
+        unknowns = nodes[..., None] * self.dimension + np.arange(self.dimension)
+        size = len(self.reference.points) * self.dimension
+        return np.bincount(unknowns.ravel(), forces.ravel(), size).astype(np.float64)
 
     def cell_volumes(self) -> Array:
         """Volume (area in the plane) of each cell."""

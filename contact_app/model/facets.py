@@ -69,13 +69,30 @@ def moments(x: Array, dimension: int) -> Array:
     x : (facets, nodes, 3)
         Coordinates of the nodes.
     """
-    slopes, products = _tables(dimension, x.shape[1])
-    along = np.tensordot(slopes, x, axes=(2, 1))  # einsum takes several times as long
-    if dimension == 2:
-        size = np.linalg.norm(along[:, 0], axis=-1)
-    else:
-        size = np.linalg.norm(np.cross(along[:, 0], along[:, 1]), axis=-1)
-    return np.tensordot(size, products, axes=(0, 0))
+    size = np.linalg.norm(_normals(x, dimension), axis=-1)
+    return np.tensordot(size, _tables(dimension, x.shape[1])[1], axes=(0, 0))
+
+
+def normal_moments(x: Array, behind: Array, dimension: int) -> Array:
+    """∫ φ_k n ds with the outward normal n, (nodes, facets, dimension).
+
+    Parameters
+    ----------
+    x : (facets, nodes, 3)
+        Coordinates of the nodes.
+    behind : (facets, 3)
+        A point of the body behind each facet.
+    """
+    normals, weights = _normals(x, dimension), _tables(dimension, x.shape[1])[1].sum(axis=1)
+    inward = np.einsum("fi,fi->f", normals.sum(axis=0), x.mean(axis=1) - behind) < 0.0
+    normals[:, inward] *= -1.0
+    return np.tensordot(weights, normals[..., :dimension], axes=(0, 0))
+
+
+def _normals(x: Array, dimension: int) -> Array:
+    """Normals at the points of the rule, as long as the area, (q, facets, 3)."""
+    along = np.tensordot(_tables(dimension, x.shape[1])[0], x, axes=(2, 1))  # einsum is slow
+    return np.cross(along[:, 0], along[:, 1] if dimension == 3 else [0.0, 0.0, 1.0])
 
 
 MIDDLES: dict[int, tuple[tuple[int, ...], ...]] = {
