@@ -274,8 +274,8 @@ class PrimalSet:
             )
         self._preconditioner = self._make_preconditioner()
         rhs = projector.apply_transpose(self._left)
-        may_slide = system.has_rigid_bodies or backend.problem.friction.acts
-        if may_slide and rigid.leaves(rhs, system.load):
+        may_leave = system.has_rigid_bodies or backend.problem.friction.acts or projector.empty
+        if may_leave and rigid.leaves(rhs, system.load):
             raise ArithmeticError("the active rows leave a body that the load drives")
         self._iterate = it = Iterate(BoxQP(operator, rhs), preconditioner=self._preconditioner)
         it.measure_b()

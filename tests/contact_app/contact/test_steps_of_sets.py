@@ -91,3 +91,12 @@ def test_coarse_levels_correct_a_set(name: str, tmp_path: Path) -> None:
     following, corrected = after(problem.inequality, 0.1)
     wrong, left = (int((rows != exact).sum()) for rows in (following, corrected))
     assert 0 < left < 0.2 * wrong  # 14 instead of 179, 23 instead of 378
+
+
+def test_an_empty_set_that_lets_a_body_go_is_refused(tmp_path: Path) -> None:
+    """Contact alone holds the bar; conjugate gradients would look for its place in vain."""
+    problem = trial("bar_in_vee", tmp_path)
+    backend = Multigrid(problem, MULTIGRID_ALWAYS)
+    with pytest.raises(ArithmeticError, match="leave a body"):
+        backend.on_set(Statuses(np.zeros_like(problem.inequality)), None)
+    backend.on_set(Statuses(problem.inequality), None)
