@@ -1,7 +1,5 @@
 """Hertz's contact by force, curvatures of the gap, and its observed size."""
 
-from __future__ import annotations
-
 import warnings
 
 import numpy as np

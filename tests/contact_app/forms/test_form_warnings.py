@@ -1,7 +1,5 @@
 """Warnings of `ContactProblem` that need no scene beside it."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Callable
 from dataclasses import replace

@@ -1,7 +1,5 @@
 """Warnings of a model that is too small for its answer; each falls silent where it is not."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

@@ -1,7 +1,5 @@
 """The study of peaks at random positions: Hertz's peak, and the error that the warning tells."""
 
-from __future__ import annotations
-
 import re
 
 import numpy as np

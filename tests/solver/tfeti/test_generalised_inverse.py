@@ -1,7 +1,5 @@
 """K⁺ and kernels of floating subdomains."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from scipy import sparse
