@@ -31,11 +31,10 @@ def roller(solved: SolvedScene) -> list[Quantity]:
 
 
 def rough_roller(increments: Sequence[SolvedIncrement]) -> list[Quantity]:
-    """The roller with friction at the end of its increments: `roller`, and the smoothed peak."""
+    """`roller` at the end of the increments with friction, and the peak of the smoothed field."""
     solved = increments[-1].solved
-    numbers, (contact,) = roller(solved), solved.summary["contacts"]
-    peak = numbers[1].theory
-    return [*numbers, Quantity("largest smoothed", contact["max_smoothed_pressure"], peak)]
+    numbers, smoothed = roller(solved), solved.nodes.smoothed_contact_pressure
+    return [*numbers, Quantity("largest smoothed", float(smoothed.max()), numbers[1].theory)]
 
 
 def punch(solved: SolvedScene) -> list[Quantity]:
