@@ -301,6 +301,18 @@ def test_facets_find_each_other_across_a_wide_gap(make) -> None:
     np.testing.assert_array_equal(found.gap, every.gap)
 
 
+@pytest.mark.parametrize("kind", ["segment", "quadrilateral", "segment2", "quadrilateral2"])
+def test_pairs_of_one_offset_have_the_integrals_of_each_pair(kind: str) -> None:
+    """On grids: each facet with all of the other side has no pairs of one offset."""
+    on, against = patch(kind, 8, True), patch(kind, 4, False, 500, 0.05, 1.05, height=0.1)
+    facets = np.arange(len(against.nodes))
+    parts = [(np.full(len(facets), k), facets) for k in range(len(on.nodes))]
+    together = Overlaps.of(on, against, *map(np.concatenate, zip(*parts, strict=True)), True)
+    apart = [vars(Overlaps.of(on, against, *part, True)).values() for part in parts]
+    for values, each in zip(vars(together).values(), zip(*apart, strict=True), strict=True):
+        np.testing.assert_allclose(values, np.concatenate(each), rtol=0.0, atol=1e-14)
+
+
 numbers = st.floats(-1, 1, allow_nan=False, width=32)
 
 # A common vertex off by a rounding error, which the overlap has several times.
