@@ -45,6 +45,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from itertools import chain
 
 import numpy as np
 from mpi4py import MPI
@@ -58,6 +59,7 @@ from contact_app.scene.bodies import Body
 from contact_app.scene.conditions import BodyContact, Contact, RigidTie, Tie
 from meshes.arrays import Array, Ints
 from meshes.contact_surface import Surface
+from meshes.pseudo_inverses import pseudo_inverses
 
 REACH = 2.25
 """Radius about a node over the longest edge there. With 2 the peaks of a ball in its grooves with
@@ -318,10 +320,10 @@ class _Neighbours:
         """The neighbours of points (n, 3) with radii (n,) and areas (n,)."""
         near = cKDTree(points).query_ball_point(points, radii)
         count = np.fromiter(map(len, near), np.int64, len(near))
-        row, column = np.repeat(np.arange(len(points)), count), np.concatenate(near)
+        row = np.repeat(np.arange(len(points)), count)
+        column = np.fromiter(chain.from_iterable(near), np.int64, count.sum())
         away = (points[column] - points[row]) / radii[row, None]
         weight = np.maximum(1.0 - (away**2).sum(axis=1), 0.0) ** 2 * areas[column]
-        column = column.astype(np.int64)
         return cls(row, column, away, weight, np.asarray(np.bincount(row, weight), float))
 
     def of_weights(self, weight: Array) -> _Neighbours:
@@ -346,7 +348,7 @@ class _Neighbours:
             for j, second in enumerate(terms[: i + 1]):
                 squares[:, i, j] = squares[:, j, i] = self.means(first * second)
         squares[:, 3:, 3:] += CURVATURE * np.eye(3)
-        inverse = np.linalg.pinv(squares, rcond=1e-8, hermitian=True)[:, 0]
+        inverse = pseudo_inverses(squares, 1e-8)[:, 0]
         factors = np.einsum("et,te->e", inverse[self.row], terms)
         columns = [self.means(factors * part[self.column]) for part in np.atleast_2d(values.T)]
         return np.asarray(np.stack(columns, axis=-1).reshape(values.shape))

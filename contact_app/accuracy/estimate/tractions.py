@@ -27,6 +27,7 @@ from contact_app.scene.bodies import Body
 from contact_app.scene.conditions import BodyContact, Contact, RigidTie, Tie
 from meshes import Subdomain
 from meshes.arrays import Array, Ints, Mask
+from meshes.pseudo_inverses import pseudo_inverses
 
 FAINT = 1e-3
 """Friction force of a node, relative to that of its facet, below which its direction is
@@ -99,10 +100,7 @@ class Surface:
         prescribed = np.flatnonzero(np.abs(sums[:, : s * s]).max(axis=1) > ROUNDING)
         P, q = sums[prescribed, : s * s], sums[prescribed, s * s :]
         # nodes on one face or edge of a box have the same P
-        key = np.round(P @ np.sqrt(np.arange(2.0, s * s + 2.0)), 9)
-        _, first, kind = np.unique(key, return_index=True, return_inverse=True)
-        inverse = np.linalg.pinv(P[first].reshape(-1, s, s), rcond=WEAK, hermitian=True)
-        inverse = inverse[kind.reshape(-1)]
+        inverse = pseudo_inverses(P.reshape(-1, s, s), WEAK)
         change = np.zeros_like(sums)
         change[prescribed, : s * s] = (inverse @ P.reshape(-1, s, s)).reshape(-1, s * s)
         change[prescribed, s * s :] = (inverse @ q[..., None])[..., 0]
