@@ -17,6 +17,7 @@ from contact_app.results.overcome_friction import overcome_friction
 from meshes.arrays import Array
 from solver.contact.solution import Accuracy, Solution
 from solver.qp.result import Reason
+from solver.tfeti.friction_share import HOLDS
 
 if TYPE_CHECKING:
     from contact_app.accuracy.guarantee.guarantee import Guarantee
@@ -27,7 +28,8 @@ class SolvedScene:
     """A solved scene: the model, the answer, its fields and its summary.
 
     `nodal` holds the recovered stresses at nodes by the names of their fields, `guaranteed` the
-    guaranteed bound of the error, if the scene requests one.
+    guaranteed bound of the error, if the scene requests one, `holds` the share of the loads below
+    which friction at the contact forces does not hold them.
     """
 
     model: Model
@@ -40,6 +42,7 @@ class SolvedScene:
     communication: dict[str, float] | None = None
     summary: dict[str, Any] = field(default_factory=dict)
     guaranteed: Guarantee | None = None
+    holds: float = HOLDS
 
     @property
     def fields(self) -> Fields:
@@ -61,7 +64,7 @@ class SolvedScene:
     def overcome(self) -> list[str]:
         """A sentence for each group of bodies that friction does not hold (collective)."""
         name_of = self.model.geometry.body_names.__getitem__
-        return list(overcome_friction(self.model.problem, self.solution, name_of))
+        return list(overcome_friction(self.model.problem, self.solution, name_of, self.holds))
 
     @cached_property
     def coarse_pressures(self) -> list[CoarsePressure | None]:

@@ -16,7 +16,7 @@ from __future__ import annotations
 import logging
 import math
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from fractions import Fraction
 from functools import partial
 
@@ -33,6 +33,7 @@ from contact_app.run.step_equilibrium import LeavesInStepError
 from contact_app.run.summary import warned
 from contact_app.scene.scene import Scene
 from solver.qp.result import Monitor, Reason
+from solver.tfeti.friction_share import NEAR, overcome
 
 HALVINGS = 4
 """Largest number of halvings of an increment without a certified answer."""
@@ -181,10 +182,18 @@ def solved_increments(
             number += 1
             dissipated += float(solved.summary["solution"].get("dissipated_work", 0.0))
             factors = dict(scene.loading_at(step - 1, float(part[1])).factors)
-            last = SolvedIncrement(place, factors, solved, dissipated)
+            last = SolvedIncrement(place, factors, _judged_after(last, solved), dissipated)
             yield last
             if not solved.solution.converged:
                 return
+
+
+def _judged_after(last: SolvedIncrement | None, solved: SolvedScene) -> SolvedScene:
+    """An answer, without a certificate judged by the friction of the last one (collective)."""
+    if solved.solution.converged or last is None:
+        return solved
+    before = last.solved.model.problem, last.solved.solution
+    return replace(solved, holds=1.0) if overcome(*before, NEAR) else solved
 
 
 Part = tuple[Fraction, Fraction]

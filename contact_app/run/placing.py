@@ -30,10 +30,11 @@ from meshes.arrays import Array
 from solver.contact.solution import Guess, Solution
 
 PLACINGS = 20
-"""Largest number of new placements of a body.
+"""Number of new placements of a body after which a body that moves on and on leaves; twice as many
+are the most.
 
 Each multiplies the error by the ratio of contact pressure to stiffness of the bodies, or squares
-it.
+it. At the largest force that friction at a circle holds this ratio is nearly one.
 """
 
 MISPLACED = 0.1
@@ -41,6 +42,9 @@ MISPLACED = 0.1
 
 SMALL_ROTATION = 0.1
 """Free rotation in radians above which a warning follows: the rotation is not small."""
+
+STRAIGHT = 0.9
+"""Distance over the length of the way, from which on a body keeps its direction."""
 
 LEAST, MOST = 0.3, 3.0
 """Least and largest factor on the displacement of a new placement."""
@@ -74,6 +78,7 @@ class Relaxation:
 
     def __init__(self) -> None:
         self._share, self._before = 1.0, np.zeros(0)
+        self._steps: list[Array] = []
 
     def towards(self, now: Sequence[Placement], computed: Sequence[Placement]) -> list[Placement]:
         """The next placement of bodies, from their present placement and that of the answer."""
@@ -86,10 +91,20 @@ class Relaxation:
                 self._share *= -float((self._before * change).sum()) / square
                 self._share = float(np.clip(self._share, LEAST, MOST))
         self._before = step
+        self._steps.append(self._share * step)
         return [
             replace(place, displacement=(float(x), float(y), float(z)))
             for place, (x, y, z) in zip(computed, places + self._share * step, strict=True)
         ]
+
+    @property
+    def moves_on(self) -> bool:
+        """Whether the later half of the steps went as far as the earlier one, the same way."""
+        middle = len(self._steps) // 2
+        earlier, later = (sum(some) for some in (self._steps[:middle], self._steps[middle:]))
+        way = sum(float(np.linalg.norm(step)) for step in self._steps[middle:])
+        distance = float(np.linalg.norm(later))
+        return distance > max(STRAIGHT * way, float(np.linalg.norm(earlier)))
 
 
 def placed_anew(solved: SolvedScene) -> list[Placement] | None:
@@ -172,27 +187,37 @@ def leaves_where_placed(error: NoEquilibriumError) -> NoEquilibriumError:
     )
 
 
+def moves_away(solved: SolvedScene) -> NoEquilibriumError:
+    """The error for rigid bodies that each new placement moves farther on."""
+    return NoEquilibriumError(
+        f"{solved.model.scene.source}: the scene has no equilibrium: nothing stops "
+        f"{_last_moves(solved, ' from leaving')} under its loads: {PLACINGS} solves, each from the "
+        "positions of the last answer, moved on and on. Add displacement conditions along the "
+        "surfaces on which the bodies slide or roll"
+    )
+
+
 def never_placed(solved: SolvedScene) -> SolvedScene:
     """The last answer of rigid bodies whose positions still change; it is not certified."""
     certificate = replace(solved.solution.certificate, passed=False)
     solved = replace(solved, solution=replace(solved.solution, certificate=certificate))
     text = (
-        f"the positions of the rigid bodies still change after {PLACINGS} solves, each from the "
-        f"positions of the last answer; the last one moves {_last_moves(solved)}: the bodies may "
-        "slide off the surfaces that they touch or roll on; add displacement conditions along "
+        f"the positions of the rigid bodies still change after {2 * PLACINGS} solves, each from "
+        f"the positions of the last answer; the last one moves {_last_moves(solved)}: the bodies "
+        "may slide off the surfaces that they touch or roll on; add displacement conditions along "
         "these surfaces"
     )
     return warned(solved, [text])
 
 
-def _last_moves(solved: SolvedScene) -> str:
+def _last_moves(solved: SolvedScene, verb: str = "") -> str:
     """Phrase with the rigid bodies that an answer moves, and their directions (collective)."""
     scene, d = solved.model.scene, solved.model.scene.dimension
     after, before = placements_of(solved.model, solved.solution), scene.rigid.placements
     moved = np.array([after[k].components(d) - before[k].components(d) for k in scene.moving])
     largest = np.abs(moved).max()
     return " and ".join(
-        f"{scene.rigid.bodies[k].name} along {directions_in_words(motion[:, None])}"
+        f"{scene.rigid.bodies[k].name}{verb} along {directions_in_words(motion[:, None])}"
         for k, motion in zip(scene.moving, moved, strict=True)
         if np.abs(motion).max() > 1e-3 * largest
     )

@@ -31,6 +31,7 @@ from contact_app.run.placing import (
     Relaxation,
     SameRows,
     leaves_where_placed,
+    moves_away,
     never_placed,
     placed_anew,
     rotation_warnings,
@@ -164,7 +165,7 @@ def solve_scene(
 def _at_rest(request: _Request) -> SolvedScene:
     """Solve a scene repeatedly until the placements of its rigid bodies agree with the answer."""
     relaxation = Relaxation()
-    for count in range(PLACINGS):
+    for count in range(2 * PLACINGS):
         try:
             solved = _certified(request)
         except NoEquilibriumError as error:
@@ -175,6 +176,8 @@ def _at_rest(request: _Request) -> SolvedScene:
         if request.comm.rank == 0:
             log.info("rigid bodies have moved: solving again with new placements")
         places = relaxation.towards(solved.model.scene.rigid.placements, places)
+        if count + 1 == PLACINGS and relaxation.moves_on:
+            raise moves_away(solved)
         request = replace(
             request, scene=request.scene.placed(places), start=SameRows(solved.solution),
             checkpoint=None, counts_before=solved.solution.counts, report=None,

@@ -58,6 +58,8 @@ def test_the_share_is_that_of_the_friction_forces_at_their_limit() -> None:
     (found,) = overcome(problem, replace(solution, multiplier=part * solution.multiplier))
     assert found.share == pytest.approx(0.25, rel=1e-5)
     assert list(found.bodies) == [0]
+    (found,) = overcome(problem, solution, 1.01 * FRICTION * pressing / PULL)
+    assert found.share == pytest.approx(1.0 / 1.01, rel=1e-5)
     assert abs(found.motion[1]) > 0.99
 
 
@@ -100,6 +102,20 @@ def test_a_block_turned_in_a_history_ends_it_with_the_factor(
         len(records) - 1
     )
     assert "--resume goes on from there" in told
+
+
+@pytest.mark.slow
+def test_a_block_turned_in_small_increments_ends_the_history_with_the_factor(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """The last increment holds 0.998 of the loads or more: exit 1 without the answer before it."""
+    made = turned_block(0.5)
+    made["bodies"][0]["mesh"]["box"]["cells"] = [3, 3, 1]
+    made["conditions"][1]["name"] = "turn"
+    made["steps"] = [{"turn": 0.832}, {"turn": 0.836}]
+    assert run(scenes.build(made), tmp_path) == Exit.NO_EQUILIBRIUM
+    told = capsys.readouterr().err.splitlines()[-1]
+    assert re.match(r"step 2, between its factors .* block from leaving along a turn about z", told)
 
 
 def test_a_turned_block_slides_below_the_limit_of_rigid_equilibrium() -> None:

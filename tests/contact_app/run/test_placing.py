@@ -1,0 +1,46 @@
+"""Rigid bodies that new placements move on and on: `contact_app.run.placing`."""
+
+from __future__ import annotations
+
+import pytest
+
+import contact_app
+from contact_app.run.placing import PLACINGS, Relaxation
+from contact_app.run.step_equilibrium import LeavesInStepError
+from contact_app.scene.rigid import Placement
+from tests import scenes
+
+
+@pytest.mark.parametrize(("ratio", "leaves"), [(1.05, True), (0.9, False), (-1.0, False)])
+def test_a_body_leaves_if_its_steps_do_not_shrink_and_keep_their_direction(
+    ratio: float, leaves: bool
+) -> None:
+    """Steps that grow, that shrink, and that turn about."""
+    relaxation, place, step = Relaxation(), 0.0, 0.01
+    for _ in range(PLACINGS):
+        now, computed = ([Placement((x, 0.0, 0.0))] for x in (place, place + step))
+        (after,) = relaxation.towards(now, computed)
+        step *= ratio
+        place = after.displacement[0]
+    assert relaxation.moves_on is leaves
+
+
+@pytest.mark.slow
+def test_a_circle_that_rolls_away_in_a_history_ends_it_with_the_factor() -> None:
+    """It ended with exit 1: each solve from the positions of the last one was certified."""
+    scene = {
+        "dimension": 2,
+        "bodies": [
+            scenes.box("block", [2, 0], [40, 4], [-2, -1]),
+            {"name": "ball", "rigid": {"sphere": {"center": [0, 1], "radius": 1}}},
+        ],
+        "conditions": [
+            {"on": "block.y-", "displacement": [0, 0]},
+            {"name": "press", "in": "ball", "total_force": [0, -10]},
+            {"name": "push", "in": "ball", "total_force": [0.5, 0]},
+        ],
+        "contacts": [{"on": "block.y+", "against": "ball", "friction": {"coulomb": 0.3}}],
+        "steps": [{"press": 1}, {"push": 1}],
+    }
+    with pytest.raises(LeavesInStepError, match="step 2, between .*ball from leaving along a turn"):
+        contact_app.solve(scene)
