@@ -242,7 +242,7 @@ def _coarse_pressure(answer: FormAnswer, number: int) -> CoarsePressure | None:
     pressure = answer.owners.copies(answer.contacts[number].pressure)[facets.copies]
     pressed = PressedFacets(corners, areas, pressure, answer.contacts[number].planes)
     nodes = answer.contacts[number]
-    on, points = nodes.shares > 0.0, answer.owners.at(parts.points)
+    on, points = nodes.carriers | (nodes.shares > 0.0), answer.owners.at(parts.points)
     at = points[on], nodes.forces[on], nodes.smoothed[on]
     of_bodies = partial(half_spaces, answer.model, answer.owners, number)
     return coarse_pressure(answer.model.problem, number, at, pressed, of_bodies)

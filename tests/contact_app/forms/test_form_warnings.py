@@ -340,7 +340,7 @@ def test_a_body_between_equally_rough_sides_is_carried_by_either(above: float, t
     assert len(found) == told, problem.certificate.warnings
 
 
-@pytest.mark.parametrize("cell", ["quadrilateral", "hexahedron"])
+@pytest.mark.parametrize("cell", ["quadrilateral", "hexahedron", "tetrahedron"])
 @pytest.mark.parametrize("degree", [1, 2])
 @pytest.mark.parametrize("material", ["isotropic", "orthotropic", "layered"])
 def test_few_facets_across_have_the_peak_of_hertz(cell: str, degree: int, material: str) -> None:
