@@ -6,9 +6,9 @@ and where it slides the friction force is at its limit along w. All increments s
 (`run.increment_models`).
 
 An increment without a certified answer, or from whose end a body leaves, is halved, and its halves
-again, up to `HALVINGS` times: so the factor at which a body leaves is known to 1/16 of one. If the
-method does not certify the first half or the smallest part, either, the other one, Total FETI or
-multigrid, solves it and goes on with the history.
+again, up to `HALVINGS` times: so the factor at which a body leaves is known to 1/16 of one. What
+Total FETI does not certify, multigrid solves, and goes on with the history. If multigrid does not
+certify the first half or the smallest part, Total FETI solves that and goes on.
 """
 
 from __future__ import annotations
@@ -24,6 +24,7 @@ from mpi4py import MPI
 
 from contact_app.accuracy.solved_scene import SolvedScene
 from contact_app.errors import NoEquilibriumError
+from contact_app.model.method import is_undecomposed
 from contact_app.model.outline import Report
 from contact_app.run.coarse_increments import CoarseIncrements
 from contact_app.run.fallback import NoWayLeftError
@@ -144,8 +145,7 @@ def solved_increments(
             halved = _halvings(part, step_of_scene.increments)
             place = Place(step, part[1], number + 1, halved)
             solved = _solved(scene, comm, place, monitor_of, report, models)
-            leaves = isinstance(solved, NoEquilibriumError)
-            if not leaves and not _is_final(solved) and halved in (1, HALVINGS):
+            if _asks_for_other_method(solved, halved, is_undecomposed(models.scene.solver)):
                 other = models.by_other_method()
                 if other is not None:
                     solved = _solved(other, comm, place, monitor_of, report, models)
@@ -246,6 +246,14 @@ def _lack_in_words(solved: SolvedScene | Failed) -> str:
         return "equilibrium"
     counts = solved.counts if isinstance(solved, NoWayLeftError) else solved.solution.counts
     return f"certified answer after {counts.hessian:,} Hessian multiplications"
+
+
+def _asks_for_other_method(solved: SolvedScene | Failed, halved: int, by_multigrid: bool) -> bool:
+    """Whether the other method is tried: multigrid at once, Total FETI on halves (collective)."""
+    if isinstance(solved, NoEquilibriumError) or _is_final(solved):
+        return False
+    slides = isinstance(solved, SolvedScene) and solved.solution.reason is Reason.SLIDES
+    return halved in (1, HALVINGS) or not (slides or by_multigrid)
 
 
 def _is_final(solved: SolvedScene | Failed) -> bool:
