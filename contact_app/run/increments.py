@@ -24,7 +24,7 @@ from mpi4py import MPI
 
 from contact_app.accuracy.solved_scene import SolvedScene
 from contact_app.errors import NoEquilibriumError
-from contact_app.model.method import is_undecomposed
+from contact_app.model.method import LIMITS, is_undecomposed
 from contact_app.model.outline import Report
 from contact_app.run.coarse_increments import CoarseIncrements
 from contact_app.run.fallback import NoWayLeftError
@@ -33,6 +33,7 @@ from contact_app.run.solve import solve_scene
 from contact_app.run.step_equilibrium import LeavesInStepError
 from contact_app.run.summary import warned
 from contact_app.scene.scene import Scene
+from solver.contact.options import SolverOptions
 from solver.qp.result import Monitor, Reason
 from solver.tfeti.friction_share import NEAR, overcome
 
@@ -145,7 +146,7 @@ def solved_increments(
             halved = _halvings(part, step_of_scene.increments)
             place = Place(step, part[1], number + 1, halved)
             solved = _solved(scene, comm, place, monitor_of, report, models)
-            if _asks_for_other_method(solved, halved, is_undecomposed(models.scene.solver)):
+            if _asks_for_other_method(solved, halved, models.scene.solver):
                 other = models.by_other_method()
                 if other is not None:
                     solved = _solved(other, comm, place, monitor_of, report, models)
@@ -248,12 +249,20 @@ def _lack_in_words(solved: SolvedScene | Failed) -> str:
     return f"certified answer after {counts.hessian:,} Hessian multiplications"
 
 
-def _asks_for_other_method(solved: SolvedScene | Failed, halved: int, by_multigrid: bool) -> bool:
-    """Whether the other method is tried: multigrid at once, Total FETI on halves (collective)."""
+def _asks_for_other_method(
+    solved: SolvedScene | Failed, halved: int, solver: SolverOptions
+) -> bool:
+    """Whether the other method is tried: multigrid at once, Total FETI on halves (collective).
+
+    Multigrid is not, before the increment is halved, if the user limited the iterations.
+    """
     if isinstance(solved, NoEquilibriumError) or _is_final(solved):
         return False
-    slides = isinstance(solved, SolvedScene) and solved.solution.reason is Reason.SLIDES
-    return halved in (1, HALVINGS) or not (slides or by_multigrid)
+    if halved in (1, HALVINGS) or is_undecomposed(solver):
+        return halved in (1, HALVINGS)
+    reason = solved.solution.reason if isinstance(solved, SolvedScene) else None
+    limited = solver.max_iterations <= LIMITS.patience_with_friction
+    return reason is not Reason.SLIDES and not (limited and reason is Reason.MAX_ITERATIONS)
 
 
 def _is_final(solved: SolvedScene | Failed) -> bool:
