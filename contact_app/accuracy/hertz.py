@@ -187,14 +187,17 @@ def hertz_peak(
     size = comm.allreduce(float(edges.max(initial=0.0)), op=MPI.MAX)
     planes = facets.planes_at_end(comm)
     force, middle, moment = _moments(comm, places, forces, planes)
-    near = np.linalg.norm(rows.points - middle, axis=1) < REACH * size
+    away = np.linalg.norm(rows.points - middle, axis=1)
+    near = away < (1.0 - LIMITS.reaches) * REACH * size  # on both sides or none
     near &= rows.sources == number
     parts = comm.allgather((rows.points[near] - middle, rows.gaps[near], rows.normals[near]))
     points, gaps, normals = (np.concatenate(part) for part in zip(*parts, strict=True))
     away = places - middle
     for axis, _ in planes:
         away = np.concatenate([away, away * _mirror(axis)])
-        points, gaps = np.concatenate([points, points * _mirror(axis)]), np.tile(gaps, 2)
+        beyond = np.abs(points[:, axis]) > LIMITS.reaches * size
+        points = np.concatenate([points, points[beyond] * _mirror(axis)])
+        gaps = np.concatenate([gaps, gaps[beyond]])
         normals[:, axis] = 0.0
     if not normals.any():
         return None
