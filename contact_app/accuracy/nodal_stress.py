@@ -46,9 +46,8 @@ def nodal_stresses(model: Model, solution: Solution, estimator: ErrorEstimator) 
     body has several materials also ``nodal_stress_material_0``, … by the numbers of the cell field
     ``material``, NaN away from the material. Empty if the scene requests neither.
     """
-    output = model.scene.output
-    requested = [name for name in NODAL_FIELDS if name in output.fields]
-    if not requested or not (output.xdmf or output.vtu):
+    requested = [name for name in NODAL_FIELDS if name in model.scene.output.fields]
+    if not requested:
         return {}
     each = [patches.determined_from(DETERMINED) for patches in estimator.of_materials]
     sides = [_at_nodes(model, estimator.stresses(solution, p), k) for k, p in enumerate(each)]

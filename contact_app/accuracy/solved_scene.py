@@ -27,9 +27,9 @@ if TYPE_CHECKING:
 class SolvedScene:
     """A solved scene: the model, the answer, its fields and its summary.
 
-    `nodal` holds the recovered stresses at nodes by the names of their fields, `guaranteed` the
-    guaranteed bound of the error, if the scene requests one, `holds` the share of the loads below
-    which friction at the contact forces does not hold them.
+    `nodal` holds the recovered stresses at nodes by the names of their fields, if files of fields
+    are written, `guaranteed` the guaranteed bound of the error, if the scene requests one, `holds`
+    the share of the loads below which friction at the contact forces does not hold them.
     """
 
     model: Model

@@ -11,6 +11,8 @@ from typing import Any
 import numpy as np
 from mpi4py import MPI
 
+from contact_app.accuracy.estimate.error_estimate import ErrorEstimator
+from contact_app.accuracy.nodal_stress import nodal_stresses
 from contact_app.accuracy.refine.levels import with_levels
 from contact_app.accuracy.refine.refinement import solve_to_accuracy
 from contact_app.accuracy.solved_scene import SolvedScene
@@ -68,8 +70,8 @@ class Answer:
     nodal_stress: Array | None
     nodal_von_mises: Array | None
     """The stress recovered at nodes; where several materials meet, that of the material with the
-    largest von Mises stress. None if `output.fields` leaves them out or no file of fields is
-    written. Shapes (nodes, 6), (nodes,)."""
+    largest von Mises stress. None if `output.fields` leaves them out. Shapes (nodes, 6),
+    (nodes,)."""
     solved: SolvedScene
 
     @property
@@ -255,8 +257,9 @@ def _refuse(scene: Scene, outline: Outline) -> None:
 
 def _answer(solved: SolvedScene, summary: dict[str, Any]) -> Answer:
     """The answer with the arrays of all mirror images."""
-    nodes, cells, nodal = solved.nodes, solved.cells, solved.nodal
-    images, rough = full_mesh(solved.model, nodes).images, solved.model.scene.has_friction
+    nodes, cells, model = solved.nodes, solved.cells, solved.model
+    nodal = solved.nodal or nodal_stresses(model, solved.solution, ErrorEstimator(model))
+    images, rough = full_mesh(model, nodes).images, model.scene.has_friction
 
     def at_nodes(values: Array, name: str = "") -> Array:
         """Values at the nodes of all images; a vector or stress is reflected, given its name."""
@@ -273,7 +276,7 @@ def _answer(solved: SolvedScene, summary: dict[str, Any]) -> Answer:
         friction_traction=nodes.friction_traction if rough else None,  # halves have no friction
         slip=nodes.slip if rough else None,
         contact_status=nodes.contact_status if rough else None,
-        cells=[of_body for image in images for of_body in cells_of(solved.model, image)],
+        cells=[of_body for image in images for of_body in cells_of(model, image)],
         stress=np.concatenate([image.field("stress", cells.stress) for image in images]),
         von_mises=np.tile(cells.von_mises, len(images)),
         **{name: at_nodes(nodal[name], name) if name in nodal else None for name in NODAL_FIELDS},

@@ -253,7 +253,8 @@ def _solve_once(request: _Request) -> SolvedScene:
         )
     with timings.measure("output"):
         nodes, cells = node_fields(model, solution), cell_fields(model, solution)
-        nodal = nodal_stresses(model, solution, estimator)
+        output = model.scene.output
+        nodal = nodal_stresses(model, solution, estimator) if output.xdmf or output.vtu else {}
         solved = SolvedScene(model, solution, nodes, cells, accuracy, timings, nodal, record)
         warnings = model_warnings(solved)
         warnings += rotation_warnings(

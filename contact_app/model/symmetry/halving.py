@@ -90,7 +90,11 @@ def halved(scene: Scene) -> Halving:
 
 
 def _refuse_whole(scene: Scene) -> None:
-    """Raise an error if a scene has items that act on whole bodies or boundaries."""
+    """Raise an error if a scene has items that act on whole bodies or boundaries.
+
+    An inner surface is one of them: the point behind it, from which its side of the body is found,
+    may lie in the part that is left out, and the surface is not repeated in images, as planes are.
+    """
     if scene.total_loads:
         raise AsymmetryError(
             f"{scene.total_loads[0].source} is a total force or moment on a whole boundary"

@@ -147,10 +147,17 @@ def test_a_symmetric_half_has_the_nodal_stress_of_the_whole() -> None:
 
 def test_stresses_are_recovered_on_request_only() -> None:
     made = scenes.wall("quadrilateral", 2)
-    for output in ({"fields": ["displacement", "stress"]}, {"xdmf": False}):
-        answer = contact_app.solve({**made, "output": output})
-        assert answer.nodal_stress is None
-        assert not answer.solved.nodal
+    answer = contact_app.solve({**made, "output": {"fields": ["displacement", "stress"]}})
+    assert answer.nodal_stress is None
+    assert not answer.solved.nodal
+
+
+def test_an_answer_has_nodal_stresses_without_files_of_fields() -> None:
+    made = scenes.wall("quadrilateral", 2)
+    files, none = (contact_app.solve({**made, "output": {"xdmf": xdmf}}) for xdmf in (True, False))
+    assert not none.solved.nodal  # a run that writes no fields does not recover them
+    for name in ("nodal_stress", "nodal_von_mises"):
+        np.testing.assert_array_equal(getattr(none, name), getattr(files, name))
 
 
 @pytest.mark.mpi
