@@ -16,4 +16,4 @@ class NoEquilibriumError(ContactError):
 
 
 class CouldNotRunError(ContactError):
-    """The program could not run: exit code 4. The text names the lack and the remedy."""
+    """The program could not run: exit code 4. The text names the cause and the remedy."""

@@ -255,7 +255,7 @@ def _segments(flat: Array, other: Array, linear: bool, curved: bool) -> tuple[In
 
 
 def _upright(polygons: Array) -> bool:
-    """Mask (n,) of polygons (n, v, d - 1) that are rectangles along the axes."""
+    """Whether all polygons (n, v, d - 1) are rectangles along the axes."""
     if polygons.shape[1:] != (4, 2) or not len(polygons):
         return False
     lower, upper = _bounds(polygons)

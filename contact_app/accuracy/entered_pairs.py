@@ -277,8 +277,8 @@ def _depth(comm: MPI.Intracomm, on: Surface, of: Surface, u_on: Array, u_of: Arr
 def _reach(on: Surface, u_on: Array, u_of: Array) -> Array:
     """Distance of facets from the farthest vertex that can enter, (facets,).
 
-    It is what they approach each other along the normal at most, and the height of nodes over the
-    plane of the facet.
+    It is the largest approach along the normal plus twice the height of nodes over the facet's
+    plane and a margin.
     """
     away = on.points - on.centres[:, None]
     height = np.abs(np.einsum("fnk,fk->fn", away, on.normals)).max(axis=1)

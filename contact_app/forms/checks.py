@@ -328,7 +328,7 @@ def _check_obstacle(obstacle: Any, at: str, d: int) -> None:
 
 
 def _check_function(function: Any, at: str) -> None:
-    """Refuse what is no function of points; expressions of ufl can be called, but not with them."""
+    """Raise an error unless `function` is a Python function of points; ufl expressions are not."""
     if not callable(function) or isinstance(function, Expr):
         raise TypeError(
             f"{at} must be a Python function of points x of shape (n, dimension), whose first "

@@ -78,7 +78,7 @@ class Owners:
 
 
 class OnSpace:
-    """From the owners of nodes to the space of the forms (collective)."""
+    """Map from owned nodes to the space of the forms (collective)."""
 
     def __init__(self, parts: Parts, exchange: NodeExchange) -> None:
         dofmap = parts.space.dofmap

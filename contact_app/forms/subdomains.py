@@ -130,11 +130,11 @@ class Moved:
 
     comm: MPI.Intracomm
     rank: Ints  # (parts,)
-    """To which each part of this rank goes."""
+    """Rank that holds the subdomain of each part of this rank."""
     subdomain: Ints
-    """In the order in which the parts arrive."""
+    """Subdomain of each part that arrives here."""
     nodes: list[Ints]  # one (n,) array per arrived part
-    """Its nodes among those of the subdomain."""
+    """Positions of its nodes among those of the subdomain."""
     count: int
     """Subdomains of this rank."""
 

@@ -70,7 +70,7 @@ class FormAnswer:
     owners: Owners
     """Owners of the copies in parts."""
     on_space: OnSpace
-    """On space of the nodes of the space."""
+    """Map from owned nodes to the space of the forms."""
     displacement: Array  # (owned, dimension)
     contacts: Sequence[ContactAtNodes]
     """Each contact at nodes."""

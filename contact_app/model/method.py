@@ -1,8 +1,8 @@
 """The choice of `solver.method: auto`, and the requirements of a method on the model.
 
-The rules stand on CPU seconds of whole runs at 1e-8 on one rank (`contact-app bench parts` on the
-parts of `meshes/samples/make_trials.py`; tables are in docs/benchmarks/speed.md). Bodies are from
-mesh files, of both degrees:
+The rules are based on measured CPU seconds of whole runs at 1e-8 on one rank (`contact-app bench
+parts` on the parts of `meshes/samples/make_trials.py`; tables are in docs/benchmarks/speed.md).
+Bodies are from mesh files, of both degrees:
 
 =================================  ==================================  ============================
 bodies                             seconds by multigrid over those by  operator applications by

@@ -37,7 +37,7 @@ DIRECTORY_BYTES = 1 << 16
 
 
 class XDMFError(ContactError):
-    """Something was handed over that makes no valid file."""
+    """The data do not form a valid XDMF file."""
 
 
 @dataclass(frozen=True)

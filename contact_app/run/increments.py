@@ -156,7 +156,7 @@ def solved_increments(
                 if comm.rank == 0:
                     log.warning(
                         "step %d: the increment to factor %.6g has no %s: halved",
-                        step, float(part[1]), _lack_in_words(solved),
+                        step, float(part[1]), _missing_result(solved),
                     )  # fmt: skip
                 continue
             if isinstance(solved, NoEquilibriumError):
@@ -241,8 +241,8 @@ def _loaded(scene: Scene, place: Place) -> Scene:
     return scene.under(scene.loading_at(place.step - 1, float(place.share)))
 
 
-def _lack_in_words(solved: SolvedScene | Failed) -> str:
-    """The lack of an increment, and the work on it, as a phrase."""
+def _missing_result(solved: SolvedScene | Failed) -> str:
+    """The result that an increment did not reach, and the work on it, as a phrase."""
     if isinstance(solved, NoEquilibriumError):
         return "equilibrium"
     counts = solved.counts if isinstance(solved, NoWayLeftError) else solved.solution.counts

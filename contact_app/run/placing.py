@@ -188,12 +188,12 @@ def leaves_where_placed(error: NoEquilibriumError) -> NoEquilibriumError:
 
 
 def moves_away(solved: SolvedScene) -> NoEquilibriumError:
-    """The error for rigid bodies that each new placement moves farther on."""
+    """The error for rigid bodies that each new placement moves further."""
     return NoEquilibriumError(
         f"{solved.model.scene.source}: the scene has no equilibrium: nothing stops "
-        f"{_last_moves(solved, ' from leaving')} under its loads: {PLACINGS} solves, each from the "
-        "positions of the last answer, moved on and on. Add displacement conditions along the "
-        "surfaces on which the bodies slide or roll"
+        f"{_last_moves(solved, ' from leaving')} under its loads: each of {PLACINGS} solves, "
+        "begun from the positions of the last answer, moved the bodies further. Add displacement "
+        "conditions along the surfaces on which the bodies slide or roll"
     )
 
 

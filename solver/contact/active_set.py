@@ -117,10 +117,10 @@ def _initial_active_set(method: ActiveSetMethod[S], start: Start) -> LoopState[S
     """The state before the first set."""
     backend, options, law = method.backend, method.options, method.law
     levels = backend.hierarchy(coarsened=False)
-    update = ActiveSetUpdate(backend, levels, law, options, options.looks_ahead)
+    update = ActiveSetUpdate(backend, levels, law, options, options.early_release)
     coarsened = start.multiplier is not None or not law.settles
     statuses = start.statuses or law.initial(
-        start.active, start.multiplier, options.looks_ahead, start.jumps
+        start.active, start.multiplier, options.early_release, start.jumps
     )
     return LoopState(
         SetRules(update, options.first_reduction, coarsened),
@@ -183,8 +183,8 @@ def _outcome_on_set(method: ActiveSetMethod[S], loop: LoopState[S]) -> Outcome[S
 
     Returns
     -------
-    The outcome with the work on this set; without a state where the active rows hold a body so
-    badly that rounding errors let it go. None where they do not hold some body at all.
+    The outcome with the work on this set. It has no state where the active rows constrain a body
+    too weakly: rounding errors exceed its resistance. None where they leave a body free.
     """
     backend, before, save = method.backend, loop.counts, method.save
     try:
@@ -245,7 +245,7 @@ def _failure_at_end(method: ActiveSetMethod[S], start: Start, loop: LoopState[S]
     """The reason why the last set has no answer; None if it has one (collective)."""
     if loop.outcome.reason not in (None, Reason.SLIDES):
         return None
-    comm, ahead = method.backend.comm, method.options.looks_ahead
+    comm, ahead = method.backend.comm, method.options.early_release
     released = loop.early.any(comm) or (ahead and _begins_ahead(comm, start, method.law))
     return Failure.AHEAD if released else Failure.OTHER
 
@@ -267,7 +267,7 @@ def _update_set(
     """
     backend, options = method.backend, method.options
     assert solved.state is not None
-    rules = loop.rules.with_ahead(loop.early.are_right(backend.comm, options.returning))
+    rules = loop.rules.with_early_release(loop.early.are_right(backend.comm, options.returning))
     statuses, strained = solved.following, loop.strained
     multiplier: Array | None = solved.state.multiplier
     if start.is_flat and len(loop.turnovers) == 2 and options.all_peel(loop.turnovers):

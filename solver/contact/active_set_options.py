@@ -107,9 +107,9 @@ class ActiveSetOptions:
     """Without friction, number of sets in a row with rows that join, each with at least as many
     changed rows as an earlier one, after which the sets are said not to settle."""
     may_peel: bool = True
-    """Whether sets go on where contact peels off and there are no levels of contact rows. Where a
-    factor is affordable, multigrid has others instead: factors on levels of rows for thin bodies,
-    the augmented Lagrangian for others."""
+    """Whether sets go on where contact peels off and there is no constraint hierarchy. Where a
+    factor is affordable, multigrid goes on otherwise: by factors on the constraint hierarchy for
+    thin bodies, by the augmented Lagrangian for others."""
     peeling: int = 4
     """Number of sets in a row from each of which many rows leave and which no row joins, after
     which contact peels off in this sense. With two a bar in a vee and a cup on a ball
@@ -119,7 +119,7 @@ class ActiveSetOptions:
     """Share of the active rows, and number of rows, that leave with one set, from which on the
     backend may correct the next set (`Backend.corrected_contact`): alone the sets would lose a few
     rows each."""
-    looks_ahead: bool = True
+    early_release: bool = True
     """Whether a law may release points before the state of a set shows that they slide
     (`solver.contact.slip_front`), and points with a gap slide in the first set. Where the sets
     fail, the loop runs once more without."""

@@ -29,7 +29,7 @@ class ActiveSetUpdate(Generic[S]):
     """Constraint hierarchy: the open rows that may join."""
     law: ContactLaw
     options: ActiveSetOptions
-    looks_ahead: bool = True
+    early_release: bool = True
     """Whether the law may release points before a state shows that they slide."""
 
     def following(
@@ -51,7 +51,7 @@ class ActiveSetUpdate(Generic[S]):
             if not backend.comm.allreduce(int(active.sum())):
                 joins &= self._first_to_close(state, joins)
             normals = backend.contact_rows & np.where(active, stays, joins)
-            following, early = self.law.following(normals, state, zero, before, self.looks_ahead)
+            following, early = self.law.following(normals, state, zero, before, self.early_release)
             if hierarchy.finest or changed_rows(backend.comm, before, following):
                 break
             hierarchy = hierarchy.finer()
@@ -107,15 +107,15 @@ class SetRules(Generic[S]):
         """The rules on a level of the constraint hierarchy."""
         return replace(self, update=replace(self.update, hierarchy=hierarchy))
 
-    def with_ahead(self, are_right: bool) -> SetRules[S]:
+    def with_early_release(self, are_right: bool) -> SetRules[S]:
         """The rules without early release if too many of the points so released stick again."""
-        ahead = self.update.looks_ahead and are_right
-        return replace(self, update=replace(self.update, looks_ahead=ahead))
+        ahead = self.update.early_release and are_right
+        return replace(self, update=replace(self.update, early_release=ahead))
 
     def _on_levels(
         self, number: int, statuses: Statuses, turnovers: Sequence[Turnover]
     ) -> tuple[SetRules[S], Statuses]:
-        """The rules on the coarsest level of contact rows, if contact peels off or takes long."""
+        """The rules on the coarsest level of the hierarchy, if contact peels off or takes long."""
         options = self.update.options
         if self.coarsened or not (number == options.sets_before_levels or options.peels(turnovers)):
             return self, statuses
@@ -131,7 +131,7 @@ class SetRules(Generic[S]):
         if not self.update.hierarchy.finest:  # the next level decides
             return replace(self.on_level(self.update.hierarchy.finer()), visited=visited)
         reduction = self.reduction * self.update.options.deeper
-        return replace(self.with_ahead(False), reduction=reduction, visited=visited)
+        return replace(self.with_early_release(False), reduction=reduction, visited=visited)
 
     def _after_many_sets(self, number: int) -> SetRules[S]:
         """More accurate solves where many sets have not settled."""

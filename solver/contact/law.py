@@ -136,11 +136,11 @@ class Frictionless:
         return Statuses(active)
 
     def consistent(self, statuses: Statuses) -> Statuses:
-        """The same."""
+        """The statuses, unchanged."""
         return statuses
 
     def yielding(self, statuses: Statuses, jumps: Array) -> Statuses:
-        """The same."""
+        """The statuses, unchanged."""
         return statuses
 
     def following(

@@ -39,7 +39,7 @@ def solve_with_retries(method: ActiveSetMethod[S], start: Start) -> Outcome[S]:
     guessed = start.statuses is not None and outcome.reason in (None, Reason.SLIDES)
     if failure is Failure.AHEAD or guessed:  # sets may settle if no point is released too early
         method.backend.forget()
-        patient = method.with_options(settling=0, looks_ahead=False).after(outcome)
+        patient = method.with_options(settling=0, early_release=False).after(outcome)
         outcome, failure = active_set_loop(patient, replace(start, statuses=None))
     if failure is Failure.VANISHED:  # SMALBE-M begins without forces
         return replace(outcome, state=None)

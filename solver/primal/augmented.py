@@ -1,9 +1,10 @@
 """Sets of an augmented Lagrangian, each of which lowers a measured function.
 
-An active set that holds a body badly moves it far, for instance a ball that can roll in its groove.
-It then enters other bodies, and the next set has little to do with the answer. A bearing of four
-balls takes sixty sets in this way and does not settle. Here the contact rows are one-sided springs,
-as stiff as K is against each row, beside the contact forces λ of the last iterate:
+An active set that constrains a body too weakly, for instance a ball that can roll in its groove,
+moves it far. It then enters other bodies, and the next set is far from the set of the solution. A
+bearing of four balls takes sixty sets in this way and does not settle. Here the contact rows are
+one-sided springs, as stiff as K is against each row, beside the contact forces λ of the last
+iterate:
 
     L(u) = ½ uᵀ K u - fᵀ u + ½ Σ max(0, λ_i + W_i (C u - c)_i)² / W_i.
 
@@ -128,7 +129,7 @@ class AugmentedLagrangian:
         stiffness = self.options.stiffness * row_stiffness(self.system)
         self.rows = rows_of(self.system, stiffness, sets.law)
         levels = backend.hierarchy(coarsened=False)
-        update = ActiveSetUpdate(backend, levels, sets.law, sets.options, looks_ahead=False)
+        update = ActiveSetUpdate(backend, levels, sets.law, sets.options, early_release=False)
         self._rules = SetRules(update, sets.options.first_reduction, coarsened=True)
         self._tied = Projector(self.system, self.system.equality)
         self._counts, self._steps, self._faint = Counts(), 0, self.options.faint

@@ -372,7 +372,10 @@ class PrimalSet:
             most = STALLED_WITH_FACTOR if self._backend.direct else STALLED
             self._stalls = it.counts.cg - self._before_factor >= most
             if self._stalls and it.projected_gradient_norm > self._first_norm:
-                raise QPError("the active rows hold a body so badly that rounding errors let it go")
+                raise QPError(
+                    "the active rows constrain a body too weakly: rounding errors exceed its "
+                    "resistance"
+                )
             return Reason.ROUND_OFF if self._stalls else None
 
         self._iterate.watch = see

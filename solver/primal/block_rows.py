@@ -102,7 +102,7 @@ class BlockRows:
     def galerkin(self, P: BlockRows) -> BlockRows:
         """Pᵀ A P (collective).
 
-        Some rows after others: A P would be larger than A.
+        Multiply in batches of rows: the whole A P needs more memory than A.
         """
         local, others = self._factors(P)
         total = P.local.shape[1]

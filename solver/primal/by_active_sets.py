@@ -62,15 +62,15 @@ the node that stops it: it takes 34 operator applications, and 126 if this relea
 """
 
 PEELING_BEFORE_FACTORS = 2
-"""`ActiveSetOptions.peeling` of large thin bodies, which then go on by factors on levels of rows.
-In four sets in a row a lifted plate of degree 2 (72,225 unknowns) may gain some rows: it took 513
-operator applications then, and takes 49."""
+"""`ActiveSetOptions.peeling` of large thin bodies, which then go on by factors on the
+constraint hierarchy. In four sets in a row a lifted plate of degree 2 (72,225 unknowns) may gain
+some rows: it took 513 operator applications then, and takes 49."""
 
 SETS_BEFORE_LEVELS = 0
-"""Levels of contact rows from the first set on.
+"""The constraint hierarchy is used from the first set on.
 
 Each set costs a factor. A slender strip that lifts off takes 48 operator applications if it first
-tries eight sets on all rows, and 34 with levels.
+tries eight sets on all rows, and 34 with the hierarchy.
 """
 
 SETS_WITH_FRICTION = 40
@@ -210,11 +210,11 @@ def _statuses_of(
     active : (dual,)
         Its contact rows.
     """
-    if first.tensions is None or law.settles:
+    if first.multiplier is None or law.settles:
         return None
     system = backend.system
     jumps = system.on_all_rows(multiply(system.C, first.u) - system.c)
-    return law.initial(active, system.on_all_rows(first.tensions), ahead=True, jumps=jumps)
+    return law.initial(active, system.on_all_rows(first.multiplier), ahead=True, jumps=jumps)
 
 
 def _answer(

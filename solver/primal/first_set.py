@@ -44,7 +44,7 @@ class FirstSet:
 
     active: Mask  # (rows,)
     u: Array  # (unknowns,)
-    tensions: Array | None = None  # (rows,)
+    multiplier: Array | None = None  # (rows,)
     """Forces of the springs, as multipliers; None where no springs were used."""
     cycle: CycleWithSprings | None = None
     """The cycle of the level below the finest one with springs on contact rows, if there is one."""
@@ -67,11 +67,11 @@ def find_first_set(
         only_level = SharedLevel(rows, A[0], Q, system.load, options)
         x = only_level.minimise(np.zeros(system.size), options.exact_steps)
         active = only_level.pressed(x) | system.equality
-        return FirstSet(active, x, only_level.tensions(x))
+        return FirstSet(active, x, only_level.multiplier(x))
     on_levels, loads = rows_on_levels(system.C, P), [system.load - multiply(system.K, start)]
     for prolongation in P:
         loads.append(multiply_transposed(prolongation, loads[-1]))
-    x, pressed, tensions, cycle = np.zeros(len(loads[-1])), system.equality, None, None
+    x, pressed, multiplier, cycle = np.zeros(len(loads[-1])), system.equality, None, None
     for k in range(len(P), 0, -1):
         below = replace(hierarchy, prolongations=P[k:], operators=tuple(A[k:]))
         level = CycleLevel(rows, below, on_levels[k - 1 :], loads[k], options)
@@ -81,11 +81,11 @@ def find_first_set(
             x = level.minimise(x, options.steps)
         else:
             x = level.proximal_step(x, options.steps, options.settled)
-        pressed, tensions, cycle = level.pressed(x), level.tensions(x), level.made
+        pressed, multiplier, cycle = level.pressed(x), level.multiplier(x), level.made
         x = multiply(P[k - 1], x)
     if system.has_rigid_bodies:  # this cycle has unknowns of rigid bodies
         cycle = None
-    return FirstSet(pressed | system.equality, start + x, tensions, cycle)
+    return FirstSet(pressed | system.equality, start + x, multiplier, cycle)
 
 
 def corrected_set(

@@ -77,9 +77,9 @@ class Matrices:
         return cls(system, seconds, direct, is_thin and held, peels, hierarchy, floating)
 
     def peeling(self, most_seconds: float) -> Matrices | None:
-        """The same with factors on levels of rows.
+        """The same matrices with factors on the constraint hierarchy.
 
-        None where they are so already, no body is thin and held, or a factor takes longer.
+        None where they have these already, no body is thin and held, or a factor takes longer.
         """
         if self.peels or not self.thin or self.seconds > most_seconds:
             return None

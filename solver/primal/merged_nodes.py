@@ -1,9 +1,10 @@
 """The nodes of the undecomposed problem: nodes that subdomains share count once.
 
 They keep the order of their subdomains, so that the stiffness of subdomains that share no nodes is
-not renumbered: with one subdomain for each body that took most of the time of the merge. Ranks own
-runs of equal length of these numbers, whoever has the subdomains: of two bodies on two ranks one is
-often half as large as the other. Neighbours in the order of dolfinx are near in the body.
+not renumbered: with one subdomain for each body that took most of the time of the merge. Each rank
+owns a run of about equally many nodes, whichever rank holds the subdomains: of two bodies on two
+ranks one is often half as large as the other. Neighbours in the order of dolfinx are near in the
+body.
 """
 
 from __future__ import annotations

@@ -159,8 +159,8 @@ class Level(ABC):
         """Q x, (rows,)."""
 
     @abstractmethod
-    def forces(self, tensions: Array) -> Array:
-        """Qᵀ t of tensions (rows,)."""
+    def forces(self, multiplier: Array) -> Array:
+        """Qᵀ λ of multipliers (rows,)."""
 
     @abstractmethod
     def newton_step(self, weights: Array, residual: Array) -> Array:
@@ -172,7 +172,7 @@ class Level(ABC):
             The Hessian has no factor.
         """
 
-    def tensions(self, x: Array) -> Array:
+    def multiplier(self, x: Array) -> Array:
         """Forces of the springs of contact and friction, as multipliers (rows,)."""
         jump = self.images(x) - self.rows.c
         return self.rows.weights(jump, 0.0) * jump
@@ -281,9 +281,9 @@ class SharedLevel(Level):
         """Q x, (rows,)."""
         return multiply(self._Q, x)
 
-    def forces(self, tensions: Array) -> Array:
-        """Qᵀ t of tensions (rows,)."""
-        return multiply_transposed(self._Q, tensions)
+    def forces(self, multiplier: Array) -> Array:
+        """Qᵀ λ of multipliers (rows,)."""
+        return multiply_transposed(self._Q, multiplier)
 
     def newton_step(self, weights: Array, residual: Array) -> Array:
         """Newton step by a sparse factor of the Hessian."""
@@ -407,9 +407,9 @@ class DenseLevel(Level):
         """Q x, (rows,)."""
         return np.asarray(self._Q @ x)
 
-    def forces(self, tensions: Array) -> Array:
-        """Qᵀ t of tensions (rows,)."""
-        return np.asarray(self._Qt @ tensions)
+    def forces(self, multiplier: Array) -> Array:
+        """Qᵀ λ of multipliers (rows,)."""
+        return np.asarray(self._Qt @ multiplier)
 
     def newton_step(self, weights: Array, residual: Array) -> Array:
         """Newton step by a dense factor of the Hessian."""

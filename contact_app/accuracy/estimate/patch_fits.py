@@ -434,7 +434,7 @@ class QuadraticFits:
             self._fit[helped.targets] = pseudo_inverse(enlarged, THIN, d)
 
     def determined_from(self, flat: float) -> QuadraticFits:
-        """These: the threshold is of linear ones."""
+        """Return self: the threshold applies to linear fits only."""
         return self
 
     def at_vertices(self, stresses: Sequence[Array]) -> Array:

@@ -151,7 +151,7 @@ def draw_space(
     frame = Frame.of(view, (wide, wide * ratio), SHARPNESS)
     skins = [skin_triangles(moved, faces, panel, frame, levels) for panel in panels]
     lines, nodes = frame.places(outline), triangle_nodes(faces) % len(stored.points)
-    drawn, lack = vtk_images.images(
+    drawn, reason = vtk_images.images(
         [drawing_of(*skin, nodes, lines, frame) for skin in zip(skins, panels, strict=True)]
     )
     images = drawn or [image_of(*skin, lines, frame) for skin in zip(skins, panels, strict=True)]
@@ -165,7 +165,7 @@ def draw_space(
         bar.formatter.set_powerlimits((-3, 4))
     figure.suptitle(caption, fontsize=12)
     figure.savefig(target, dpi=150, format="png")
-    return [f"bodies are drawn without VTK, which does not draw here: {lack}"] if lack else []
+    return [f"bodies are drawn without VTK, which does not draw here: {reason}"] if reason else []
 
 
 def panel_of(stored: Stored, name: str, faces: list[Ints], rows: Ints, inside: bool) -> Panel:

@@ -82,7 +82,7 @@ class Solver(Model):
         "projcg-safe",
         description="Expansion step of MPRGP (Kružík et al. 2020, section 3); in gfgr the first "
         "is the direction, the second the gradient that sets the length. projcg-safe is projcg "
-        "with a guarantee of descent, at no extra product.",
+        "with a guarantee of descent, at no further operator application.",
     )
     alpha_u: Annotated[float, Field(gt=0, le=2)] = Field(
         1.9, description="Step length of fixed, optapprox and opt expansions, 0 < α ≤ 2."

@@ -85,7 +85,7 @@ class CoarseProblem:
         self._layout = _Layout(self.comm, self.kernels, options.gathered)
         self._inequality = inequality
         rows = KernelRows(B, kernels, options.chunk)
-        self._contact = list(rows.row_sets(np.flatnonzero(inequality)))
+        self._contact = list(rows.row_groups(np.flatnonzero(inequality)))
         self._weighed = self._gram(rows, metric)
         self._oblique = False
         self._own_factor: CoarseFactor | None = None  # of G W Gᵀ; else that of G Gᵀ
@@ -97,8 +97,8 @@ class CoarseProblem:
     def _gram(self, rows: KernelRows, metric: Array) -> _Gram:
         """G W Gᵀ without its contact rows, which are added from `_contact` (collective)."""
         single = np.flatnonzero(~self._inequality)
-        sets = rows.row_sets(single, np.sqrt(metric))
-        others = self._layout.collected(Blocks.of(sets, rows.motions))
+        groups = rows.row_groups(single, np.sqrt(metric))
+        others = self._layout.collected(Blocks.of(groups, rows.motions))
         others = others.without(VANISHING * largest_magnitude(self.comm, others.values))
         places = Blocks.of(self._contact, rows.motions, np.zeros(self.size))
         others = Blocks.join([others, self._layout.collected(places)]).summed()
@@ -152,7 +152,7 @@ class CoarseProblem:
         result = copy(self)
         result.B = B
         rows = KernelRows(B, self._kernels, self.options.chunk)
-        result._contact = list(rows.row_sets(np.flatnonzero(self._inequality)))
+        result._contact = list(rows.row_groups(np.flatnonzero(self._inequality)))
         result._product = _Restriction(B, self._kernels, self._layout, self.metric)
         return result
 

@@ -26,24 +26,24 @@ from solver.vectors import Array, Ints, runs
 
 
 @dataclass(frozen=True, eq=False)
-class RowSets:
-    """Sets of n local rows of Gᵀ; the rows of one set have entries on the same m subdomains.
+class RowGroups:
+    """Groups of n local rows of Gᵀ; the rows of a group have entries on the same m subdomains.
 
     Attributes
     ----------
-    kind : (sets,)
-        Which of these entries a set has.
+    pattern : (groups,)
+        Row pattern of each group: its place in `values`.
     """
 
-    rows: Ints  # (sets, n)
+    rows: Ints  # (groups, n)
     """Local numbers."""
     starts: Ints
     widths: Ints
     """First coarse unknown of each subdomain, numbered over all ranks, and its number of coarse
-    unknowns. Shape (sets, m)."""
-    values: Array  # (kinds, n, m · motions)
+    unknowns. Shape (groups, m)."""
+    values: Array  # (patterns, n, m · motions)
     """Entries, for each subdomain as many as rigid motions, zero beyond its width."""
-    kind: Ints
+    pattern: Ints
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,22 +62,24 @@ class Blocks:
         return self.values.shape[1]
 
     @classmethod
-    def of(cls, row_sets: Iterable[RowSets], motions: int, weights: Array | None = None) -> Blocks:
-        """Vᵀ W V of all sets, with a weight for each local row of B (one unless given)."""
+    def of(
+        cls, groups_of_rows: Iterable[RowGroups], motions: int, weights: Array | None = None
+    ) -> Blocks:
+        """Vᵀ W V of all groups, with a weight for each local row of B (one unless given)."""
         parts = [cls(*(np.empty((0, 2), np.int64),) * 2, np.empty((0, motions, motions)))]
-        for rows in row_sets:
-            sets, m = rows.starts.shape
-            V, kind = rows.values, rows.kind
+        for rows in groups_of_rows:
+            groups, m = rows.starts.shape
+            V, pattern = rows.values, rows.pattern
             weighed = V
             if weights is not None:
-                V, kind = V[kind], np.arange(sets)
+                V, pattern = V[pattern], np.arange(groups)
                 weighed = V * weights[rows.rows][:, :, None]
             product = (weighed.transpose(0, 2, 1) @ V).reshape(-1, m, motions, m, motions)
             starts, widths = (
                 np.stack(np.broadcast_arrays(of[:, :, None], of[:, None]), axis=-1).reshape(-1, 2)
                 for of in (rows.starts, rows.widths)
             )
-            blocks = product.transpose(0, 1, 3, 2, 4)[kind].reshape(-1, motions, motions)
+            blocks = product.transpose(0, 1, 3, 2, 4)[pattern].reshape(-1, motions, motions)
             parts.append(cls(starts, widths, blocks))
         return cls.join(parts)
 
@@ -128,9 +130,8 @@ class Blocks:
     def places(self, first: int, rows: int, columns: int) -> sparse.csr_matrix:
         """Places of the matrix entries in ``values.ravel()``, as entries of a sparse matrix.
 
-        Its rows are those from `first` on. The blocks are `summed`; whoever changes their values
-        keeps their pattern. Blocks are stored whole even if entries vanish: the factorisation is
-        faster so.
+        Its rows are those from `first` on. The blocks are `summed`. The values may change; the
+        pattern may not. Blocks include entries that vanish: the factorisation is faster so.
         """
         motions = np.arange(self.motions)
         used = (motions[:, None] < self.widths[:, 0, None, None]) & (
@@ -212,7 +213,7 @@ class KernelRows:
         self._columns = self._columns - B.first
         self._columns[away] = B.columns + nth
 
-    def row_sets(self, rows: Ints, scale: Array | None = None) -> Iterator[RowSets]:
+    def row_groups(self, rows: Ints, scale: Array | None = None) -> Iterator[RowGroups]:
         """Some local rows, grouped by their subdomains, times factors (dual,) if these are given.
 
         Rows without floating subdomains are left out.
@@ -238,7 +239,7 @@ class KernelRows:
             entry = runs(self._begins[rows], counts)
         return begins, self._columns[entry], self._values[entry]
 
-    def _chunk(self, rows: Ints, scale: Array | None) -> Iterator[RowSets]:
+    def _chunk(self, rows: Ints, scale: Array | None) -> Iterator[RowGroups]:
         begins, column, value = self.entries_of(rows)
         start, width, place = np.take(self.places, column, axis=1)
         row = np.repeat(np.arange(len(rows)), np.diff(begins))
@@ -267,34 +268,35 @@ class KernelRows:
             for n in np.unique(sizes):
                 begins = first[sizes == n]
                 of = pairs[begins[:, None] + np.arange(n)]
-                kind = np.arange(len(of))
+                pattern = np.arange(len(of))
                 if several is None:
                     at, factor = place[of], value[of]
                     if self._repeated:
-                        some, kind = _distinct(at, factor)
+                        some, pattern = _distinct(at, factor)
                         at, factor = at[some], factor[some]
                     values = self._table[at]
                     values *= factor[..., None]
                 else:
                     values = several[of]
-                yield RowSets(
+                yield RowGroups(
                     rows[row[of[:, :, 0]]], starts[:, begins].T.astype(np.int64),
                     width[pairs[begins]],
-                    values.reshape(len(values), n, -1), kind,
+                    values.reshape(len(values), n, -1), pattern,
                 )  # fmt: skip
 
 
 def _distinct(place: NDArray[np.int32], value: Array) -> tuple[Ints, Ints]:
-    """Sets that differ, and for each set the one of these that has its kernels and values.
+    """Groups with different row patterns, and the pattern of each group.
 
     Parameters
     ----------
-    place, value : (sets, n, m)
+    place, value : (groups, n, m)
+        Kernel and value of each entry of the rows.
     """
     ends = place[:, [0, -1]].reshape(len(place), -1)
-    _, first, kind = np.unique(ends, axis=0, return_index=True, return_inverse=True)
-    like = first[kind]
+    _, first, pattern = np.unique(ends, axis=0, return_index=True, return_inverse=True)
+    like = first[pattern]
     other = (place != place[like]).any(axis=(1, 2)) | (value != value[like]).any(axis=(1, 2))
     like[other] = np.flatnonzero(other)
-    some, kind = np.unique(like, return_inverse=True)
-    return some, kind
+    some, pattern = np.unique(like, return_inverse=True)
+    return some, pattern

@@ -106,8 +106,8 @@ class Neighbours:
             yield np.arange(n), *joining(~np.eye(2, dtype=bool))
             return
         adjacent = self.adjacent(subdomains).reshape(n, m * m)
-        kinds, kind = np.unique(np.packbits(adjacent, axis=1), axis=0, return_inverse=True)
-        kind = kind.reshape(-1)
-        for number in range(len(kinds)):
-            chosen = np.flatnonzero(kind == number)
+        patterns, pattern = np.unique(np.packbits(adjacent, axis=1), axis=0, return_inverse=True)
+        pattern = pattern.reshape(-1)
+        for number in range(len(patterns)):
+            chosen = np.flatnonzero(pattern == number)
             yield chosen, *joining(adjacent[chosen[0]].reshape(m, m))

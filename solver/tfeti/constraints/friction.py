@@ -94,7 +94,9 @@ def friction_points(
 
 
 def _without_room(rows: ContactRows, contact: ContactRows, normal: Ints, point: Ints) -> Ints:
-    """Points whose node has less free components than rows: closed, it slides as it is held to.
+    """Points whose node has fewer free components than rows.
+
+    While such a point is closed, prescribed displacements fix its slip.
 
     Parameters
     ----------

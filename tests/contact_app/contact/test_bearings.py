@@ -60,9 +60,9 @@ def test_rollers_without_load_do_not_keep_a_bearing_from_its_certificate(tmp_pat
 def test_a_plate_that_peels_off_goes_on_by_factors_or_with_the_lagrangian(
     thin: float, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """It lies flat on the second set; without levels of rows each set would release a few rows.
+    """It lies flat on the second set; without a constraint hierarchy each set releases a few rows.
 
-    Factors solve on levels of rows if it counts as thin, and it takes the Lagrangian otherwise.
+    Factors solve on the hierarchy if the body counts as thin; otherwise the Lagrangian does.
     """
     made = {
         "dimension": 3,

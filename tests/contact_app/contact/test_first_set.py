@@ -35,8 +35,8 @@ def test_a_dense_level_is_solved_to_its_minimum(full: float) -> None:
     jump = Q @ x - c
     pressed = equality | (jump > 0.0)
     assert 3 < pressed.sum() < m - 3
-    tensions = stiff * np.where(pressed, 1.0, options.faint) * jump
-    np.testing.assert_allclose(A @ x + level.shift * x + Q.T @ tensions, load, atol=1e-9)
+    multiplier = stiff * np.where(pressed, 1.0, options.faint) * jump
+    np.testing.assert_allclose(A @ x + level.shift * x + Q.T @ multiplier, load, atol=1e-9)
     np.testing.assert_array_equal(level.pressed(x), pressed & ~equality)
 
 

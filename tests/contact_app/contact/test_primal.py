@@ -127,9 +127,9 @@ def test_a_set_that_takes_few_steps_a_digit_keeps_its_cycle() -> None:
     alone = applications()
     sooner = applications(slow=2, slow_digit=1, slow_seconds=1e9, step=1.0)
     later = applications(slow=8, slow_seconds=1e9, step=1.0)
-    dear = applications(slow=2, slow_digit=1, slow_seconds=1e9, step=1e-12, least_step=0.0)
+    too_costly = applications(slow=2, slow_digit=1, slow_seconds=1e9, step=1e-12, least_step=0.0)
     assert sooner < 0.9 * alone
-    assert later == dear == alone
+    assert later == too_costly == alone
 
 
 def test_a_factor_that_replaces_the_cycle_late_has_steps_of_its_own() -> None:

@@ -114,9 +114,9 @@ def test_friction_of_the_first_set_is_within_its_limit_and_along_the_slip() -> N
     scene = scenes.read("pin_in_lug", settings)
     system = merge(build_model(scene, MPI.COMM_SELF, needed="distinct").problem)
     first, points = find_first_set(system, build_hierarchy(system)), system.problem.friction
-    assert first.tensions is not None
+    assert first.multiplier is not None
     assert points is not None
-    multiplier = system.on_all_rows(first.tensions)
+    multiplier = system.on_all_rows(first.multiplier)
     slips = points.slips(system.on_all_rows(multiply(system.C, first.u) - system.c))
     forces, limits = points.forces(multiplier), points.slip_limits(multiplier)
     size = points.sizes(forces)

@@ -43,7 +43,7 @@ def test_sets_that_fail_ahead_of_the_states_are_tried_without() -> None:
             TotalFeti(problem),
             StoppingTest(lack, lambda state: lack(state) <= 1.0),
             MPRGP(),
-            options=ActiveSetOptions(looks_ahead=ahead, sliding=1),
+            options=ActiveSetOptions(early_release=ahead, sliding=1),
             law=law,
         )
         return solve_with_retries(method, initial_active_set(problem, None))

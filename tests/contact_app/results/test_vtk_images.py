@@ -18,10 +18,10 @@ LACKS = "raise ImportError('libGL.so.1: cannot open shared object file')\n"
 def test_both_renderers_show_the_same(veil: float) -> None:
     """A cube with one coloured face, its outline beside it."""
     drawing, own = images_of_a_cube(veil)
-    drawn, lack = vtk_images.images([drawing])
+    drawn, reason = vtk_images.images([drawing])
     if drawn is None:
-        assert "ended with 1 " not in lack or "ImportError" in lack, lack
-        pytest.skip(f"VTK does not draw here: {lack or 'it is not installed'}")
+        assert "ended with 1 " not in reason or "ImportError" in reason, reason
+        pytest.skip(f"VTK does not draw here: {reason or 'it is not installed'}")
     assert drawn[0].shape == own.shape
     background = (drawn[0] == 1.0).all(axis=2), (own == 1.0).all(axis=2)
     assert (background[0] != background[1]).mean() < 0.04

@@ -76,8 +76,8 @@ def test_an_exception_of_the_solver_is_one_more_way_that_failed() -> None:
     assert "unbounded" not in warning
     loose = solve_scene(scenes.build(cantilever(1e-6))).summary
     assert summary["solution"]["energy"] == pytest.approx(loose["solution"]["energy"], rel=1e-9)
-    undivided = solve_scene(scenes.build(cantilever(1e-12), 1)).summary
-    counts = [one["solver"]["hessian_multiplications"] for one in (undivided, summary)]
+    undecomposed = solve_scene(scenes.build(cantilever(1e-12), 1)).summary
+    counts = [one["solver"]["hessian_multiplications"] for one in (undecomposed, summary)]
     assert counts[1] > counts[0] + 10, "the work before the exception counts"
 
 

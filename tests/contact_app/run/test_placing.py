@@ -1,4 +1,4 @@
-"""Rigid bodies that new placements move on and on: `contact_app.run.placing`."""
+"""Rigid bodies that each new placement moves further: `contact_app.run.placing`."""
 
 from __future__ import annotations
 

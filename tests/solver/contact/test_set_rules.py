@@ -71,10 +71,10 @@ def test_a_set_that_returns_is_solved_more_accurately_without_early_release() ->
     rules, statuses = rules_of(OPTIONS), different_sets(2)
     for number, visited in enumerate([statuses[0], statuses[1]]):
         rules, _ = rules.for_set(number, visited, [])
-    assert rules.update.looks_ahead
+    assert rules.update.early_release
     rules, _ = rules.for_set(2, statuses[0], [])
     assert rules.reduction == OPTIONS.first_reduction * OPTIONS.deeper
-    assert not rules.update.looks_ahead
+    assert not rules.update.early_release
     again, _ = rules.for_set(2, statuses[1], [])  # was visited before the rules were changed
     assert again.reduction == rules.reduction
 
