@@ -317,13 +317,17 @@ def test_tests_use_public_names_and_patch_no_constants() -> None:
 
 
 def limits_of_work(node: ast.FunctionDef) -> list[str]:
-    """Comparisons of a function that limit operator applications by a number of ten or more."""
+    """Comparisons of a function by which operator applications or iterations are not the larger."""
     return [
         ast.unparse(part)
         for part in ast.walk(node)
-        if isinstance(part, ast.Compare) and isinstance(part.ops[0], ast.Lt | ast.LtE)
-        if re.search(r"hessian|applications", ast.unparse(part.left))
-        if isinstance(part.comparators[0], ast.Constant) and part.comparators[0].value >= 10
+        if isinstance(part, ast.Compare)
+        for left, sign, right in zip(
+            [part.left, *part.comparators], part.ops, part.comparators, strict=False
+        )
+        if isinstance(sign, ast.Lt | ast.LtE | ast.Gt | ast.GtE)
+        for smaller in (left if isinstance(sign, ast.Lt | ast.LtE) else right,)
+        if re.search(r"hessian|applications|counts\.(cg|inner|outer)", ast.unparse(smaller))
     ]
 
 

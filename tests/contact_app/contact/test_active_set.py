@@ -112,6 +112,7 @@ def beside_two_walls(cell: str, angle: float) -> DualProblem:
 
 
 @pytest.mark.parametrize("cell", ["quadrilateral", "hexahedron"])
+@pytest.mark.ratchet
 def test_an_active_set_ends_within_a_step_for_each_unknown(cell: str) -> None:
     problem = beside_two_walls(cell, 0.1)
     on_set = ActiveSetProblem(problem, Statuses(problem.inequality))
@@ -120,6 +121,7 @@ def test_an_active_set_ends_within_a_step_for_each_unknown(cell: str) -> None:
 
 
 @pytest.mark.parametrize("cell", ["quadrilateral", "hexahedron"])
+@pytest.mark.ratchet
 def test_an_active_set_stalled_by_rounding_errors_ends(cell: str) -> None:
     """The two rows of a node are the angle apart, which F and its preconditioner square each.
 

@@ -72,6 +72,7 @@ def state_of(directory: Path) -> dict[str, Any]:
     return found
 
 
+@pytest.mark.ratchet
 def test_a_solve_stopped_on_an_active_set_continues_from_it(
     problem: DualProblem, scene: Any, tmp_path: Path
 ) -> None:
@@ -90,6 +91,7 @@ def test_a_solve_stopped_on_an_active_set_continues_from_it(
     assert resumed.measures.energy == pytest.approx(straight.measures.energy, rel=1e-7)
 
 
+@pytest.mark.ratchet
 def test_a_resumed_solve_ends_with_the_same_answer(
     problem: DualProblem, scene: Any, tmp_path: Path
 ) -> None:
@@ -170,6 +172,7 @@ KINDS = {
 
 @pytest.mark.parametrize("kind", KINDS)
 @pytest.mark.parametrize("ended", ["stopped", "killed"])
+@pytest.mark.ratchet
 def test_a_run_continues_from_a_checkpoint_at_any_stage(
     kind: str, ended: str, tmp_path: Path
 ) -> None:
@@ -233,6 +236,7 @@ def test_a_checkpoint_is_due_by_time_and_at_a_stop(problem: DualProblem, tmp_pat
     np.testing.assert_array_equal(again.multiplier, -np.arange(problem.size))
 
 
+@pytest.mark.ratchet
 def test_the_last_state_of_a_solve_is_held_for_a_later_stop(
     problem: DualProblem, scene: Any, tmp_path: Path
 ) -> None:

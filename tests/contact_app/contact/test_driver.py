@@ -94,6 +94,7 @@ def test_active_sets_solve_scenes_on_which_smalbe_is_slow(name: str, overrides: 
 
 
 @pytest.mark.parametrize("name", ["cube", "stack", "plate_and_pins"])
+@pytest.mark.ratchet
 def test_smalbe_finds_the_same_answer_without_active_sets(name: str) -> None:
     scene = scenes.read(name)
     problem = build_model(scene, MPI.COMM_SELF).problem

@@ -157,6 +157,7 @@ def test_ranks(ranks: int, tmp_path: Path) -> None:
         assert more["solution"][key] == pytest.approx(one["solution"][key], rel=1e-7)
 
 
+@pytest.mark.ratchet
 def test_rows_for_mean_motions_do_not_slow_conjugate_gradients_with_friction(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:

@@ -1,6 +1,7 @@
 """A slip front that goes too far costs applications, never the answer."""
 
 import numpy as np
+import pytest
 from mpi4py import MPI
 
 from solver.contact.active_set import ActiveSetMethod
@@ -19,6 +20,7 @@ from tests import scenes
 from tests.contact_app.model.test_rigid_friction import plate, under_a_plate
 
 
+@pytest.mark.ratchet
 def test_sets_that_fail_ahead_of_the_states_are_tried_without() -> None:
     """A plate at 0.99 of the load at which it slides, where all points are let go at once."""
     d, load = 2, [0.99 * 0.3 * 40.0, -40.0]

@@ -209,6 +209,7 @@ def test_cases_by_multigrid_share_its_matrices(made: Config) -> None:
     assert all(K is matrices[0] for K in matrices)
 
 
+@pytest.mark.ratchet
 def test_a_multiple_of_a_case_begins_with_its_answer() -> None:
     made = scenes.wall("hexahedron", 6)
     made = named(made, {1: "press"}, {"one": {"press": 1}, "two": {"press": 2}})

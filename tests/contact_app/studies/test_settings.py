@@ -16,6 +16,7 @@ def table(scene: str, *settings: str, keys: tuple[str, ...] = ()) -> list[dict[s
     return [dict(zip(COLUMNS, row, strict=False)) for row in cells]
 
 
+@pytest.mark.ratchet
 def test_each_setting_has_a_row() -> None:
     """The tables of the guide: half a scene, and no more accuracy than the mesh has."""
     keys = ("bodies.0.mesh.box.cells=[8,8,4]",)

@@ -14,6 +14,7 @@ application = typer.Typer()
 register(application)
 
 
+@pytest.mark.ratchet
 def test_cube_rows_leave_counts_figure_and_summaries(tmp_path):
     cube = pytest.importorskip("contact_app.studies.cube", exc_type=ImportError)
     rows = [r for r in paper_rows("contact") if r.expansion in ("projcg", "gfgf-opt")][-4:]
@@ -52,7 +53,7 @@ def test_svm_command_prints_json(tmp_path):
     report = json.loads(done.stdout)
     assert report["training_accuracy"] == 1.0
     assert report["relative_duality_gap"] < 1e-5
-    assert set(report["counts"]) >= {"hessian", "cg", "expansion", "proportioning"}
+    assert {"hessian", "cg", "expansion", "proportioning"}.issubset(report["counts"])
 
 
 @pytest.mark.parametrize(

@@ -104,6 +104,7 @@ def test_gram_matrix_is_applied_implicitly(small):
 
 @pytest.mark.parametrize("loss", ["l1", "l2"])
 @pytest.mark.parametrize("C", [0.1, 1.0, 10.0])
+@pytest.mark.ratchet
 def test_duality_gap_closes(tmp_path, loss, C):
     report = train(random_file(tmp_path / "data"), loss, C, "projcg-safe", rtol=1e-9)
     assert report["converged"]
@@ -155,6 +156,7 @@ def test_projcg_takes_the_papers_counts(name, counts):
 @pytest.mark.parametrize(
     ("name", "plain"), [("australian", 83), ("diabetes", 133), ("ionosphere", 125)]
 )
+@pytest.mark.ratchet
 def test_the_safeguard_never_needs_more_than_projcg(name, plain):
     counts = solve(read_libsvm(DATA / f"{name}.libsvm"), MPRGP("projcg-safe", rtol=0.1))[1].counts
     assert counts.hessian <= plain

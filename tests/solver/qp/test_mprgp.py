@@ -50,6 +50,7 @@ def test_all_expansions_find_the_same_point(expansion):
     np.testing.assert_allclose(result.x, reference.x, atol=1e-9)
 
 
+@pytest.mark.ratchet
 def test_without_bounds_it_is_the_conjugate_gradient_method():
     rng = np.random.default_rng(1)
     A = random_hessian(rng, np.linspace(1.0, 5.0, 5).repeat(4))
