@@ -1,8 +1,11 @@
 """Meshes of the bodies, cut into subdomains: regular splits of boxes and graph partitions.
 
-`read` and `repair` read mesh files. `contact_surface`, `facing`, `mortar` and `ties` hold the
-geometry of contact between meshes that do not match. `symmetric_half` cuts a mesh at a plane of
-symmetry, and `dolfinx_compat` covers the differences between releases of dolfinx.
+Input are boxes (`box`, `graded`) or mesh files; the product is a `Partition`: the subdomains of
+each rank with their nodes and cells (`decompose`). `read` and `repair` read mesh files, `graph`
+partitions a mesh, `load_balance` distributes the subdomains, and `refine` and `bisect` refine
+(Rivara, 1984). `contact_surface`, `facing`, `mortar` (Puso, 2004) and `ties` hold the geometry of
+contact between meshes that do not match. `symmetric_half` cuts a mesh at a plane of symmetry, and
+`dolfinx_compat` covers the differences between releases of dolfinx.
 """
 
 from meshes.box import BoxShape

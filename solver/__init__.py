@@ -2,6 +2,9 @@
 
 `qp` holds the quadratic programs and `contact` the discrete contact problem. `tfeti` and `primal`
 are two methods to solve the contact problem, and `driver` chooses between them.
+
+Input is a contact problem as matrices and records; the product is a `contact.Solution` with its
+certificate. Nothing here depends on dolfinx or on scene files.
 """
 
 from solver.errors import IndefiniteError, NotFiniteError, QPError, UnboundedError

@@ -5,8 +5,8 @@ frame. On a set the rows that are active hold with equality (closed in the norma
 frame); the multipliers of all others are prescribed: zero where the point is open, the slip
 traction where it slides. In space statuses may turn the frames, so that the first of the two
 directions is that in which a point slides; in the second one the row has a compliance C,
-B u - c = C λ. So a backend is independent of the contact law (`solver.contact.law`), and a law of
-the backend.
+B u - c = C λ. So a backend is independent of the contact law (`solver.contact.law`), and a contact
+law is independent of the backend.
 """
 
 from __future__ import annotations

@@ -6,9 +6,10 @@ and where it slides the friction force is at its limit along w. All increments s
 (`run.increment_models`).
 
 An increment without a certified answer, or from whose end a body leaves, is halved, and its halves
-again, up to `HALVINGS` times: so the factor at which a body leaves is known to 1/16 of one. What
-Total FETI does not certify, multigrid solves, and goes on with the history. If multigrid does not
-certify the first half or the smallest part, Total FETI solves that and goes on.
+again, up to `HALVINGS` times: so the factor at which a body leaves is known to 1/16 of an
+increment. If Total FETI does not certify an increment, multigrid solves it and goes on with the
+history. If multigrid does not certify the first half or the smallest part, Total FETI solves that
+part and goes on.
 """
 
 from __future__ import annotations

@@ -1,11 +1,13 @@
 """The discrete contact problem: active sets, stopping rule, certificate, checkpoint.
 
-`active_set` is the loop over active sets on any backend (`solver.backend`), `solve_on_set` the
-solve on one of them, `active_set_update` makes the next one, and `retries` begins the loop anew
-where sets do not settle. `law` and `friction_law` are the contact laws, `stopping` decides when an
-answer is accurate enough, and `certificate` has the numbers that say how far it may be off, which
+Input is a `solver.backend.Backend`, which solves on a given active set, and a contact law; the
+product is the active set of the solution with its state. `active_set` is the loop over active sets
+(Hintermüller, Ito and Kunisch, 2002), `solve_on_set` the solve on one of them, `active_set_update`
+makes the next one, and `retries` begins the loop anew where sets do not settle. `law` and
+`friction_law` are the contact laws (Signorini, Tresca, Coulomb), `stopping` decides when an answer
+is accurate enough, and `certificate` has the numbers that say how far it may be off, which
 `solver.tfeti.certify` computes. Nothing in this package depends on a backend. The backends stand in
-packages of their own, and `solver.driver` chooses one.
+packages of their own, and `solver.driver` chooses one. Theory: docs/theory/active_sets.md.
 """
 
 from solver.contact.certificate import Certificate

@@ -1,11 +1,17 @@
 """The contact problem solved for displacements, in the unknowns of undecomposed bodies.
 
 Input and product are those of the dual methods: a `DualProblem`, here one without factors, and
-multipliers with displacements. `by_active_sets` solves to a certified answer, `backend` is
-conjugate gradients with algebraic multigrid on an active set: `merged` puts the subdomains
-together, `products` multiplies by its matrices, `projector` holds the active rows, `hierarchy` has
-the levels, `vertices` the one of degree 1 below degree 2, `cycle` truncates their coarse spaces,
-`rigid_space` corrects rigid motions of bodies that only contact holds, `factor` replaces the cycle
-for thin bodies, `first_set` finds the first set on coarse levels, `augmented` goes on where sets do
-not settle, `recovery` computes all multipliers.
+multipliers with displacements and their certificate. For that reason this package imports records
+of `solver.tfeti`: the decomposed problem with its constraint matrix B is the common description of
+a contact problem that both backends take, and both give the same answers and certificates.
+
+`by_active_sets` solves to a certified answer, `backend` is conjugate gradients with algebraic
+multigrid (smoothed aggregation; Vaněk, Mandel and Brezina, 1996) on an active set: `merged` puts
+the subdomains together, `products` multiplies by its matrices, `projector` keeps the active rows
+closed, `hierarchy` has the levels, `vertices` the one of degree 1 below degree 2, `cycle` truncates
+their coarse spaces (Gräser and Kornhuber, 2009), `rigid_space` corrects rigid motions of bodies
+that only contact holds (A-DEF2 of Tang et al., 2009), `factor` replaces the cycle for thin bodies,
+`first_set` finds the first set on coarse levels, `augmented` continues with an augmented Lagrangian
+where sets do not settle, `recovery` computes all multipliers.
+Theory: docs/theory/primal_multigrid.md.
 """

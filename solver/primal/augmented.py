@@ -13,9 +13,9 @@ iterate:
    steps (Levenberg and Marquardt). Every step of its conjugate gradients is a direction of descent
    of L.
 2. An exact line search goes to the least sum of L and the energy of the faint springs along it, so
-   that a body stops where it meets others. Along a free motion L alone has no least value but that
-   of its rounding errors. L is convex and bounded below if the problem has an equilibrium, so the
-   steps end (D. Sun, J. Han, 1997).
+   that a body stops where it meets others. Along a free motion L is constant, so that rounding
+   errors would decide where L alone is least. L is convex and bounded below if the problem has an
+   equilibrium, so the steps end (D. Sun, J. Han, 1997).
 3. If the set stays the same, it is tried with equality. If its answer needs no other set, it is the
    solution. Otherwise, and where the gradient of L is small beside that at the first step with
    these forces, λ becomes the force of the springs, which is the method of multipliers: it

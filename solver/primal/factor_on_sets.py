@@ -1,8 +1,9 @@
 """One factor for several active sets of thin bodies, whose contact changes by a few rows a set.
 
-A factor of M₀ belongs to the set for which it was made. Of another set some rows R left and some
-rows J joined. With X = M₀⁻¹ Cᵀ on these rows, and W the stiffness of their springs in M₀, the
-displacements V = X_R W move each row of R by nearly one and leave the other active rows alone. So
+A factor of M₀ belongs to the set for which it was made. In another set some rows R have left and
+some rows J have joined. With X = M₀⁻¹ Cᵀ on these rows, and W the stiffness of their springs in M₀,
+the displacements V = X_R W move each row of R by nearly one and leave the other active rows alone.
+So
 
     B = M₀⁻¹ + V (Vᵀ K V)⁻¹ Vᵀ,      M⁻¹ = B - T (W⁻¹ + C_J T)⁻¹ Tᵀ,  T = B C_Jᵀ
 

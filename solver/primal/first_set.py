@@ -2,12 +2,12 @@
 
 On the coarse space of a level, Q = C P₁ … P_k, `solver.primal.spring_levels` states the problem.
 s_i is the stiffness that K has against row i alone, so that the springs are as compliant as the
-finest mesh at one node. The faint springs (w) hold bodies that only contact holds, and pull open
-rows near, before proximal steps replace them. Tangential rows have springs that yield at the slip
-limit (`solver.primal.friction_springs`). Small levels are solved by a factor, the others by a few
-conjugate gradients with a cycle of the levels below. The rows with a pressing spring are the first
-active set, its points stick or slide as the springs do, and its solve begins with this
-displacement.
+finest mesh at one node. At first, faint springs (w) hold bodies that only contact holds, and pull
+open rows towards contact; then proximal steps replace these springs. Tangential rows have springs
+that yield at the slip limit (`solver.primal.friction_springs`). Small levels are solved by a
+factor, the others by a few conjugate gradients with a cycle of the levels below. The rows with a
+pressing spring are the first active set, its points stick or slide as the springs do, and its solve
+begins with this displacement.
 """
 
 from __future__ import annotations

@@ -3,9 +3,9 @@
     min ½ uᵀ K u - fᵀ u  subject to  C u ≤ c on contact rows, C u = c on tied rows.
 
 Tangential rows of points with friction are among them, too. Rows that hold a rigid motion hold with
-equality. Gluing rows are gone, and held unknowns have their displacement: their rows and columns of
-K are those of a scaled identity. C consists of the remaining rows of B with their scaling, so that
-B and C have the same multipliers. Unknowns of rigid bodies have no stiffness
+equality. There are no gluing rows. Held unknowns have their prescribed displacement, and their rows
+and columns of K are those of a scaled identity. C consists of the remaining rows of B with their
+scaling, so that B and C have the same multipliers. Unknowns of rigid bodies have no stiffness
 (`solver.primal.rigid_bodies`).
 """
 

@@ -1,17 +1,17 @@
-"""The share of a set's step that is taken, where the step penetrates obstacles.
+"""The length of the step to the solution on a set, where the full step penetrates obstacles.
 
 The solution u₁ on a set may lie far beyond rows that were open: a body that a few rows hold rolls
-or bends about them. If all rows so penetrated joined the set, the next sets would release them
-again, a few in each. So the step from u₀ to u₁ ends where an energy is least: that of K under the
+or bends about them. If all penetrated rows joined the set, the next sets would release them again,
+a few in each. So the step from u₀ to u₁ ends where an energy is least: that of K under the
 load and the forces of the active rows, which is least at u₁, and of one-sided springs on the open
 rows, as stiff as K is against each row alone,
 
     ½ κ (t - 1)² + ½ Σ s max(0, g₀ + t (g₁ - g₀))²,   κ = (u₁ - u₀)ᵀ K (u₁ - u₀),
 
 with the jumps g = C u - c of the open rows. Of the rows that u₁ penetrates, those that this point
-penetrates, too, join the set, and the next solve begins there. Some row does: without pressing
-springs the minimum is at t = 1. Rows that u₀ penetrates already, for instance since they have just
-left the set, press only beyond g₀.
+penetrates, too, join the set, and the next solve begins there. At least one row joins: without
+pressing springs the minimum is at t = 1. Rows that u₀ penetrates already, for instance since they
+have just left the set, press only beyond g₀.
 """
 
 from __future__ import annotations

@@ -1,8 +1,8 @@
 """Feasible neighbours of an approximate solution, primal and dual.
 
 The dual solution is made exactly admissible (λ_I ≥ 0, Gλ = e), and so is the primal solution
-(glued, held, no penetration). Between two admissible points weak duality leaves a gap that bounds
-the error.
+(glued, held, no penetration). By weak duality the difference of their energies, the duality gap,
+bounds the error.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Displacements without the rigid motions that nothing resists, or nothing that presses.
+"""Displacements without rigid motions that no row, or no row with a force, resists.
 
 A ball between races may turn about itself. Its rotation is irrelevant, and relative to a large
 rotation any penetration is small. So the reference of lengths is the displacement without these

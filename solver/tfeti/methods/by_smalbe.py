@@ -4,7 +4,7 @@
 5.1, MPRGP with the named expansion, from zero, no preconditioner. `solve_by_smalbe` goes on from
 the last active set where active sets do not settle. It uses rules of this solver and the
 preconditioner of the active sets, and tries active sets once more between its outer iterations.
-With friction, of which the paper has nothing, `solver.method: smalbe` does the same from zero and
+Friction is no part of the paper: with it `solver.method: smalbe` does the same from zero and
 without active sets.
 
 With friction the friction forces lie in discs whose radii are the slip limits. With given limits
