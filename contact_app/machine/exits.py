@@ -37,6 +37,9 @@ LONGEST = 1000
 PETSC_OUT_OF_MEMORY = 55
 """``PETSC_ERR_MEM``."""
 
+REMEDY, LOGGED_IN = "remedy", "logged_in"
+"""Attributes that an exception may have: a sentence for the user, the file with the traceback."""
+
 
 class Exit(IntEnum):
     """Exit codes of ``contact-app``."""
@@ -63,7 +66,7 @@ def code_of(error: BaseException) -> Exit:
 
 def message_of(error: BaseException) -> str:
     """The message to the user: what happened and what to do."""
-    remedy = error.__dict__.get("remedy")
+    remedy = getattr(error, REMEDY, None)
     return _what_happened(error) + (f"; {remedy}" if remedy else "")
 
 
@@ -120,12 +123,12 @@ def is_own_failure(error: BaseException) -> bool:
 
 def mark_logged(error: BaseException, path: Path) -> None:
     """Remember that the traceback of an exception is in a file."""
-    error.__dict__["logged_in"] = path
+    setattr(error, LOGGED_IN, path)
 
 
 def logged_in(error: BaseException) -> Path | None:
     """The file with the traceback of an exception, if there is one."""
-    file = error.__dict__.get("logged_in")
+    file = getattr(error, LOGGED_IN, None)
     return file if isinstance(file, Path) else None
 
 
@@ -159,7 +162,7 @@ def end(error: BaseException) -> Exit:
 
 def add_remedy(error: BaseException, sentence: str) -> None:
     """Add a sentence to the message of an exception."""
-    error.__dict__["remedy"] = sentence
+    setattr(error, REMEDY, sentence)
 
 
 def _world() -> Any:

@@ -111,6 +111,10 @@ class Friction(Frictionless):
     them."""
     options: FrictionOptions = FrictionOptions()
 
+    def locking(self) -> Friction:
+        """The law with `locks`."""
+        return replace(self, locks=True)
+
     def initial(
         self, active: Mask, multiplier: Array | None, ahead: bool, jumps: Array | None = None
     ) -> Statuses:

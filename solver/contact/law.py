@@ -64,6 +64,9 @@ class ContactLaw(Protocol):
     def may_vanish(self) -> bool:
         """Whether no body needs contact forces, so that they may fall to zero from set to set."""
 
+    def locking(self) -> ContactLaw:
+        """The law with springs at points that lock."""
+
     def may_stay_active(self, multiplier: Array, tolerance: float) -> Mask:
         """Active rows whose multiplier the law admits, to a tolerance."""
 
@@ -120,6 +123,10 @@ class Frictionless:
     name: str = "frictionless"
     settles: bool = True
     may_vanish: bool = False
+
+    def locking(self) -> ContactLaw:
+        """The same: no point locks without friction."""
+        return self
 
     def may_stay_active(self, multiplier: Array, tolerance: float) -> Mask:
         """Rows without a tensile multiplier."""

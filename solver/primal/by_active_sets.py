@@ -11,7 +11,6 @@ from petsc4py import PETSc
 from solver.backend import Statuses
 from solver.contact.active_set import Start
 from solver.contact.checkpoint import Saver
-from solver.contact.friction_law import Friction
 from solver.contact.law import ContactLaw
 from solver.contact.retries import solve_with_retries
 from solver.contact.solution import Guess, Solution
@@ -164,8 +163,7 @@ def _solve(
         most_sets = min(method.options.most_sets, SETS_WITH_FRICTION)
         may_peel = not backend.matrices.peels
         method = method.with_options(most_sets=most_sets, insists=False, may_peel=may_peel)
-        if isinstance(method.law, Friction):
-            method = replace(method, law=replace(method.law, locks=True))
+        method = replace(method, law=method.law.locking())
     statuses = None
     if restart is not None:
         active = problem.inequality & (restart.multiplier > 0.5)
