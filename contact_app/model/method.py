@@ -155,7 +155,7 @@ class MethodChoice:
     def may_jump(self) -> bool:
         """Whether active sets may move loose bodies back and forth, and multigrid can follow.
 
-        Bodies that only contact holds may roll or slide far on a set that holds them badly.
+        Bodies that only contact holds may roll or slide far on a set that constrains them weakly.
         """
         return self.free and self.touches and not self.rubs and not self._is_one_piece()
 

@@ -88,7 +88,7 @@ class Model:
     cautions: tuple[str, ...] = ()
     """The notes that are warnings of an answer, too."""
     pressed_before: NormalForces | None = None
-    """Normal forces at the begin of an increment; None where it begins without loads."""
+    """Normal forces at the beginning of an increment; None where it begins without loads."""
 
     @property
     def partition(self) -> Partition:

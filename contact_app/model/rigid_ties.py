@@ -47,7 +47,7 @@ class ContactsAndTies:
     """Rows of the contacts and of the ties."""
 
     def of(self, some: Mask) -> ContactsAndTies:
-        """The same with some of the contact rows, (rows,)."""
+        """The contacts and ties with some of the contact rows, (rows,)."""
         return replace(self, contact=self.contact.of(some))
 
     def nodes_tied_to_moving(self) -> list[tuple[RigidTie, Ints]]:

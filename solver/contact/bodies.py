@@ -130,7 +130,7 @@ def body_lengths(bodies: Bodies, displacement: Array, free: Array) -> Array:
     displacement : (bodies,)
         Largest displacement of each body.
     free : (bodies,)
-        The same without constraint forces.
+        Largest displacement of each body without constraint forces.
     """
     values = np.where(displacement > MOTIONLESS * free, displacement, free)
     if bodies.rigid.any():

@@ -136,7 +136,7 @@ def balance(
     held : (rows, motions)
         This rank's held rows applied to the rigid motions, body by body.
     contact : (rows, motions)
-        The same for contact rows, with the direction into the obstacle.
+        This rank's contact rows applied to the rigid motions, directed into the obstacle.
     load : (motions,)
         Work of all loads on the rigid motions, summed over ranks.
     load_scale
@@ -259,7 +259,7 @@ def loose_motions(comm: MPI.Intracomm, held: Array, contact: Array, moved: Array
 def undetermined_motions(
     comm: MPI.Intracomm, allowed: Array, contact: Array, presses: Mask, loose: Array
 ) -> Array:
-    """Orthonormal motions of a group that open contact rows see, and rows with a force do not.
+    """Orthonormal motions of a group that move open contact rows and no row with a force.
 
     No load works on them, since the rows with a force balance all loads, and none strains a body:
     an answer may be moved along them until a row closes that is open (collective).

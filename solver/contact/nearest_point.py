@@ -32,9 +32,9 @@ def nearest_point(comm: MPI.Intracomm, point: Array, rows: Array, limits: Array)
     Parameters
     ----------
     point : (k,)
-        The same on all ranks.
+        The given point, the same on all ranks.
     rows, limits : (n, k), (n,)
-        Of this rank; limits are non-negative.
+        Rows and limits of this rank; limits are non-negative.
     """
     lengths, size = np.linalg.norm(rows, axis=1), float(np.linalg.norm(point))
     steep = lengths > 0.0

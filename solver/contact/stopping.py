@@ -74,7 +74,7 @@ class StoppingRule:
         return worst / self.tolerance
 
     def required_of_certified(self, solution: Solution) -> float:
-        """The same factor for an answer whose certificate failed."""
+        """Factor by which the error of an answer whose certificate failed has to fall."""
         return solution.certificate.required_reduction(self.tolerance)
 
     def judge(self, solution: Solution) -> Solution:

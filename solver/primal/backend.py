@@ -56,7 +56,7 @@ STALLED = 500
 """Steps on one set after which the solve counts as stalled, by rounding errors or a poor cycle."""
 
 STALLED_WITH_FACTOR = 100
-"""The same with a factor, which takes a few steps where the active rows hold all bodies."""
+"""That number of steps with a factor, which takes few where the active rows hold all bodies."""
 
 
 class Multigrid:

@@ -173,7 +173,7 @@ class Projector:
         return self._lifting(self._of_all(jumps))
 
     def _lifting(self, jumps: Array) -> Array:
-        """The same for the jumps of the active rows of all ranks."""
+        """The smallest displacement with given jumps of the active rows of all ranks."""
         if self._of_motions is None:
             return np.asarray(self._DCt @ self._inverse_of_rows.apply(jumps))
         motions = self._of_motions.lifting(jumps[self._of_rank])

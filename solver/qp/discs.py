@@ -30,7 +30,7 @@ ACTIVITY = 1e-13
 """Distance from the boundary, over the radius, up to which a point counts as a boundary point."""
 
 ROUNDING = 10.0 * np.finfo(np.float64).eps
-"""The same over the distance of the centre from zero, which sets the rounding errors of points.
+"""Such a distance over that of the centre from zero, which sets the rounding errors of points.
 
 Without it points on the edges of small discs counted as free, and the normals of these edges had
 no correct digits: a cube with μ = 0.1 was not solved in 20,000 multiplications (95 with it).

@@ -25,7 +25,7 @@ from solver.vectors import Mask, Vector, blocks
 
 #: Curvature pᵀAp/(‖A‖ pᵀp) at or below which a direction is taken to be in the kernel of A.
 ZERO_CURVATURE = 1e-14
-#: The same quotient below which the Hessian counts as indefinite.
+#: Curvature pᵀAp/(‖A‖ pᵀp) below which the Hessian counts as indefinite.
 NEGATIVE_CURVATURE = -1e-12
 
 #: Called with the iterate after each step; has to copy the arrays that it stores.

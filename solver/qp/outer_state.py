@@ -14,7 +14,7 @@ class OuterState:
     """The end of an outer iteration, for the caller's own test of convergence."""
 
     iteration: int
-    """From 1."""
+    """Number of the outer iteration, from 1."""
     x: Vector
     gradient: Vector
     """The iterate, and the gradient of the augmented Lagrangian with the multiplier that the inner

@@ -37,7 +37,7 @@ class LooseBodies:
     along: Sequence[Array]  # one (motions, k) array per body
     """L_b; k is equal for all bodies of a group, and 0 without free motions."""
     allowed: Sequence[Array]  # one (motions, k) array per body
-    """The same for the motions that held and tied rows leave free."""
+    """Rigid motions of each body that held and tied rows leave free."""
     centres: Array
     lengths: Array
     """Centre and length in the definition of each body's rigid motions. Shapes (bodies, 3),
