@@ -416,14 +416,7 @@ def _along_axes(
     force = comm.allreduce(float(forces.sum()))
     if force <= 0.0:
         return (np.inf, np.inf)
-    centres = corners.mean(axis=1)
-    middle = comm.allreduce(forces @ centres) / force
-    for axis, place in planes:
-        middle[axis] = place
-    away = centres - middle
-    moment = comm.allreduce(np.einsum("f,fi,fj->ij", forces, away, away)) / force
-    for axis, _ in planes:  # products with the other axes cancel those of the image
-        moment[axis, np.arange(3) != axis] = moment[np.arange(3) != axis, axis] = 0.0
+    _, moment = middle_and_moments(comm, corners.mean(axis=1), forces, planes)
     squares, axes = np.linalg.eigh(moment)
     along = corners @ axes
     each = 2.0 * along.std(axis=1) if corners.shape[1] == 4 else np.ptp(along, axis=1)
@@ -432,3 +425,18 @@ def _along_axes(
     return tuple(
         float(v / e) if e > 0.0 else np.inf for v, e in zip(lengths, extents[1:], strict=True)
     )
+
+
+def middle_and_moments(
+    comm: MPI.Intracomm, points: Array, weights: Array, planes: Sequence[tuple[int, float]]
+) -> tuple[Array, Array]:
+    """Middle (3,) and mean second moments (3, 3) of points and their images (collective)."""
+    *first, total = comm.allreduce(np.append(weights @ points, weights.sum()))
+    middle = np.array(first) / total
+    for axis, place in planes:
+        middle[axis] = place
+    away = points - middle
+    moment = comm.allreduce(np.einsum("n,ni,nj->ij", weights, away, away)) / total
+    for axis, _ in planes:  # products with the other axes cancel those of the image
+        moment *= np.equal.outer(*2 * [np.arange(3) == axis])
+    return middle, moment

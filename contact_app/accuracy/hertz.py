@@ -30,7 +30,12 @@ from mpi4py import MPI
 from scipy.optimize import brentq
 from scipy.special import ellipe, ellipk
 
-from contact_app.accuracy.contact_limits import LIMITS, PressedFacets, pressed_facets
+from contact_app.accuracy.contact_limits import (
+    LIMITS,
+    PressedFacets,
+    middle_and_moments,
+    pressed_facets,
+)
 from contact_app.model.model import Model
 from contact_app.results.fields import NodeFields
 from contact_app.scene.conditions import BodyContact
@@ -186,7 +191,11 @@ def hertz_peak(
     edges = np.linalg.norm(loaded - np.roll(loaded, 1, axis=1), axis=2)
     size = comm.allreduce(float(edges.max(initial=0.0)), op=MPI.MAX)
     planes = facets.planes_at_end(comm)
-    force, middle, moment = _moments(comm, places, forces, planes)
+    resultant = comm.allreduce(forces.sum(axis=0))
+    resultant[[axis for axis, _ in planes]] = 0.0
+    force = float(np.linalg.norm(resultant)) * 2 ** len(planes)
+    amounts = np.linalg.norm(forces, axis=1)
+    middle, moment = middle_and_moments(comm, places, amounts, planes)
     away = np.linalg.norm(rows.points - middle, axis=1)
     near = away < (1.0 - LIMITS.reaches) * REACH * size  # on both sides or none
     near &= rows.sources == number
@@ -219,22 +228,6 @@ def hertz_peak(
 
 def _mirror(axis: int) -> Array:
     return np.where(np.arange(3) == axis, -1.0, 1.0)
-
-
-def _moments(
-    comm: MPI.Intracomm, places: Array, forces: Array, planes: Sequence[tuple[int, float]]
-) -> tuple[float, Array, Array]:
-    """Force of a contact with its images, its middle (3,), and its second moments (3, 3)."""
-    amount = np.linalg.norm(forces, axis=1)
-    sums = comm.allreduce(np.concatenate([amount @ places, forces.sum(axis=0), [amount.sum()]]))
-    middle, resultant, total = sums[:3] / sums[6], sums[3:6], sums[6]
-    for axis, place in planes:
-        middle[axis], resultant[axis] = place, 0.0
-    away = places - middle
-    moment = comm.allreduce(np.einsum("n,ni,nj->ij", amount, away, away)) / total
-    for axis, _ in planes:  # products with other axes cancel those of the image
-        moment *= np.equal.outer(*2 * [np.arange(3) == axis])
-    return float(np.linalg.norm(resultant)) * 2 ** len(planes), middle, moment
 
 
 def _curvatures(points: Array, gaps: Array) -> tuple[Array, Array]:

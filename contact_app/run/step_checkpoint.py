@@ -20,6 +20,7 @@ from typing import Any
 import numpy as np
 from mpi4py import MPI
 
+from contact_app.accuracy.solved_scene import SolvedScene
 from contact_app.errors import ConfigurationError
 from contact_app.machine.atomic_file import atomic
 from contact_app.machine.ranks import on_first
@@ -126,32 +127,25 @@ class StepCheckpoint:
                 f"{self._path}: no readable checkpoint: {error}; run without --resume"
             ) from error
 
-    def write(
-        self,
-        at: Position,
-        records: list[Record],
-        last: Record,
-        scene: Scene,
-        displacements: Displacements,
-        pressed: NormalForces,
-    ) -> None:
+    def write(self, at: Position, records: list[Record], last: Record, solved: SolvedScene) -> None:
         """Write the checkpoint; a failure to write is logged and does not end the run.
 
         Parameters
         ----------
-        scene, displacements, pressed
-            Of the last increment.
+        solved
+            The last increment.
         """
+        model, solution = solved.model, solved.solution
         vectors = self._path.with_name(f"checkpoint-{at.number}.vectors")
-        flat = np.concatenate([np.zeros(0), *(u.ravel() for u in displacements)])
+        flat = np.concatenate([np.zeros(0), *(u.ravel() for u in solution.displacements)])
         saved = {
             "position": {**vars(at), "share": str(at.share)},
             "ranks": self._comm.size,
             "scene": digest(self._scene, at.step),
             "vectors": vectors.name,
-            "subdomains": scene.decomposition.subdomains,
-            "method": scene.solver.method,
-            "pressed": pressed.stored(self._comm),
+            "subdomains": model.scene.decomposition.subdomains,
+            "method": model.scene.solver.method,
+            "pressed": NormalForces.of(model.problem, solution).stored(self._comm),
             "last": last,
             "records": records,
         }

@@ -112,10 +112,7 @@ class _Files:
         if solved.solution.converged:
             place = increment.place
             at = Position(place.step, place.share, place.number, increment.dissipated)
-            model, solution = solved.model, solved.solution
-            pressed = NormalForces.of(model.problem, solution)
-            state = model.scene, solution.displacements, pressed
-            self._checkpoint.write(at, self.records, last, *state)
+            self._checkpoint.write(at, self.records, last, solved)
 
     def add_all(self, history: RefinedHistory) -> None:
         """Write the increments on the last mesh of a run to an accuracy."""
