@@ -27,8 +27,9 @@ Row = tuple[int, int]
 
 SINGULAR = 1e-4
 """Least eigenvalue of Vᵀ K V, scaled to a diagonal of one, below which a new factor is made: the
-rows that stay active constrain a body too weakly. With 1e-7 rounding errors turned an unloaded body
-by 0.03 on one of two platforms (`test_least_motion.py`); with 1e-5 to 0.1 they do not."""
+rows that stay active constrain a body too weakly. With 1e-7 rounding errors turned a body
+without a driving moment by 0.03 on one of two platforms (`test_least_motion.py`); with 1e-5 to 0.1
+they do not."""
 
 
 class FactorOnSets:
