@@ -12,7 +12,6 @@ also an exception of the solver, unless the user stopped it or limited its itera
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
 
 import numpy as np
 from mpi4py import MPI
@@ -21,7 +20,7 @@ from contact_app.errors import CouldNotRunError
 from contact_app.machine.memory import available_bytes, needed_bytes
 from contact_app.model.model import Model
 from contact_app.scene.bodies import Body
-from contact_app.scene.scene import Decomposition, Scene
+from contact_app.scene.scene import Decomposition
 from solver import Counts, Reason
 from solver.contact.solution import Solution
 from solver.driver import ROUNDED_AWAY
@@ -98,22 +97,22 @@ def is_final(model: Model, solution: Solution, max_iterations: int) -> bool:
     return solution.reason is Reason.MAX_ITERATIONS and max_iterations < STEPS * rows
 
 
-def fewest_subdomains(scene: Scene, count: int | None, comm: MPI.Intracomm) -> Scene | None:
-    """The scene in as few subdomains as bodies and ranks allow (collective).
+def fewest_subdomains(
+    bodies: Sequence[Body], before: Decomposition, count: int | None, comm: MPI.Intracomm
+) -> Decomposition | None:
+    """Decomposition into as few subdomains as bodies and ranks allow (collective).
 
     None if no fewer are possible, or if they need too much memory.
 
     Parameters
     ----------
-    count
-        Number of subdomains of the failed method; None if unknown.
+    before, count
+        Decomposition and number of subdomains of the failed method; None if the number is unknown.
     """
-    fewest = max(len(scene.bodies), comm.size)
-    if (count is not None and count <= fewest) or scene.decomposition.subdomains == fewest:
+    fewest = max(len(bodies), comm.size)
+    if (count is not None and count <= fewest) or before.subdomains == fewest:
         return None
-    return (
-        replace(scene, decomposition=Decomposition(fewest)) if _fits(scene.bodies, comm) else None
-    )
+    return Decomposition(fewest) if _fits(bodies, comm) else None
 
 
 def _fits(bodies: Sequence[Body], comm: MPI.Intracomm) -> bool:

@@ -151,7 +151,8 @@ class IncrementModels:
         scene = scene.solved_by(method="auto")
         if scene.decomposition.subdomains is not None:
             return scene
-        return fewest_subdomains(scene, None, self._comm)
+        fewest = fewest_subdomains(scene.bodies, scene.decomposition, None, self._comm)
+        return None if fewest is None else replace(scene, decomposition=fewest)
 
     def following(self, scene: Scene, solved: Scene) -> Scene:
         """The scene of a history in the subdomains of its last answer.

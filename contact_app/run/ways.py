@@ -26,7 +26,7 @@ A method ends the search if its answer is certified, or if the user stopped or l
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Protocol
 
 from mpi4py import MPI
@@ -141,7 +141,9 @@ def first_certified(
     for number, way in enumerate(ways_to(scene, keeps_subdomains)):
         undecomposed = way.scene
         if undecomposed is None and not keeps_subdomains:
-            undecomposed = fewest_subdomains(scene, failed.subdomains, comm)
+            parts = scene.bodies, scene.decomposition
+            fewest = fewest_subdomains(*parts, failed.subdomains, comm)
+            undecomposed = None if fewest is None else replace(scene, decomposition=fewest)
         if undecomposed is None:  # no fewer subdomains: the answer of the method before counts
             continue
         if number and way.instead:
