@@ -82,14 +82,6 @@ class ConstraintMatrix:
         return petsc_rows(self.comm, self.local, self.columns)
 
     @cached_property
-    def _sliced(self) -> PETSc.Mat:
-        """B in slices of rows (collective).
-
-        Products with rows of few entries take three quarters of the time.
-        """
-        return self.matrix.convert("sell", PETSc.Mat())
-
-    @cached_property
     def _transpose(self) -> PETSc.Mat:
         """Explicit (collective)."""
         return self.matrix.transpose(PETSc.Mat())
@@ -106,7 +98,7 @@ class ConstraintMatrix:
     def apply(self, x: Array, out: Array) -> None:
         """Put B x into out: (interface,) to (dual,)."""
         dual, interface = self._vectors
-        on_arrays(self._sliced.mult, interface, x, dual, out)
+        on_arrays(self.matrix.mult, interface, x, dual, out)
 
     def apply_transpose(self, x: Array, out: Array) -> None:
         """Put Bᵀ x into out: (dual,) to (interface,)."""
