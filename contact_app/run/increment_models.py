@@ -32,7 +32,6 @@ from contact_app.scene.scene import Decomposition, Scene
 from meshes.arrays import Array
 from solver.contact.options import SolverOptions
 from solver.contact.solution import Guess
-from solver.tfeti.constraints.exchange import NodeExchange
 from solver.tfeti.derived import beside_moved
 
 Displacements = list[Array]
@@ -243,16 +242,9 @@ def _order(decomposition: Decomposition, solver: SolverOptions) -> tuple[Decompo
     return decomposition, is_undecomposed(solver)
 
 
-def _copies(model: Model) -> NodeExchange:
-    """The exchange between the nodes of this rank's subdomains and their owners (collective)."""
-    partition = model.partition
-    nodes = np.concatenate([np.zeros(0, np.int64), *(s.nodes for s in partition.subdomains)])
-    return NodeExchange(model.comm, nodes, partition.nodes)
-
-
 def _at_nodes(model: Model, displacements: Displacements) -> Array:
     """Displacements (owned, d) of the nodes that this rank owns (collective)."""
-    exchange, d = _copies(model), model.scene.dimension
+    exchange, d = model.node_exchange, model.scene.dimension
     copies = [displacements[cls][:, at].reshape(-1, d) for cls, at in model.place]
     of_nodes = np.zeros((exchange.last - exchange.first, d))
     arrived = exchange.to_owners(np.concatenate([np.zeros((0, d)), *copies]))
@@ -262,7 +254,7 @@ def _at_nodes(model: Model, displacements: Displacements) -> Array:
 
 def _in_order_of(model: Model, of_nodes: Array) -> Displacements:
     """Displacements of nodes in the classes of a model (collective)."""
-    exchange = _copies(model)
+    exchange = model.node_exchange
     result = [np.zeros_like(forces) for forces in model.problem.forces]
     copies = exchange.from_owners(of_nodes[exchange.nodes - exchange.first])
     ends = np.cumsum([len(s.nodes) for s in model.partition.subdomains])

@@ -259,8 +259,9 @@ def _asks_for_other_method(
     """
     if isinstance(solved, NoEquilibriumError) or _is_final(solved):
         return False
-    if halved in (1, HALVINGS) or is_undecomposed(solver):
-        return halved in (1, HALVINGS)
+    first_or_last = halved in (1, HALVINGS)
+    if first_or_last or is_undecomposed(solver):
+        return first_or_last
     reason = solved.solution.reason if isinstance(solved, SolvedScene) else None
     limited = solver.max_iterations <= LIMITS.patience_with_friction
     return reason is not Reason.SLIDES and not (limited and reason is Reason.MAX_ITERATIONS)
