@@ -48,9 +48,7 @@ def may_hold(problem: DecomposedProblem, solution: Solution) -> bool:
     return all(group.share >= HOLDS for group in overcome(problem, solution))
 
 
-def overcome(
-    problem: DecomposedProblem, solution: Solution, factor: float = 1.0
-) -> list[Overcome]:
+def overcome(problem: DecomposedProblem, solution: Solution, factor: float = 1.0) -> list[Overcome]:
     """Groups whose friction, at the forces of an answer, its loads overcome (collective).
 
     Parameters

@@ -22,9 +22,7 @@ def peaks_of_theory(made: dict[str, Any]) -> list[float]:
 
 @pytest.mark.parametrize("facets", [1.0, 2.0])
 @pytest.mark.parametrize("name", ["triangle 1", "quadrilateral 2", "hexahedron 1", "tetrahedron 1"])
-def test_balls_and_rollers_have_the_peak_of_the_theory(
-    name: str, facets: float
-) -> None:
+def test_balls_and_rollers_have_the_peak_of_the_theory(name: str, facets: float) -> None:
     """Between nodes, and at the planes of symmetry of a half or quarter model."""
     kind = KINDS[name]
     place = [0.3 / kind.cells, -0.7 / kind.cells][: kind.dimension - 1]
