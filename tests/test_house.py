@@ -269,6 +269,11 @@ def test_tests_of_the_solver_import_the_solver_alone() -> None:
                 assert name.split(".")[0] not in ("contact_app", "meshes"), f"{path}: {name}"
 
 
+def test_tests_stand_in_rooms_of_the_code() -> None:
+    rooms = [p.parent for room in PACKAGES for p in (ROOT / "tests" / room).rglob("__init__.py")]
+    assert not [room for room in rooms if not (ROOT / room.relative_to(ROOT / "tests")).is_dir()]
+
+
 def test_only_tests_of_studies_name_studies() -> None:
     own = ROOT / "tests" / "contact_app" / "studies"
 

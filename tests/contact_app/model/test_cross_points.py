@@ -162,7 +162,7 @@ def test_on_ranks(shared: int) -> None:
         "from mpi4py import MPI\n"
         "from solver.tfeti.derived import with_active\n"
         "from solver.tfeti.options import TotalFetiOptions\n"
-        "from tests.contact_app.tfeti.test_cross_points import CASES, errors_of, problem_of\n"
+        "from tests.contact_app.model.test_cross_points import CASES, errors_of, problem_of\n"
         f"options = TotalFetiOptions(many_subdomains=2, gathered={shared})\n"
         "for case in CASES:\n"
         "    error = errors_of(problem_of(case, MPI.COMM_WORLD, options))\n"

@@ -9,7 +9,7 @@ from solver.primal.cycle import coarse_inverse
 from tests.ranks import execute
 
 CODE = """
-from tests.contact_app.contact.test_coarse_inverse import worst_error
+from tests.solver.primal.test_coarse_inverse import worst_error
 from mpi4py import MPI
 assert worst_error(MPI.COMM_WORLD) < 1e-12
 """

@@ -15,7 +15,7 @@ from solver.primal.line_search import minimum_along
 from tests import scenes
 from tests.bearings import half_bearing
 from tests.comparison import solve
-from tests.contact_app.contact.test_friction import on_a_slope
+from tests.contact_app.run.test_friction import on_a_slope
 
 TRESCA, COULOMB = {"tresca": 20.0}, {"coulomb": 0.4}
 

@@ -11,7 +11,7 @@ from solver.tfeti.constraints.matrix import local_rows
 from tests.ranks import execute
 
 CODE = """
-from tests.contact_app.contact.test_block_rows import worst_error
+from tests.solver.primal.test_block_rows import worst_error
 from mpi4py import MPI
 for nodes in (12, 2):
     for coupled in (True, False):

@@ -6,7 +6,7 @@ import pytest
 from solver.tfeti.certify import friction_numbers
 from tests import scenes
 from tests.comparison import solve
-from tests.contact_app.contact.test_friction import pair
+from tests.contact_app.run.test_friction import pair
 
 
 @pytest.mark.ratchet

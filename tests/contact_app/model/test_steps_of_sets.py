@@ -18,7 +18,7 @@ from solver.tfeti.dual import DualProblem
 from solver.tfeti.methods.task import Task
 from solver.vectors import Mask
 from tests import scenes
-from tests.contact_app.contact.test_primal import MULTIGRID_ALWAYS
+from tests.contact_app.run.test_primal import MULTIGRID_ALWAYS
 
 INNER = MPRGP(rtol=1e-10, max_iterations=2000)
 

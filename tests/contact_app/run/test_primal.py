@@ -407,7 +407,7 @@ from mpi4py import MPI
 from numpy.typing import NDArray
 from petsc4py import PETSc
 from tests import scenes
-from tests.contact_app.contact.test_primal import MULTIGRID_ALWAYS, of_degree_2
+from tests.contact_app.run.test_primal import MULTIGRID_ALWAYS, of_degree_2
 from contact_app.model.model import build_model
 from solver.primal.by_active_sets import solve_by_multigrid
 from solver.contact.stopping import StoppingRule
@@ -437,7 +437,7 @@ from mpi4py import MPI
 from contact_app.run.solve import solve_scene
 from contact_app.scene.build import build_scene
 from contact_app.scene.configuration import load
-from tests.contact_app.contact.test_primal import CONFIGS
+from tests.contact_app.run.test_primal import CONFIGS
 pin = load(CONFIGS / "pin_in_lug.yaml", ["solver.method=primal"])
 summary = solve_scene(build_scene(pin, comm=MPI.COMM_WORLD), MPI.COMM_WORLD).summary
 if MPI.COMM_WORLD.rank == 0:
@@ -460,7 +460,7 @@ from contact_app.scene.configuration import load
 from solver.primal.merged import merge
 from solver.primal.vertices import vertex_level
 from solver.tfeti.constraints.matrix import local_rows
-from tests.contact_app.contact.test_primal import CONFIGS
+from tests.contact_app.run.test_primal import CONFIGS
 comm = MPI.COMM_WORLD
 scene = build_scene(load(CONFIGS / "hub_on_shaft.yaml", ["solver.method=primal"]), comm=comm)
 system = merge(build_model(scene, comm, needed="distinct").problem)

@@ -48,7 +48,7 @@ def test_two_ranks_take_as_many_applications_as_one(name: str) -> None:
     program = (
         "import sys\n"
         "from mpi4py import MPI\n"
-        "from tests.contact_app.tfeti.test_coupled import applications\n"
+        "from tests.contact_app.run.test_coupled import applications\n"
         "count = applications(sys.argv[1], MPI.COMM_WORLD)\n"
         "if MPI.COMM_WORLD.rank == 0:\n"
         "    print(count)\n"

@@ -56,7 +56,7 @@ def test_on_ranks(shared: int) -> None:
     program = (
         "from mpi4py import MPI\n"
         "from solver.tfeti.options import TotalFetiOptions\n"
-        "from tests.contact_app.tfeti.test_gram import CASES, error_of, problem_of\n"
+        "from tests.contact_app.model.test_gram import CASES, error_of, problem_of\n"
         f"options = TotalFetiOptions(gathered={shared})\n"
         "for case in CASES:\n"
         "    error = error_of(problem_of(case, MPI.COMM_WORLD, options))\n"

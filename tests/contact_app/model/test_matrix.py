@@ -68,7 +68,7 @@ def test_weighted_rows_stay_sorted() -> None:
 def test_on_ranks(ranks: int) -> None:
     program = (
         "from mpi4py import MPI\n"
-        "from tests.contact_app.tfeti.test_matrix import CASES, constraints_of, errors_of\n"
+        "from tests.contact_app.model.test_matrix import CASES, constraints_of, errors_of\n"
         "for case in CASES:\n"
         "    error = errors_of(constraints_of(case, MPI.COMM_WORLD))\n"
         "    assert error < 1e-13, (case, error)\n"

@@ -24,8 +24,8 @@ from solver.tfeti.decomposed import SharedPlace
 from solver.tfeti.methods.task import Task
 from tests import scenes
 from tests.comparison import solve
-from tests.contact_app.contact import test_friction
-from tests.contact_app.contact.test_friction import LAWS, on_a_slope, pair, rough
+from tests.contact_app.run import test_friction
+from tests.contact_app.run.test_friction import LAWS, on_a_slope, pair, rough
 from tests.rows import covering
 from tests.scenes import CONFIGS
 from tests.scenes_on_ranks import summary_of
