@@ -4,8 +4,6 @@
 `contact_app.ContactProblem` solves contact for a dolfinx user's own forms.
 """
 
-from __future__ import annotations
-
 from importlib import import_module
 from typing import Any
 

@@ -3,8 +3,6 @@
 Slow imports are inside the commands, so that help and input errors appear at once.
 """
 
-from __future__ import annotations
-
 import importlib.util
 import json
 import logging

@@ -1,7 +1,5 @@
 """Errors that a user can correct; the text of an error is the whole message."""
 
-from __future__ import annotations
-
 
 class ContactError(Exception):
     """Base of the errors that are printed without a traceback: exit code 4."""

@@ -12,8 +12,6 @@ G. F. Carey, *Local refinement of simplicial grids based on the skeleton*, Appl.
 New nodes are midpoints of straight edges: a boundary stays the same polygon or polyhedron.
 """
 
-from __future__ import annotations
-
 from dataclasses import replace
 from itertools import combinations
 

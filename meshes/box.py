@@ -6,8 +6,6 @@ different shapes (sizes differ by one cell where the cells do not divide evenly)
 references.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property

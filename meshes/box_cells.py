@@ -1,7 +1,5 @@
 """The cells of a box one by one: every brick of the lattice is cut in the same way."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from functools import cached_property
 from typing import Any

@@ -1,7 +1,5 @@
 """The shape of cells: lengths of edges, Jacobians, and a test for folded cells."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from meshes.arrays import Array, Ints, Mask

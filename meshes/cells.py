@@ -1,7 +1,5 @@
 """The protocol of the cells of a body that is cut into subdomains: a lattice, or lists of cells."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any, Protocol

@@ -11,8 +11,6 @@ this deviation is at most `FINE` times the size of the facet, but n is at most `
 by curved edges have the same n, so that the surface stays closed.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from functools import cache
 

@@ -5,8 +5,6 @@ and with them the dual problem, do not depend on how many ranks there are. The r
 lengths, or equal work where subdomains differ in cost.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Hashable, Sequence
 from typing import Any

@@ -3,8 +3,6 @@
 The rest of the project calls these functions and does not depend on the release.
 """
 
-from __future__ import annotations
-
 import os
 from collections.abc import Hashable, Iterator, Sequence
 from contextlib import contextmanager

@@ -1,7 +1,5 @@
 """Search for facets and points that lie along the normals of the facets of a surface."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import numpy as np

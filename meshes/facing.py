@@ -8,8 +8,6 @@ other surface be much nearer: beside the edge of a box that overlaps another one
 side of the other box lies deep behind the side of the first one.
 """
 
-from __future__ import annotations
-
 import numpy as np
 from mpi4py import MPI
 from scipy.spatial import cKDTree

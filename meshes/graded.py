@@ -4,8 +4,6 @@ Graded cells make unequal subdomains. So graded boxes are stored cell by cell, a
 and cut by graph partitioning.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import replace
 

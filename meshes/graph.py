@@ -11,8 +11,6 @@ is exactly the rigid motions; small pieces join a neighbour instead.
 Every rank cuts out only its own subdomains; the first rank partitions the graph.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from functools import cached_property
 from hashlib import sha1

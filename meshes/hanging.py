@@ -1,7 +1,5 @@
 """Nodes that hang on an edge or face of a cell that does not have them as corners."""
 
-from __future__ import annotations
-
 import numpy as np
 from mpi4py import MPI
 

@@ -6,8 +6,6 @@ refinement and cuts of a mesh keep as they keep groups of cells. A surface that 
 has no sides.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from meshes.arrays import Ints, Mask

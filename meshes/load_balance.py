@@ -1,7 +1,5 @@
 """Load balancing: each rank gets a run of consecutive subdomains with about equal work."""
 
-from __future__ import annotations
-
 from collections.abc import Hashable, Sequence
 
 MEMBER = 0.5

@@ -4,8 +4,6 @@ Merging is reported. Where it joins what the file may have apart on purpose, the
 parts that only touch, the note says so, and becomes a warning of the certificate.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 
 import numpy as np

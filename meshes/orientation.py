@@ -14,8 +14,6 @@ without an orientation (a Möbius strip) always has such a pair. `meshes.overlap
 that overlap without being neighbours.
 """
 
-from __future__ import annotations
-
 import numpy as np
 from numpy.typing import NDArray
 

@@ -34,8 +34,6 @@ strongly curved); test 2 still finds such overlaps at its points. Cells count as
 Jacobian is positive at the points that `meshes.repair` tests.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

@@ -6,8 +6,6 @@ two cells cuts the cell behind it alone. In cells with curved edges the simplice
 second order as vertices.
 """
 
-from __future__ import annotations
-
 from functools import cache
 from itertools import combinations
 

@@ -1,7 +1,5 @@
 """Location of points in a mesh: cell nodes, shape functions, distance from the mesh."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Pseudo-inverses of many small symmetric matrices of which most are equal, as on grids."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from meshes.arrays import Array

@@ -9,8 +9,6 @@ between all of them (isoparametric). Serendipity cells (8 and 20 nodes) become f
 missing nodes are put where the serendipity interpolation maps them, which the full cells reproduce.
 """
 
-from __future__ import annotations
-
 from functools import cache
 from typing import NamedTuple
 

@@ -8,8 +8,6 @@ sets of nodes stand for the facets they enclose.
 Cells with nodes on their edges keep them, in VTK's order.
 """
 
-from __future__ import annotations
-
 import contextlib
 import io
 import re

@@ -8,8 +8,6 @@ second-order cells: with straight edges a boundary stays the same polygon or pol
 cells are divided into curved cells that fill the same place.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import replace
 from itertools import combinations, product

@@ -12,8 +12,6 @@ degree 1 they are left out, which is reported. Cells folded by their curved edge
 body overlaps itself elsewhere.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Collection, Iterable
 from dataclasses import dataclass
 from pathlib import Path

@@ -9,8 +9,6 @@ it stays in the plane of the other facet. Cells that would lose most of their vo
 straight edges.
 """
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

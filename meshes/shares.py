@@ -1,7 +1,5 @@
 """Work that ranks with the same data share, and results put together."""
 
-from __future__ import annotations
-
 import numpy as np
 from mpi4py import MPI
 from numpy.typing import NDArray

@@ -9,8 +9,6 @@ cells of the same material, and cuts none of them. The half keeps the file's cel
 as they are, so that it and its image are the file's mesh.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cache

@@ -8,8 +8,6 @@ put into the text, by itself and with one padding, before meshio sees the file.
 Format: VTK's XML format, https://docs.vtk.org/en/latest/vtk_file_formats/vtkxml_file_format.html.
 """
 
-from __future__ import annotations
-
 import tempfile
 from base64 import b64decode, b64encode
 from pathlib import Path

@@ -18,8 +18,6 @@ the preconditioner of `auto`, without active sets.
 Its problems are made without factors, which is how the driver knows them.
 """
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

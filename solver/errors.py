@@ -1,7 +1,5 @@
 """Errors of quadratic programs, with messages for the author of the program."""
 
-from __future__ import annotations
-
 
 class QPError(ValueError):
     """A quadratic program has no solution, or its data are inconsistent."""

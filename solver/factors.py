@@ -1,7 +1,5 @@
 """Sparse Cholesky and LU factors: by CHOLMOD on one rank, by MUMPS on several."""
 
-from __future__ import annotations
-
 from petsc4py import PETSc
 
 from solver.openmp import one_openmp_thread

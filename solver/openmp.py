@@ -6,8 +6,6 @@ half of the time, and nearly all of the time where ranks share the cores. Produc
 are BLAS's and keep its own threads.
 """
 
-from __future__ import annotations
-
 import ctypes
 from collections.abc import Iterator
 from contextlib import contextmanager

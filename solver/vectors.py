@@ -5,8 +5,6 @@ goes through :class:`Reduction`: one collective operation reduces all sums and t
 pass.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Iterator
 

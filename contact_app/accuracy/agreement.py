@@ -32,8 +32,6 @@ cannot be compared with it. There two meshes agree if
     |J(u_l) - J(u_m)| ≤ (η_l + η_m) √a(u_m, u_m).
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass, field
 

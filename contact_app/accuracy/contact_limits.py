@@ -10,8 +10,6 @@ is about 8/(π n) for Hertz's half ellipse on n lines and 6/n for his ellipsoid 
 n across the contact.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 

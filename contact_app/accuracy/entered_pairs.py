@@ -7,8 +7,6 @@ are tested against the facets of the other one, along the normals of these facet
 outside of the other body before the deformation count, and those that slide by less than a facet.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from itertools import combinations
 

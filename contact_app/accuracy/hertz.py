@@ -19,8 +19,6 @@ ball, all others have no pressure, and the force 2π a² p0/3 makes it 2.09 p0; 
 square facet there, four nodes have p0/√2, and the force makes it 0.52 p0.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial

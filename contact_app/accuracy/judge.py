@@ -5,8 +5,6 @@ Energies of the meshes of a run show by how much estimates exceed the error
 (`contact_app.accuracy.agreement`: raised or rejected).
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import replace
 

@@ -13,8 +13,6 @@ error and not its peak (`DETERMINED`). On regular meshes and at degree 2 both gi
 In plane strain zz is ν (xx + yy) - E α T, in plane stress zero.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import numpy as np

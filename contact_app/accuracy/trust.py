@@ -7,8 +7,6 @@ mesh does, and a run to an accuracy solves one (`contact_app.accuracy.agreement`
 gives this warning.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 from contact_app.results.percent import percent

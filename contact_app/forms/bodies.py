@@ -10,8 +10,6 @@ Other motions without energy are not searched: a body connected at a point or a 
 rotate about it, and then the coarse problem is singular.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from functools import partial
 from itertools import product

@@ -1,7 +1,5 @@
 """Checks before assembly, with the messages of their errors."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from numbers import Integral, Real

@@ -5,8 +5,6 @@ and the points of its first member on the first rank that has it. So they are eq
 on all ranks, which then compute one factor together.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 
 import numpy as np

@@ -8,8 +8,6 @@ of it. The condition φ(x + u) ≥ 0, linearised at the undeformed point, is
 Of a signed distance, |∇φ| = 1, g is the distance itself.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, fields, replace
 from typing import Any, ClassVar

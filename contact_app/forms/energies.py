@@ -4,8 +4,6 @@ The moduli of a form follow from its energies in a cell under displacements b + 
 G = I the resistance to a change of volume, with tr G = 0 that to a change of shape.
 """
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

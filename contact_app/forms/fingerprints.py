@@ -5,8 +5,6 @@ values, byte by byte, and the surfaces of contacts if their tags have. Rows are 
 displacements and gaps are the same.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Sequence
 from hashlib import sha1
 from itertools import chain

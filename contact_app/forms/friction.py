@@ -1,7 +1,5 @@
 """Contacts of forms with friction: their boundaries, laws and tangential rows."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 from contact_app.forms.boundary import Facets

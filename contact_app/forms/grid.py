@@ -7,8 +7,6 @@ order of the lattice, so that equal ones have equal matrices but for rounding. T
 sub-box may belong to several ranks (`subdomains`).
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Any
 

@@ -9,8 +9,6 @@ and E in plane stress, whose K is E/(2 (1 - ν)). A material is isotropic if one
 has the energy that follows from K and G.
 """
 
-from __future__ import annotations
-
 import numpy as np
 import ufl
 from dolfinx import fem

@@ -4,8 +4,6 @@ The answer of an increment may depend on its size (`contact_app.run.coarse_incre
 compared with that of two halves, as a step of one increment of a scene.
 """
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -7,8 +7,6 @@ whose nodes are these copies (`dolfinx_compat.torn_space`): the matrix is block 
 stiffness matrices of the parts before any condition, and loads are those of the parts.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Any
 

@@ -3,8 +3,6 @@
 The smoothed pressure and the number of facets across a contact count the mirror image there.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import Any
 

@@ -1,7 +1,5 @@
 """`ContactProblem`: contact for a dolfinx user's own forms, used like dolfinx's `LinearProblem`."""
 
-from __future__ import annotations
-
 import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass, replace

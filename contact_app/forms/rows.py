@@ -1,7 +1,5 @@
 """Held nodes and contact rows of Dirichlet conditions and contacts of forms."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any

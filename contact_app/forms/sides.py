@@ -4,8 +4,6 @@ The surfaces of a contact and its mortar means follow from the mesh, the tags an
 A second solve with new loads takes them from the first one.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Any
 

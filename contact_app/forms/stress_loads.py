@@ -7,8 +7,6 @@ cylindrical coordinates the circumferential stress acts on v_r / r, which is no 
 part counts as a load.
 """
 
-from __future__ import annotations
-
 from typing import Any
 
 from ufl.algorithms.apply_algebra_lowering import apply_algebra_lowering

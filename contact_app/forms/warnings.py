@@ -4,8 +4,6 @@ The yield stress and an estimate of the error of the mesh of other cells than tr
 tetrahedra of degree 1 are left to scenes.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cache, cached_property, partial

@@ -8,8 +8,6 @@ Libraries in it are loaded as code, so it is used only if it is a real directory
 no access for others (mode 0700); otherwise a new one with a random name is made.
 """
 
-from __future__ import annotations
-
 import os
 import stat
 import tempfile

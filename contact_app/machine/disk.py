@@ -5,8 +5,6 @@ it closes the file. Here blocks are reserved first (``posix_fallocate``), and a 
 ordinary error. If the file system cannot reserve blocks, its free blocks are counted.
 """
 
-from __future__ import annotations
-
 import errno
 import os
 import shutil

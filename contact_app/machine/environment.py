@@ -5,8 +5,6 @@ a hundred times slower. numpy may bring a BLAS of its own, so the BLAS of PETSc 
 libraries mapped into this process.
 """
 
-from __future__ import annotations
-
 import re
 import resource
 from collections.abc import Iterable

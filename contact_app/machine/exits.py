@@ -6,8 +6,6 @@ Otherwise the rank prints its message and aborts the others, which would wait fo
 exchange for ever.
 """
 
-from __future__ import annotations
-
 import errno
 import os
 import sys

@@ -11,8 +11,6 @@ factor. If the answer is evaluated on the surface alone, there are no fields at 
 and an unknown takes 0.05 kB (measured at 81,812,703).
 """
 
-from __future__ import annotations
-
 import contextlib
 import ctypes
 import math

@@ -1,7 +1,5 @@
 """Actions whose errors on one rank reach all ranks."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import Any, TypeVar, cast

@@ -9,8 +9,6 @@ with one that cannot encode what is written. None of these must lose a solved sc
 - A character that is missing in the encoding is replaced by a similar one: × by x, … by three dots.
 """
 
-from __future__ import annotations
-
 import codecs
 import errno
 import io

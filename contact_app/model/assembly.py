@@ -11,8 +11,6 @@ up to four times longer for the same matrix. In cells with curved edges the stif
 polynomial; the rule there is exact for loads and constant stresses, so that a patch test is passed.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from functools import cached_property
 from typing import Any

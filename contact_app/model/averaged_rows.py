@@ -15,8 +15,6 @@ optimal a priori error estimate for nonlinear multibody contact problems*, SINUM
 multipliers of lower order than the displacement).
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterable
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Facets and nodes of a boundary of a body, in each subdomain of this rank."""
 
-from __future__ import annotations
-
 from typing import NoReturn
 
 import numpy as np

@@ -9,8 +9,6 @@ The rows that are left out are tested in the answer. If it penetrates some, the 
 again with these rows (`run.solve_scene`).
 """
 
-from __future__ import annotations
-
 from typing import Literal
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Held nodes and contact rows: conditions and contacts of a scene, written at the nodes."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import replace
 

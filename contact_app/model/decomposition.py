@@ -6,8 +6,6 @@ predicted time.
 `python -m contact_app.studies.settings` compares it with others.
 """
 
-from __future__ import annotations
-
 import math
 from collections import Counter
 from collections.abc import Iterator

@@ -6,8 +6,6 @@ A form compiler integrates each cell; on small sub-boxes this takes three to fiv
 the sum of copies of one K_T, to the same digits.
 """
 
-from __future__ import annotations
-
 import numpy as np
 from scipy import sparse
 

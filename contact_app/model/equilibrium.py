@@ -3,8 +3,6 @@
 A scene whose loads drive a body away is refused before the solve.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial

@@ -6,8 +6,6 @@ interpolated between all of its nodes. The integrands are products of the linear
 of its vertices and the shape functions φ of its nodes.
 """
 
-from __future__ import annotations
-
 from functools import cache
 
 import numpy as np

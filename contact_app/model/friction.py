@@ -1,7 +1,5 @@
 """Contacts of a scene with friction: their boundaries, laws and tangential rows."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import numpy as np

@@ -8,8 +8,6 @@ The load is in equilibrium with itself. Stresses use T interpolated between the 
 displacement, which is exact for polynomials of its degree.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from functools import partial
 

@@ -5,8 +5,6 @@ satisfy the expression of a boundary. It divides the cells of the body into two 
 (`meshes.inner_surface`). The side with a point that the scene names is behind the surface.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import NoReturn
 

@@ -4,8 +4,6 @@ A load acts on facets all of whose nodes are on the boundary. If an expression d
 facets that straddle its edge carry no load, so the total force depends on the mesh.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 
 import numpy as np

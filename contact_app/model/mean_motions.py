@@ -11,8 +11,6 @@ a rigid motion. It does work on the held motion alone, so it does not change the
 other motions. The condition is independent of the decomposition and, in the limit, of the mesh.
 """
 
-from __future__ import annotations
-
 import numpy as np
 from mpi4py import MPI
 

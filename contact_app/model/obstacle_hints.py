@@ -5,8 +5,6 @@ boundary and its obstacle with outward normals of nearly the same direction neve
 outside: a plane is turned round, or the boundary is that on the far side.
 """
 
-from __future__ import annotations
-
 import numpy as np
 from mpi4py import MPI
 

@@ -5,8 +5,6 @@ prescribed displacements, gaps and the balance of each body belong to a load cas
 `outline_of_case` computes only these.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, partial

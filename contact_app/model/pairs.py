@@ -9,8 +9,6 @@ plane may meet facets beyond it. Nodes of the image about some of the planes hav
 own there; entries of rows at these nodes are moved to the nodes of which they are images.
 """
 
-from __future__ import annotations
-
 from itertools import combinations
 
 import numpy as np

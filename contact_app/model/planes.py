@@ -1,7 +1,5 @@
 """The planes of symmetry at which a scene was cut."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Sequence
 from itertools import combinations
 

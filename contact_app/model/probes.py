@@ -1,7 +1,5 @@
 """Probes: points at which the displacement is written, located in cells before the solve."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 

@@ -7,8 +7,6 @@ Where the scene was cut at planes of symmetry, the body of the whole scene consi
 of the solved part, and the image of the plane cuts each.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 

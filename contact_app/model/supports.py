@@ -4,8 +4,6 @@ No load does work on such a motion. It is held at a few nodes; the choice of nod
 stresses. In the answer the motion is zero in the mean (`solver.tfeti.least_motion`).
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from contact_app.model.equilibrium import body_frame

@@ -1,7 +1,5 @@
 """Copies of the nodes on the surfaces of subdomains, which constraints connect."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from meshes import Partition

@@ -15,8 +15,6 @@ The slip limit that Tresca's law is given per area acts on the area of the node,
 boundary, or on that of the mean.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 

@@ -1,7 +1,5 @@
 """Tied pairs of a scene: rows that join two surfaces of arbitrary meshes."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 
 import numpy as np

@@ -10,8 +10,6 @@ the boundary stays free to deform (a distributing coupling). In the plane, momen
 component out of the plane.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 

@@ -8,8 +8,6 @@ head differ by some degrees), u + t v is another answer for all t with |w| + t d
 slip and d the direction of the friction force of a point.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator
 
 import numpy as np

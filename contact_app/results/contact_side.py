@@ -44,8 +44,6 @@ means flatten the pressure, and only vertices with a narrow covered strip have t
 body covers no facet about them completely.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property

@@ -12,8 +12,6 @@ consists of mirror images of solved contacts: of itself, or of its partner on th
 force is reflected as a vector, a moment as an axial vector, and nodes on a plane count once.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import Any

@@ -15,8 +15,6 @@ rows with separate multipliers the limit is `EQUAL`. A facet on the boundaries o
 counts for the first of them; otherwise its pressure would be halved.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from typing import Any

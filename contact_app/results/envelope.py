@@ -5,8 +5,6 @@
 the scene file, from 1; a node that no case presses has pressure and case 0.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any

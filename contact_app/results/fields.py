@@ -4,8 +4,6 @@ The owner of a node averages the displacements of its copies, which differ by ju
 tolerance only. Contact quantities are computed by the owner.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any

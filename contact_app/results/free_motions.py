@@ -6,8 +6,6 @@ loose motions of a group (`solver.contact.equilibrium.loose_motions`) that is ne
 displacement in the mean square (`solver.tfeti.free_motions`).
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial

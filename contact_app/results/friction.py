@@ -11,8 +11,6 @@ the size of increments. λ_t · w, with the forces at the end, would be twice th
 friction under a load that is applied at once.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterable
 
 import numpy as np

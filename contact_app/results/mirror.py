@@ -4,8 +4,6 @@ Each subset of the planes gives one mirror image of the solved part. Nodes on a 
 image and get no second number: the whole is one mesh, as if it had not been cut.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cache

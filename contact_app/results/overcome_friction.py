@@ -1,7 +1,5 @@
 """Answers without a certificate in which friction does not hold the loads."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator
 
 from contact_app.model.equilibrium import leaving

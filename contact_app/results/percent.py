@@ -1,7 +1,5 @@
 """Shares in percent, as text for users."""
 
-from __future__ import annotations
-
 
 def percent(share: float) -> str:
     """A share with two digits, or all digits before the point: "0.026 %", "17 %", "174 %"."""

@@ -3,8 +3,6 @@
 `contact_side` derives pressures from the forces of contact rows.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 from typing import Any
 

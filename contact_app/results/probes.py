@@ -1,7 +1,5 @@
 """Displacements at the probes of a scene."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

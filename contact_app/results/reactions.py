@@ -14,8 +14,6 @@ solved conditions, as for contacts (`results.contacts`). The conditions at the c
 file and are left out.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Any
 

@@ -4,8 +4,6 @@ A tower of 50 blocks causes the same warning 49 times. The reader needs it once,
 repetitions and their names.
 """
 
-from __future__ import annotations
-
 import re
 from collections.abc import Callable, Iterable, Sequence
 

@@ -1,7 +1,5 @@
 """The report of a run: ``run.log``, ``summary.json``, and the table at its end."""
 
-from __future__ import annotations
-
 import json
 import logging
 import math

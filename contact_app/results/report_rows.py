@@ -1,7 +1,5 @@
 """Lines of forces and displacements by name for the table at the end of a run."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 

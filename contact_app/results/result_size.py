@@ -1,7 +1,5 @@
 """The size of the files of fields."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 from contact_app.results.fields import CELL_FIELDS, FRICTION_FIELDS, NODAL_FIELDS, POINT_FIELDS

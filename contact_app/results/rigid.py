@@ -5,8 +5,6 @@ Moments are about its displaced reference point. The contact forces are those of
 it, on the bodies of `on`, with the other sign.
 """
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

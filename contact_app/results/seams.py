@@ -13,8 +13,6 @@ min |τ - W^(1/2) A z|: zero where the rows are independent. The step ends where
 tensile.
 """
 
-from __future__ import annotations
-
 import numpy as np
 from mpi4py import MPI
 from scipy import sparse

@@ -19,8 +19,6 @@ loads on parts of these cells belong to the side of their middle.
 On planes of symmetry the force across the plane is an internal force of the whole and is left out.
 """
 
-from __future__ import annotations
-
 from dataclasses import replace
 from typing import Any
 

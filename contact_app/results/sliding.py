@@ -1,7 +1,5 @@
 """Distances by which bodies slide along obstacles and along each other, where they touch."""
 
-from __future__ import annotations
-
 import numpy as np
 from mpi4py import MPI
 

@@ -1,7 +1,5 @@
 """Tied pairs in ``summary.json``: what each carries, among the contacts of the file."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import Any
 

@@ -6,8 +6,6 @@ g n · m along m. The two differ by g (1 - n · m) at least: little where the su
 parallel or the gap is small, much where the flank of a tooth overlaps a smooth surface.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 
 import numpy as np

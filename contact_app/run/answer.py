@@ -1,7 +1,5 @@
 """The Python interface to scenes: `solve` takes a file or a mapping and returns arrays."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial

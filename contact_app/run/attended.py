@@ -1,7 +1,5 @@
 """Log, progress, checkpoint and interruption of a run."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass

@@ -8,8 +8,6 @@ constraints, it is the combination of least ‖d - Σ a_k d_k‖. While contact 
 multipliers depend linearly on d.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 

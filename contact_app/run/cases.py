@@ -4,8 +4,6 @@ The model is built once (`run.case_models`); each case has its own solve, fields
 cases start from the nearest earlier one.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack
 from functools import partial

@@ -4,8 +4,6 @@ The outline of the model (subdomains, conditions, loads and their equilibrium) i
 a run. So `check` refuses every scene that a run would refuse before it assembles a matrix.
 """
 
-from __future__ import annotations
-
 from mpi4py import MPI
 from rich.console import Console
 

@@ -17,8 +17,6 @@ with one in other increments:
 A warning follows if halving changes, or would change, the answer.
 """
 
-from __future__ import annotations
-
 import logging
 from collections.abc import Callable
 from dataclasses import dataclass, field

@@ -5,8 +5,6 @@ coarse factor); the solver counts its sums over all ranks. The messages of MUMPS
 factor are not counted.
 """
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

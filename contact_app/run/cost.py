@@ -6,8 +6,6 @@ in measurements; a badly conditioned scene needs several times as many. Each cel
 error estimate and output. docs/benchmarks/speed.md compares estimates with runs.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass

@@ -9,8 +9,6 @@ contact rows alone. `run.ways` has the methods that follow. They are tried for a
 also an exception of the solver, unless the user stopped it or limited its iterations.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import numpy as np

@@ -12,8 +12,6 @@ history. If multigrid does not certify the first half or the smallest part, Tota
 part and goes on.
 """
 
-from __future__ import annotations
-
 import logging
 import math
 from collections.abc import Callable, Iterator

@@ -1,7 +1,5 @@
 """The model of a scene and what it leaves out, in lines for the screen and the log."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import replace
 from functools import partial

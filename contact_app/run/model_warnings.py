@@ -14,8 +14,6 @@ they lock. Strains of triangles and tetrahedra are constant; for them ν and the
 the mesh are tested.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterable, Iterator
 from functools import partial
 

@@ -1,7 +1,5 @@
 """The answer of a load increment in increments of another length, and how much it differs."""
 
-from __future__ import annotations
-
 import logging
 from dataclasses import dataclass, replace
 

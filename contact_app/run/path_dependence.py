@@ -5,8 +5,6 @@ point that closes and sticks is held where it was at the start of the increment,
 touched.
 """
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

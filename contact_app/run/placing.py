@@ -10,8 +10,6 @@ plate that tilts slightly on frictionless supports does not slide off. Prescribe
 exact: the placement contains them from the start.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 

@@ -6,8 +6,6 @@ is written as ``.NAME.part`` and renamed when it is complete; a killed run leave
 the next run removes it. `run.log` and `history.csv` grow during the run.
 """
 
-from __future__ import annotations
-
 import json
 import re
 from pathlib import Path

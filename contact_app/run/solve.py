@@ -1,7 +1,5 @@
 """Solution of a scene: model, solver, fallbacks, fields and summary, without files."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field, replace
 from typing import Protocol
 

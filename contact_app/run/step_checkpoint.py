@@ -8,8 +8,6 @@ must have the same bodies, conditions and contacts, and the same finished or beg
 number of increments; later steps may change.
 """
 
-from __future__ import annotations
-
 import hashlib
 import json
 from dataclasses import dataclass, replace

@@ -6,8 +6,6 @@ tested at its end. If the end has no equilibrium, bisection finds the factor at 
 begin to move.
 """
 
-from __future__ import annotations
-
 from mpi4py import MPI
 
 from contact_app.errors import NoEquilibriumError

@@ -1,7 +1,5 @@
 """Records of a load history: one per increment, and the summary of all."""
 
-from __future__ import annotations
-
 import csv
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path

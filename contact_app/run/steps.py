@@ -1,7 +1,5 @@
 """Run a load history: solve its increments, and write the files of each as soon as it is solved."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import replace
 from functools import partial

@@ -1,7 +1,5 @@
 """The summary of a solved scene, the content of `summary.json`."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from hashlib import sha1
 from typing import Any

@@ -4,8 +4,6 @@ Each function on a contact returns a sentence without the name of the contact, o
 where there is nothing to say.
 """
 
-from __future__ import annotations
-
 from contact_app.accuracy.faceted_curves import FITTED, FITTED_SMOOTH, Distances, compared
 
 SMALL_STRAIN, SMALL_ROTATION = 0.05, 0.1

@@ -23,8 +23,6 @@ A method ends the search if its answer is certified, or if the user stopped or l
 (`run.fallback.is_final`). Otherwise the next one is tried, and a message has the reason.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import Protocol

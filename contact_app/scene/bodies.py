@@ -1,7 +1,5 @@
 """An elastic body: its mesh, its materials and its named boundaries."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass

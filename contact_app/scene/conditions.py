@@ -3,8 +3,6 @@
 Conditions may have a name, by which load cases give them a factor; `scaled` applies the factor.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field, replace
 from typing import Any, ClassVar, Self
 

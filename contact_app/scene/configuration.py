@@ -3,8 +3,6 @@
 `contact_app.scene.schema` has its sections.
 """
 
-from __future__ import annotations
-
 import re
 from collections.abc import Mapping, Sequence
 from pathlib import Path

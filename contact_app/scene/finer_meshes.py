@@ -5,8 +5,6 @@ of their straight edges are no vertices of these surfaces, so they are moved the
 (`meshes.rounded_refinement`); all other boundaries stay the polygons and polyhedra of the file.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterable
 from dataclasses import replace
 

@@ -1,7 +1,5 @@
 """Messages that name file, line and key, in words of the scene file, not of pydantic."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Sequence
 from typing import Any

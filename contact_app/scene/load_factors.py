@@ -7,8 +7,6 @@ cases:                                   steps:
                                            - {push: 1, increments: 8}
 """
 
-from __future__ import annotations
-
 import re
 from collections.abc import Mapping, Sequence
 

@@ -6,8 +6,6 @@ thermal expansion α and the rise of temperature T. In plane stress λ is replac
 Young's modulus. The rest of the application takes all moduli from these objects.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from functools import cached_property
 

@@ -1,7 +1,5 @@
 """Overrides of keys of a scene file on the command line, ``--set path.to.key=value``."""
 
-from __future__ import annotations
-
 import re
 from typing import Any
 

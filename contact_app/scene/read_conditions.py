@@ -1,7 +1,5 @@
 """Reading supports, loads and contacts of a scene file, with boundaries resolved by name."""
 
-from __future__ import annotations
-
 from contact_app.scene.bodies import FACES, Body, Box
 from contact_app.scene.conditions import (
     FRICTIONLESS,

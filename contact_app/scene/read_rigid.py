@@ -1,7 +1,5 @@
 """Reading rigid bodies of a scene file, with their displacements and loads."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from contact_app.scene.keys import Keys, Place, Vector

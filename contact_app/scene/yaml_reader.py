@@ -6,8 +6,6 @@ refused: scenes do not need them, and a few lines of aliases can expand to gigab
 and number of values are limited, so that no file takes long to read.
 """
 
-from __future__ import annotations
-
 import re
 from collections.abc import Sequence
 from pathlib import Path

@@ -14,8 +14,6 @@ comparison removes the rigid motion of each body from u - u_ccx, since a contact
 hardly resists it. Without `ccx` nothing is done.
 """
 
-from __future__ import annotations
-
 import argparse
 import json
 import shutil

@@ -10,8 +10,6 @@ length of a facet. A body that only contact holds gets weak springs, and a first
 contact.
 """
 
-from __future__ import annotations
-
 import os
 import subprocess
 import time

@@ -7,8 +7,6 @@ with the last of the ten cases. The table holds processor time, which depends le
 the machine than wall-clock time.
 """
 
-from __future__ import annotations
-
 import argparse
 import json
 import time

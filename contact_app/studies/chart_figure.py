@@ -1,7 +1,5 @@
 """The figure of a chart: seconds against errors of all points, frontiers as lines."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any

@@ -5,8 +5,6 @@ With another scene, other changes or another reference the chart begins anew. ``
 and so on are the fields of the reference, the finest first.
 """
 
-from __future__ import annotations
-
 import json
 from collections.abc import Sequence
 from hashlib import sha256

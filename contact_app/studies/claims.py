@@ -11,8 +11,6 @@ Scenes without equilibrium, with contradictory conditions, or with a reference t
 converge are left out and counted. So are targets below three times the error of the reference.
 """
 
-from __future__ import annotations
-
 import argparse
 import time
 from collections import Counter

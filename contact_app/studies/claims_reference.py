@@ -14,8 +14,6 @@ energies, 2 (J(u_h) - J(u_f)). Both include η_f² and are relative to ‖u_h‖
 docs/guide/accuracy.md defines the relative error.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 from functools import reduce
 

@@ -10,8 +10,6 @@ scenes of three the file names no degree. Every support is at least a facet of t
 all energies are finite, and no scene can move as a rigid body.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field
 from typing import Any
 

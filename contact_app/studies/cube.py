@@ -8,8 +8,6 @@ the curves of counts are compared, not single numbers. One more solve shows this
 defaults.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import replace
 from importlib.resources import as_file, files

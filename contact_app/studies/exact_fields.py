@@ -5,8 +5,6 @@ beyond the true body, the formulas of the exact fields are continued. Meshes may
 degree.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 
 import numpy as np

@@ -6,8 +6,6 @@ statuses of points. The reference is a run without decomposition at tolerance 1e
 compare it with Gauss-Seidel sweeps over contact points, which share no code with this application.
 """
 
-from __future__ import annotations
-
 import copy
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Box-constrained quadratic programmes on which strategies fail (see ``failing_scenes``)."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any

@@ -5,8 +5,6 @@ application. If a milder variant of the scene is known, the growth of work from 
 case is measured as well.
 """
 
-from __future__ import annotations
-
 import copy
 import tempfile
 from collections.abc import Callable

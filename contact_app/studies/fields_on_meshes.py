@@ -9,8 +9,6 @@ dolfinx's trees of bounding boxes find the cell that contains a point, or the ne
 method finds the local coordinates of the point in the cell.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property

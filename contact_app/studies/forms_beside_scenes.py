@@ -11,8 +11,6 @@ themselves, a regular mesh that both cut into congruent sub-boxes, without and w
 ``mpirun`` only the last two are printed, with the processor seconds of all ranks.
 """
 
-from __future__ import annotations
-
 import argparse
 import tempfile
 import time

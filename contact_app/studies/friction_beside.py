@@ -18,8 +18,6 @@ more than `LIMIT` seconds, has a row that says so. The study writes ``friction.c
 ``friction_NAME.png``, and prints the tables.
 """
 
-from __future__ import annotations
-
 import argparse
 import importlib.util
 import json

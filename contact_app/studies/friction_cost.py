@@ -10,8 +10,6 @@ a load history may take twelve times the applications of a single increment to t
 The rows of a scene begin with the method that `solver.method: auto` takes.
 """
 
-from __future__ import annotations
-
 import argparse
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass

@@ -5,8 +5,6 @@ and loads are those of the scene; there is no contact. A part that is loaded onl
 interference gets its weight as a load instead, since without loads the solution would be zero.
 """
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

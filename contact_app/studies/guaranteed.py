@@ -7,8 +7,6 @@ the bound does not use it. The effectivity of the bound is proved to be at least
 those of the whole solve and of the bound alone.
 """
 
-from __future__ import annotations
-
 import time
 from collections.abc import Iterator
 

@@ -10,8 +10,6 @@ lie on a line over r², which is fitted to the computed pressures (H. Hertz, *Ü
 fester elastischer Körper*, 1882; K. L. Johnson, *Contact Mechanics*, 1985, chapter 4).
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

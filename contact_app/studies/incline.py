@@ -8,8 +8,6 @@ the ratio of friction force and normal force in the solution just below the seco
 - sin α)/(cos α + F/G sin α).
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import replace
 

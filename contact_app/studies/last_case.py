@@ -1,7 +1,5 @@
 """The scene that a study solves if a file has load cases: the last case."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from pathlib import Path
 

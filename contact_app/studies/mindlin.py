@@ -17,8 +17,6 @@ were 9 % in the root mean square out of a total difference of 11 %. With R = 200
 and it falls with the size of cells.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Result of a method on a scene on which methods fail (`stability`)."""
 
-from __future__ import annotations
-
 import re
 from dataclasses import dataclass
 from typing import Any

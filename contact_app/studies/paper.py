@@ -1,7 +1,5 @@
 """The paper's counts (Appendix A), and their comparison with counts of this solver."""
 
-from __future__ import annotations
-
 import csv
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass

@@ -7,8 +7,6 @@ whole cube is built. An interrupted run continues from its
 last outer iteration.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import replace
 from enum import StrEnum

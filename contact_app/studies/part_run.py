@@ -18,8 +18,6 @@ and one mesh goes through all bodies (``fused/`` beside their mesh, `contact_app
 No other method of PETSc takes several bodies.
 """
 
-from __future__ import annotations
-
 import time
 from collections.abc import Collection, Sequence
 from pathlib import Path

@@ -19,8 +19,6 @@ seconds contain: run the command twice on a new machine. The columns of the tabl
     equality, and the solve begins at zero.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path

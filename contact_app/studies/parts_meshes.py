@@ -1,7 +1,5 @@
 """Sources of meshes for the benchmark of parts: shipped, drawn with Gmsh, or a directory."""
 
-from __future__ import annotations
-
 import importlib.util
 import subprocess
 import sys

@@ -12,8 +12,6 @@ at the planes of symmetry of a half or quarter model.
 Right is Hertz's peak for the given force; of a block it is right to about 1 %.
 """
 
-from __future__ import annotations
-
 import argparse
 from collections.abc import Sequence
 from dataclasses import dataclass

@@ -10,8 +10,6 @@ therefore
 integrals with ψ_j, for ψ_j = Σ_i ψ_j(x_i) φ_i.
 """
 
-from __future__ import annotations
-
 import numpy as np
 from mpi4py import MPI
 from petsc4py import PETSc

@@ -24,8 +24,6 @@ CHOLMOD. GAMG fails if the free set changes its size (an error in PETSc), and it
 motions on the free set. Two ranks halve the time of iterative methods.
 """
 
-from __future__ import annotations
-
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager

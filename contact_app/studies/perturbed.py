@@ -3,8 +3,6 @@
 Written to a file they represent meshes of a mesher: no two subdomains are congruent.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path

@@ -4,8 +4,6 @@ Every run prints one line of JSON. This application and methods that use one pro
 through the threads of BLAS; methods that gain from ranks get one rank per core.
 """
 
-from __future__ import annotations
-
 import json
 import os
 import shutil

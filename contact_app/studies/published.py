@@ -8,8 +8,6 @@ the digits of its table; then the same steps are applied to it again. On the pub
 themselves this changes nothing.
 """
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -7,8 +7,6 @@ of TAO run without preconditioner, since their default one factors A. For TAO th
 are the calls of MatMult that PETSc logs.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import dataclass
 

@@ -4,8 +4,6 @@ A mesh file holds the corners of its cells, not the true shape. If a part of the
 circle or a ball, its corners determine the circle or ball.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 

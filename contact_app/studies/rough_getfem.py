@@ -14,8 +14,6 @@ length of a facet, and a first displacement of the body that only contact holds.
 plane of symmetry there is no force along the floor.
 """
 
-from __future__ import annotations
-
 import sys
 from importlib import import_module
 from pathlib import Path

@@ -10,8 +10,6 @@
 saves an `Outcome` and prints the last ``summary.json`` in one line.
 """
 
-from __future__ import annotations
-
 import argparse
 import json
 from collections.abc import Sequence

@@ -8,8 +8,6 @@
   and b (K. L. Johnson, *Contact Mechanics*, 1985, section 7.5: 2/3 μ P R for a disc).
 """
 
-from __future__ import annotations
-
 import math
 from pathlib import Path
 

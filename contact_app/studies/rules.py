@@ -6,8 +6,6 @@ outer iteration on the gradient, this solver's own does not). Subdomains of 4³ 
 orthonormal, no preconditioner.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator
 
 from mpi4py import MPI

@@ -1,7 +1,5 @@
 """One run of a study: this application or a method of PETSc on a scene, and its row."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any

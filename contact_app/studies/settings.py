@@ -9,8 +9,6 @@ column is the relative change of the energy from that of the first row. A scene 
 is solved with its last case.
 """
 
-from __future__ import annotations
-
 import argparse
 import time
 from collections.abc import Iterator, Sequence

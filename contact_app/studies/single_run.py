@@ -10,8 +10,6 @@ is the row of `part_run` for either. ``--fields`` writes the fields at the nodes
 cases is solved with its last case.
 """
 
-from __future__ import annotations
-
 import argparse
 import json
 import time

@@ -16,8 +16,6 @@ decomposition at tolerance 1e-10, whose duality gap bounds its error. The tests 
 reference that shares no code with this application.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, replace
 from functools import partial

@@ -8,8 +8,6 @@ The data sets are published on the LIBSVM data set page
 are first rounded to the published digits (``published.py``).
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path

@@ -10,8 +10,6 @@ applied as two products with Z: memory is that of the data. From λ, w = Zᵀ λ
 + C/p Σ ξᵢᵖ + (½ λᵀHλ - λᵀ1) bounds the distance from the optimum.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 from pathlib import Path

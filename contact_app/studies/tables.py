@@ -1,7 +1,5 @@
 """The rows of a study: CSV, tables of a page, and matplotlib for figures."""
 
-from __future__ import annotations
-
 import csv
 import re
 from collections.abc import Iterable, Mapping, Sequence

@@ -10,8 +10,6 @@ ones: what else the machine does only adds to them. Under ``mpirun`` they are me
 Rows `file` have meshes in files whose subdomains are not congruent (`studies.perturbed`).
 """
 
-from __future__ import annotations
-
 import argparse
 import json
 import tempfile

@@ -12,8 +12,6 @@ both checkouts have and the cube of 40³ and 60³ cells are taken. ``--paper`` a
 rows have equal Hessian multiplications, and the change of their median.
 """
 
-from __future__ import annotations
-
 import argparse
 import json
 import tempfile

@@ -36,8 +36,6 @@ Sources: H. Hertz (1882); K. L. Johnson, *Contact Mechanics* (1985), chapters 2 
 Timoshenko, J. N. Goodier, *Theory of Elasticity* (1970), section 28.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Measures of answers of `verification`, with the numbers of the theory."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The tables of ``contact-app verify`` in docs/benchmarks/verification.md, and its figure."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 

@@ -4,8 +4,6 @@ Needs Gmsh's Python module (Debian: python3-gmsh; elsewhere: pip install gmsh), 
 in this project needs.
 """
 
-from __future__ import annotations
-
 import argparse
 from collections.abc import Callable, Mapping
 from pathlib import Path

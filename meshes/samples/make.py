@@ -8,8 +8,6 @@ The meshes in ``coarse``, which `contact-app verify` refines, are made with ``sp
 Lengths are in millimetres.
 """
 
-from __future__ import annotations
-
 import math
 
 import gmsh

@@ -6,8 +6,6 @@ gives cells with nodes on their edges, which follow the round boundaries. ``--fu
 bodies of a part as one. Lengths are in millimetres.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from functools import partial

@@ -9,8 +9,6 @@ have 15,000 to 40,000 unknowns of degree 1; ``--friction`` is Coulomb's coeffici
 Needs NumPy and meshio. Lengths are in millimetres, stresses in MPa.
 """
 
-from __future__ import annotations
-
 import argparse
 from collections.abc import Callable
 from dataclasses import dataclass, replace

@@ -1,7 +1,5 @@
 """The tuned numbers of the active-set loop."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass

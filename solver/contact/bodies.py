@@ -7,8 +7,6 @@ that can touch each other form a group, directly or through other bodies. They s
 and the duality gap bounds the error of a group as a whole.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 

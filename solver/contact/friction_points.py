@@ -5,8 +5,6 @@ requires |λ_t| ≤ μ λ_n, Tresca's |λ_t| ≤ s. Both require a slip w = 0 wh
 limit, and a slip along λ_t where |λ_t| is at its limit. The friction force on the body is -λ_t.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The equilibrium of a group of bodies that may touch each other or are tied."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

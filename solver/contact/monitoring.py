@@ -1,7 +1,5 @@
 """Monitors of a contact problem: steps with the number of the active set and its contact rows."""
 
-from __future__ import annotations
-
 from typing import Any
 
 from solver.qp.result import Monitor, Step

@@ -9,8 +9,6 @@ least squares (Lawson and Hanson, *Solving Least Squares Problems*, 1995, chapte
     min_{w ≥ 0} |[-Aᵀ; hᵀ] w - e|²,   e the last unit vector;   x = -r / r_last with r the residual.
 """
 
-from __future__ import annotations
-
 import numpy as np
 from mpi4py import MPI
 

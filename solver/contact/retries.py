@@ -6,8 +6,6 @@ without friction. Where points were released before a state showed that they sli
 again without such releases.
 """
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 from solver.backend import S, Statuses

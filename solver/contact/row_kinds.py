@@ -1,7 +1,5 @@
 """The kinds of rows of the constraints."""
 
-from __future__ import annotations
-
 from enum import IntEnum
 
 

@@ -9,8 +9,6 @@ farther, less arrives. A point that is released too early slips against its forc
 in the next set.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

@@ -9,8 +9,6 @@ least. Where the residual grows, the earlier limits are dropped and the next ste
 step, for the augmented Lagrangian also all later ones.
 """
 
-from __future__ import annotations
-
 import numpy as np
 from mpi4py import MPI
 

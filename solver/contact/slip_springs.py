@@ -11,8 +11,6 @@ The set stays symmetric: along its slip a point has the given force (1 - θ) s a
 slip before, both together are s, so the answer is the same.
 """
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

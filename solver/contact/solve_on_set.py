@@ -5,8 +5,6 @@ residual the contact law decides from the state which rows change. Only a set th
 is solved until its answer passes the stopping test.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace

@@ -11,8 +11,6 @@ The estimate is made once jumps and error of an answer are below the loosest tol
 only where the error of the solver disturbed it.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace

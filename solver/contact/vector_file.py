@@ -4,8 +4,6 @@ Rank 0 writes and reads the parts of all ranks, so that disk errors occur on one
 are little-endian of 8 bytes.
 """
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

@@ -6,8 +6,6 @@ tentative prolongation P₀; R = P₀ R_c gives the rigid motions R_c of the coa
 Jacobi's method smooths them: P = (I - ω D⁻¹ A) P₀.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

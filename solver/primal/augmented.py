@@ -26,8 +26,6 @@ Friction has springs that yield at the slip limit (`solver.primal.augmented_rows
 Coulomb's law change with λ, and with the forces of a set that holds with equality.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass, replace
 

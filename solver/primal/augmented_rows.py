@@ -14,8 +14,6 @@ The limits of Coulomb's law follow the contact forces in each step while L is fa
 value, and then by Anderson's acceleration (`solver.contact.slip_limits`).
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import replace
 

@@ -4,8 +4,6 @@ Nodes have two or three unknowns, and couple with all unknowns of their neighbou
 (PETSc's BAIJ) a matrix has a ninth of the column numbers, and a product takes half the time.
 """
 
-from __future__ import annotations
-
 import weakref
 from collections.abc import Callable
 from typing import Any

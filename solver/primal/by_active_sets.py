@@ -1,7 +1,5 @@
 """Active sets with multigrid on the undecomposed problem, to a certified answer."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from functools import partial
 

@@ -16,8 +16,6 @@ a cycle follows the active set at little cost. For rows with a compliance C
 1 / (1/s + C).
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 

@@ -9,8 +9,6 @@ is factored, W a multiple of the stiffness that K has against each row. Inside Î
 inverse on the displacements that leave the active rows alone, and a set takes a few iterations.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

@@ -11,8 +11,6 @@ is nearly the inverse without the springs of R and with springs on J. Vᵀ K V i
 with K: the difference of W and W C_R X_R would consist of rounding errors.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from solver.primal.blocks import in_blocks

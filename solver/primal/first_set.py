@@ -10,8 +10,6 @@ pressing spring are the first active set, its points stick or slide as the sprin
 begins with this displacement.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 

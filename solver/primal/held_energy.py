@@ -1,7 +1,5 @@
 """The strain energy if some unknowns are held at values other than zero."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from solver.primal.merged import MergedSystem

@@ -5,8 +5,6 @@ They are made once (`solver.primal.aggregation`); every active set uses the same
 its nodes. Rigid bodies are held in place: the levels do not contain their motions.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

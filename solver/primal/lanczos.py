@@ -1,7 +1,5 @@
 """Ritz values: estimates of the smallest and of the largest eigenvalue."""
 
-from __future__ import annotations
-
 import numpy as np
 from mpi4py import MPI
 from petsc4py import PETSc

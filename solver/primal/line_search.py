@@ -1,7 +1,5 @@
 """The minimum along a line of a convex quadratic function with one-sided springs."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 
 import numpy as np

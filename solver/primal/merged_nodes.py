@@ -7,8 +7,6 @@ ranks one is often half as large as the other. Neighbours in the order of dolfin
 body.
 """
 
-from __future__ import annotations
-
 from itertools import pairwise
 from typing import TypeVar
 

@@ -1,7 +1,5 @@
 """Options of PETSc for one object."""
 
-from __future__ import annotations
-
 from petsc4py import PETSc
 
 

@@ -1,7 +1,5 @@
 """The preconditioner of a set: a V-cycle or a factor, the projector and the rigid motions."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from solver.primal.cycle import Cycle, CycleOnSets

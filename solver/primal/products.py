@@ -1,7 +1,5 @@
 """Products of distributed PETSc matrices with local parts of vectors, and parts of matrices."""
 
-from __future__ import annotations
-
 from itertools import pairwise
 
 import numpy as np

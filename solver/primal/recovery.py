@@ -4,8 +4,6 @@ The solver provides the multipliers of contact and tied rows. Rows of gluing and
 are orthonormal and balance the remaining forces at their nodes: λ = B (f - K u - B_Cᵀ λ_C).
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from solver.contact.row_kinds import RowKind

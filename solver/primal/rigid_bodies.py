@@ -12,8 +12,6 @@ rigid body on held nodes, are held by a projector of their own (`RowsOfMotions`)
 The coarse levels that find the first set contain q unchanged (`with_motions`).
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import replace
 

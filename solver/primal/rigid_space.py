@@ -19,8 +19,6 @@ with M Z = I the ones with least energy hold the means: a residual becomes (I - 
 correction (I - Z M) z. W has the other combinations, with M W = 0.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from copy import copy
 from typing import Self

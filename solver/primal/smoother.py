@@ -8,8 +8,6 @@ The polynomials are those of Saad, Iterative Methods for Sparse Linear Systems, 
 12.1.
 """
 
-from __future__ import annotations
-
 import numpy as np
 from petsc4py import PETSc
 

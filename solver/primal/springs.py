@@ -10,8 +10,6 @@ exactly, D the diagonal of K and S = B D⁻¹ Bᵀ. Then
 does not move the rows that hold exactly, and for M = D it is the inverse of D + Bᵀ C⁻¹ B.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from solver.backend import Statuses

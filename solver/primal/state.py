@@ -1,7 +1,5 @@
 """The answer of multigrid on an active set."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

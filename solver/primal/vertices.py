@@ -6,8 +6,6 @@ the entries a row. The displacements of degree 1 on the same cells are a subspac
 midside nodes and nodes inside faces and cells as means of the adjacent vertices.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

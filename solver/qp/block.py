@@ -1,7 +1,5 @@
 """One block of an iterate's vectors: operations on it stay in the cache and allocate no memory."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from typing import Any
 

@@ -1,7 +1,5 @@
 """The quadratic program with bounds: minimise ½ xᵀAx - bᵀx over l ≤ x ≤ u (paper, equation 1)."""
 
-from __future__ import annotations
-
 from typing import Any
 
 from solver.qp.box import Box

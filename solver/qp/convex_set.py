@@ -14,8 +14,6 @@ if x lies on its boundary, and free otherwise. With this,
 * reduced free gradient g^r = (x - P(x - α g^f)) / α: a step α along it stays in the set.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from typing import Protocol
 

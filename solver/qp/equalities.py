@@ -1,7 +1,5 @@
 """Equalities Cx = c on distributed vectors: from arrays, operators or PETSc matrices."""
 
-from __future__ import annotations
-
 import math
 from typing import Any, Protocol, runtime_checkable
 

@@ -1,7 +1,5 @@
 """Small problems on which expansion strategies fail, for tests and the table of stability."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

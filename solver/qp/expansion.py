@@ -31,8 +31,6 @@ c = (dᵀAd')²/dᵀAd is such a bound, and Ad is known. So a minimum on the seg
 step that is m(gᵀd', c) below x½ is at least as low, which takes no multiplication to see.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 from dataclasses import dataclass

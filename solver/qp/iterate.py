@@ -5,8 +5,6 @@ Every method makes one pass over the vectors and at most one collective sum. A C
 multiplication, three passes, two collectives. All vectors are allocated when the iterate is made.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 from time import perf_counter

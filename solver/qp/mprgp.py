@@ -6,8 +6,6 @@ step that would leave the box is replaced by an expansion of the active set; whe
 gradient dominates, a proportioning step releases active components.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 from dataclasses import dataclass

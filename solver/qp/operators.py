@@ -5,8 +5,6 @@ rank's part of the product. Dense and sparse arrays and scipy's operators are on
 PETSc matrices, also shell matrices, on the ranks of their communicator.
 """
 
-from __future__ import annotations
-
 import math
 from typing import Any, Protocol, runtime_checkable
 

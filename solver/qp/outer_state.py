@@ -1,7 +1,5 @@
 """Records of SMALBE-M: the state after an outer iteration, the state to restart from, callbacks."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass
 

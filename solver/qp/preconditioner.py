@@ -1,7 +1,5 @@
 """The protocol of an approximate inverse of the Hessian for MPRGP."""
 
-from __future__ import annotations
-
 from typing import Protocol
 
 from solver.vectors import Mask, Vector

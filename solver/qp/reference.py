@@ -13,8 +13,6 @@ other: x is called proportional if ‖β‖² ≤ Γ² φ̃ᵀφ. `solver.qp.mpr
 distributed vectors, with fewer Hessian multiplications. Tests compare the two step by step.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any

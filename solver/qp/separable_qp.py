@@ -1,7 +1,5 @@
 """The quadratic program: minimise ½ xᵀAx - bᵀx over a separable convex set."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

@@ -8,8 +8,6 @@ contact rows and not the others, and projected conjugate gradients solve
 The preconditioner is that of the dual problem, deflated by search directions of earlier sets.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass, replace
 from functools import cached_property

@@ -4,8 +4,6 @@
 one tangential row, a disc about -λ̃_t at points with two.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from solver.qp.box import Box

@@ -1,7 +1,5 @@
 """Total FETI as a backend of the active-set loop (protocol `solver.backend.Backend`)."""
 
-from __future__ import annotations
-
 from functools import cached_property
 
 from petsc4py import PETSc

@@ -1,7 +1,5 @@
 """The body of each interface unknown and of each row of B."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import numpy as np

@@ -1,7 +1,5 @@
 """From stiffness matrices and rows of constraints to a dual problem: factors, B, coarse problem."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass, replace

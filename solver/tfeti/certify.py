@@ -1,7 +1,5 @@
 """The certificate of multipliers and displacements (`solver.contact.certificate`)."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -20,8 +20,6 @@ products it is the deflation of `solver.tfeti.recycling`. The simpler z + W E⁻
 r, is not symmetric: with it conjugate gradients did not converge between two meshes.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The contact law of a decomposed problem, and the options of active sets that go with it."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

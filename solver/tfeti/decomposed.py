@@ -4,8 +4,6 @@ Vectors are arrays, the local parts of distributed ones: dual vectors by owned r
 vectors by subdomain of this rank, class after class, member after member.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property

@@ -3,8 +3,6 @@
 They share its factors and the displacements under its loads without constraints.
 """
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -18,8 +18,6 @@ Rounding errors destroy the orthogonality, and with sliver cells most steps woul
 decomposition method for structural analysis problems*, 1990).
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass
 

@@ -1,7 +1,5 @@
 """The dual operator F = B K⁺ Bᵀ of Total FETI (paper, section 4.1), and K⁺ f of the loads."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import numpy as np

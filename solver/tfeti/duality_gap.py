@@ -5,8 +5,6 @@ bounds ½ ‖û - u*‖²_K. See `solver.contact.certificate` for the derivation
 solution with the slip limits frozen at those of λ.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from solver.tfeti.decomposed import DecomposedProblem

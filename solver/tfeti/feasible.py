@@ -5,8 +5,6 @@ The dual solution is made exactly admissible (λ_I ≥ 0, Gλ = e), and so is th
 bounds the error.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from solver.tfeti.constraints.matrix import lent

@@ -14,8 +14,6 @@ answer, such motions are those that held and tied rows leave and on which all ro
 vanish: N_p L z = 0. No load does work on them and they strain nothing.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 

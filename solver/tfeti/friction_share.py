@@ -7,8 +7,6 @@ With the normal forces of an answer as given, the slip limits are μ λ_n, and t
 equilibrium up to a share of the loads (`solver.contact.equilibrium.carried_share`).
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

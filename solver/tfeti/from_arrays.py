@@ -5,8 +5,6 @@ of Total FETI: every subdomain floats, and held components are rows of B (Dostá
 2006).
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any

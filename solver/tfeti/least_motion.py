@@ -16,8 +16,6 @@ This is a strictly convex problem of a few unknowns. With y = Lᵀ z, L Lᵀ the
 form, it asks for the point of a polyhedron around the origin that is nearest to a given one.
 """
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The tuned numbers of constraints and coarse problem."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 

@@ -12,8 +12,6 @@ several nodes, which `CoupledRows` weighs. The solver sets the result to zero on
 free. An application costs two projections and a product with S.
 """
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -9,8 +9,6 @@ rows that hold with equality have exactly the residual of the solver, and contac
 by their gradient. Open rows do not influence α, so they cause no jumps of u.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from solver.tfeti.dual import DualProblem

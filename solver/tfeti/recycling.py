@@ -3,8 +3,6 @@
 `solver.tfeti.directions` stores the directions and derives the method.
 """
 
-from __future__ import annotations
-
 from solver.qp.preconditioner import Preconditioner
 from solver.tfeti.directions import Directions
 from solver.tfeti.dual import DualProblem

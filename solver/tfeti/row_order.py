@@ -1,7 +1,5 @@
 """The rows of B as a matrix, in an order in which B and Bᵀ read neighbouring memory."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 

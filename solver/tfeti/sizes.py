@@ -4,8 +4,6 @@ Displacements, forces, energies and rounding errors are summed over the subdomai
 (`solver.contact.certificate`).
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from functools import cached_property
 

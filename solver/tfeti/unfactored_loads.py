@@ -6,8 +6,6 @@ the stiffness at its unknown, f_i / √K_ii, and prescribed values are multiplie
 mean K_ii of elastic bodies, so that all have one unit.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import numpy as np

@@ -17,8 +17,6 @@ Johnson, *Contact Mechanics*, 1985, section 4.3). If all gaps are zero, the solv
 contact row active instead, since rigid subdomains do not bulge.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

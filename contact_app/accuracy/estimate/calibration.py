@@ -10,8 +10,6 @@ their uncertainty, since estimates improve on finer meshes. Nothing is lowered i
 decrease, or by more than any estimate is known to exceed its error.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 

@@ -6,8 +6,6 @@ a vertex they are fitted by polynomials of the degree of the displacement, whose
 1, x_i, x_i x_j (i ≤ j) with x measured from the vertex.
 """
 
-from __future__ import annotations
-
 import math
 from functools import cached_property
 from itertools import combinations_with_replacement

@@ -5,8 +5,6 @@ direction of the friction force: μ times the pressure, which is a linear condit
 a given force per area. At a sticking point friction is an unknown reaction.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

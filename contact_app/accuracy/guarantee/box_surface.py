@@ -6,8 +6,6 @@ with all nodes on it. This module also refuses scenes that cannot have a guarant
 gaps or data inside a facet do not follow from the values at its nodes.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass

@@ -15,8 +15,6 @@ values s on faces and edges. All matrices are sums of Kronecker products of one-
 matrices, also on uneven grids.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property, reduce

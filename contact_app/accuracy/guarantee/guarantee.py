@@ -21,8 +21,6 @@ The stress of a body is computed on rank 0, which holds its grid; all other data
 of the cells.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any, NamedTuple

@@ -10,8 +10,6 @@ matrices on any grid. The matrix of equilibrium B diag⁻¹ Bᵀ is spectrally c
 each component of the multiplier (Korn's inequality). The sums precondition conjugate gradients.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from functools import reduce
 

@@ -10,8 +10,6 @@ For degree 2 the density is of fifth order in h. Grading, however, serves singul
 these the order is no higher than for degree 1. The same rule is used, and layers may grow faster.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The levels of a refinement: result and cost of each mesh."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass

@@ -8,8 +8,6 @@ Then θ = (1 - r)/(1 - q), but at most `MOST`, since an estimate on coarse cells
 Dörfler, *A convergent adaptive algorithm for Poisson's equation*, SINUM 33, 1996).
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import replace
 

@@ -5,8 +5,6 @@ s along each edge. The rate p is at first the best rate of the degree, and then 
 last two levels.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace

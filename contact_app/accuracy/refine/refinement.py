@@ -29,8 +29,6 @@ Each level is solved to a tenth of its own error and begins with the contact of 
 (`warm_start`).
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace

@@ -1,7 +1,5 @@
 """The symmetry of each body about a plane: its own mirror image, or that of another body."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any

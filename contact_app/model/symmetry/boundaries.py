@@ -1,7 +1,5 @@
 """A boundary of a symmetric body, on its lower half and on the mirror image of that."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from hashlib import sha1
 from typing import Any

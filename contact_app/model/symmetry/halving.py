@@ -12,8 +12,6 @@ Boxes are compared by their cells, and meshes from files node by node and cell b
 boundary and its image may differ. A note gives the reason why a scene is not cut along an axis.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 from typing import Any

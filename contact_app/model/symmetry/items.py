@@ -1,7 +1,5 @@
 """Comparison of conditions and contacts with their mirror images, by descriptions."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from typing import Any

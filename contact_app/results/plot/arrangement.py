@@ -1,7 +1,5 @@
 """Arrangement of the panels of a picture in rows and columns, and their size."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import Any
 

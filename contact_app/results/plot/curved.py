@@ -4,8 +4,6 @@ The middles of edges cut a side of six nodes into four triangles, and these once
 nodes where the side's own polynomial has them: x = Σ_k N_k x_k, and the same of every field.
 """
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

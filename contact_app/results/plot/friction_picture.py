@@ -6,8 +6,6 @@ piece of surface, laid flat as in the picture of the contact pressure: each node
 of the surface that is nearest to it in its triangles, and arrows show the friction traction.
 """
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

@@ -4,8 +4,6 @@ Drawn from ``increments.csv`` alone, the table that a run with `steps` leaves. T
 the first one ends at 1. All begin at zero, without load.
 """
 
-from __future__ import annotations
-
 import csv
 from pathlib import Path
 from typing import Any

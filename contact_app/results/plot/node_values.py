@@ -5,8 +5,6 @@ nodes for each material: copy k of node i is node k n + i of n, and the cells an
 k go with copy k.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from contact_app.results.plot.stored import Stored

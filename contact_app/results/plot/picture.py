@@ -4,8 +4,6 @@ Reads only the files of a run (``solution.xdmf``, ``summary.json``). matplotlib 
 and needs no screen.
 """
 
-from __future__ import annotations
-
 import json
 from collections.abc import Callable
 from dataclasses import replace

@@ -1,7 +1,5 @@
 """Deformed bodies of the plane coloured by fields, by matplotlib alone."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

@@ -3,8 +3,6 @@
 Reads the files that `contact_app.results.xdmf` writes, with h5py.
 """
 
-from __future__ import annotations
-
 import xml.etree.ElementTree as ElementTree
 from collections.abc import Iterator
 from dataclasses import dataclass

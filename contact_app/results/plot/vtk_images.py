@@ -6,8 +6,6 @@ writes arrays, the child draws without a window, and the parent reads the images
 are none. Points are in pixels, so that the images lie on those of `raster`.
 """
 
-from __future__ import annotations
-
 import importlib.util
 import subprocess
 import sys

@@ -1,7 +1,5 @@
 """Base of all sections of a scene file: types of numbers, and errors for unknown keys."""
 
-from __future__ import annotations
-
 import difflib
 from collections.abc import Callable, Iterable
 from typing import Annotated, Any, ClassVar

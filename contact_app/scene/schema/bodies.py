@@ -1,7 +1,5 @@
 """Sections of bodies: meshes, materials and boundaries of elastic ones, shapes of rigid ones."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from typing import Annotated, Any, ClassVar, Literal
 

@@ -1,7 +1,5 @@
 """Conditions, contacts, and the steps that give conditions their factors."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from typing import Annotated, Any, ClassVar
 

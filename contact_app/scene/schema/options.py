@@ -1,7 +1,5 @@
 """Sections of options: decomposition, solver, certificate and output."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from typing import Annotated, Any, Literal
 

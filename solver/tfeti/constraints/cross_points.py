@@ -16,8 +16,6 @@ about the same. Where there are few subdomains, or in the plane, a coarse solve 
 time beside an operator application, and all subdomains are neighbours.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 
 import numpy as np

@@ -13,8 +13,6 @@ single nodes are as far apart as the nodes. For cells of degree 2, rows in the m
 are fewer than k and accordingly farther apart.
 """
 
-from __future__ import annotations
-
 import numpy as np
 from mpi4py import MPI
 

@@ -4,8 +4,6 @@ Of parallel contact rows of one node only the tightest remains. Held components 
 rows to the right-hand sides.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import replace
 

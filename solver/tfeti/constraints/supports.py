@@ -1,7 +1,5 @@
 """Rows that hold rigid motions which nothing else holds."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field
 
 from solver.vectors import Array, Ints

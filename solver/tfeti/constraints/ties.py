@@ -5,8 +5,6 @@ where a tied and a contact boundary of the same bodies meet. If the contact row 
 singular on active sets that contain it. A tied row with a rigid body that may move decides nothing.
 """
 
-from __future__ import annotations
-
 import numpy as np
 from mpi4py import MPI
 from scipy import sparse

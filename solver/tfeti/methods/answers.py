@@ -1,7 +1,5 @@
 """Answers: from multipliers to displacements with their certificate."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

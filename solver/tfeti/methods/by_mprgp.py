@@ -1,7 +1,5 @@
 """MPRGP alone to a certified answer, for problems without equalities besides the projector."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The arguments of a solve, which the driver passes to its algorithms."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass, field
 

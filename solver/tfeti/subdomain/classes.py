@@ -6,8 +6,6 @@ sparse solves with a column for each member. Classes of similar subdomains (`sim
 factor and a block.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property

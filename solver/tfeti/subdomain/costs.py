@@ -6,8 +6,6 @@ subdomain whose reflections form a group of `order` elements is factored and app
 blocks.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 

@@ -6,8 +6,6 @@ are written down from the nodes' coordinates and checked against the stiffness, 
 from it (Dostál, Horák, Kučera, Total FETI, 2006).
 """
 
-from __future__ import annotations
-
 import numpy as np
 from scipy import linalg, sparse
 

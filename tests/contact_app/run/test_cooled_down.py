@@ -4,8 +4,6 @@ All its loads are thermal: they balance themselves up to rounding errors, by whi
 to press each other.
 """
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

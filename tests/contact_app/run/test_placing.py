@@ -1,7 +1,5 @@
 """Rigid bodies that each new placement moves further: `contact_app.run.placing`."""
 
-from __future__ import annotations
-
 import pytest
 
 import contact_app

@@ -1,7 +1,5 @@
 """Load histories: comparison with theory and single runs, files of a run, refused scenes."""
 
-from __future__ import annotations
-
 import csv
 import json
 import logging
