@@ -1,7 +1,5 @@
 """One side of a contact: its facets, oriented, with the frame of each."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -34,7 +32,7 @@ class Surface:
     """If the facets stand for a smooth surface: its height over a facet is ½ φᵀ bulge φ."""
 
     @classmethod
-    def of(cls, dimension: int, nodes: Ints, points: Array, inside: Array) -> Surface:
+    def of(cls, dimension: int, nodes: Ints, points: Array, inside: Array) -> "Surface":
         """Order and orient facets.
 
         Parameters
@@ -64,7 +62,7 @@ class Surface:
             normals,
         )
 
-    def smooth(self) -> Surface:
+    def smooth(self) -> "Surface":
         """The surface with the heights of the smooth surface; unchanged where edges are curved."""
         v = self.vertices.shape[1]
         if is_curved(self.points, v):

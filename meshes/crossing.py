@@ -18,8 +18,6 @@ or in strips of its own width, so that large and small facets of a graded mesh d
 another.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import dataclass
 from itertools import product
@@ -97,7 +95,7 @@ class Boxes:
     """Shape (boxes, d)."""
 
     @classmethod
-    def of(cls, places: Array, simplices: NDArray[np.integer]) -> Boxes:
+    def of(cls, places: Array, simplices: NDArray[np.integer]) -> "Boxes":
         """Boxes of simplices (simplices, nodes) with coordinates (nodes, d)."""
         lower = upper = places[simplices[:, 0]]
         for k in range(1, simplices.shape[1]):

@@ -4,8 +4,6 @@ Facets are treated as flat (see `meshes.mortar`): facets of the other side are p
 normal of each `on` facet, intersected with it, and the overlap is integrated by Gauss points.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -65,7 +63,9 @@ class Overlaps:
     """∫ φ_k g ∂_a N_l along the axes of the `on` facet; without axes if not requested."""
 
     @classmethod
-    def of(cls, on: Surface, against: Surface, i: Ints, j: Ints, tilted: bool = False) -> Overlaps:
+    def of(
+        cls, on: Surface, against: Surface, i: Ints, j: Ints, tilted: bool = False
+    ) -> "Overlaps":
         """The overlaps among pairs of facets (n,), (n,), sorted by i; pairs apart are left out.
 
         On grids the integrals are computed once for all pairs of one offset.
@@ -84,7 +84,7 @@ class Overlaps:
         return replace(distinct.some((np.cumsum(meet) - 1)[kind[every]]), i=i[every], j=j[every])
 
     @classmethod
-    def _some(cls, on: Surface, against: Surface, i: Ints, j: Ints, tilted: bool) -> Overlaps:
+    def _some(cls, on: Surface, against: Surface, i: Ints, j: Ints, tilted: bool) -> "Overlaps":
         """Project, intersect, integrate."""
         axes = np.ascontiguousarray(on.frames.transpose(0, 2, 1))
         here = (on.points - on.centres[:, None]) @ axes
@@ -133,7 +133,7 @@ class Overlaps:
             tilt=tilt,
         )
 
-    def gathered(self, comm: MPI.Intracomm) -> Overlaps:
+    def gathered(self, comm: MPI.Intracomm) -> "Overlaps":
         """The overlaps of all ranks, in the order of ranks (collective)."""
         return Overlaps(**{name: joined(comm, values) for name, values in self.__dict__.items()})
 
@@ -142,7 +142,7 @@ class Overlaps:
         """Mean gap of each pair, negative where the bodies overlap, (pairs,)."""
         return self.gap.sum(axis=1) / self.area
 
-    def nearest_layer(self, on: Surface, against: Surface) -> Overlaps:
+    def nearest_layer(self, on: Surface, against: Surface) -> "Overlaps":
         """The overlaps with the nearest layer where `on` facets meet several layers.
 
         Layers farther than the nearest one by four radii of the facet are left out. Where two
@@ -178,7 +178,7 @@ class Overlaps:
         layer[pairs] = 1 + connected(ends, len(pairs) + len(distinct))[: len(pairs)]
         return layer
 
-    def some(self, chosen: Mask | Ints) -> Overlaps:
+    def some(self, chosen: Mask | Ints) -> "Overlaps":
         """The overlaps that a mask (pairs,), or numbers, choose."""
         return Overlaps(**{name: values[chosen] for name, values in self.__dict__.items()})
 

@@ -34,8 +34,6 @@ beyond the edge of the other surface is an extrapolation, and results have a mea
 (`contact_app.results.contact_side`).
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np
@@ -92,7 +90,7 @@ class BothSides:
     """The vertices of the `on` facets."""
 
     @classmethod
-    def of(cls, on: Surface, against: Surface) -> BothSides:
+    def of(cls, on: Surface, against: Surface) -> "BothSides":
         """Number the nodes of two surfaces."""
         nodes, local = np.unique(on.nodes, return_inverse=True)
         others, other = np.unique(against.nodes, return_inverse=True)
@@ -133,7 +131,7 @@ class MeanGaps:
     @classmethod
     def of(
         cls, sides: BothSides, matrix: sparse.csr_matrix, chosen: Ints, areas: Array, gaps: Array
-    ) -> MeanGaps:
+    ) -> "MeanGaps":
         """Rows from a matrix (rows, (n + m) · dimension).
 
         Parameters
@@ -214,7 +212,7 @@ class Multipliers:
     """Mask of the facets that the other side covers completely."""
 
     @classmethod
-    def of(cls, on: Surface, pairs: Overlaps) -> Multipliers:
+    def of(cls, on: Surface, pairs: Overlaps) -> "Multipliers":
         """Dual functions on covered facets of first order, linear shape functions on others.
 
         Raises

@@ -20,8 +20,6 @@ two facets meet at an angle above `SMOOTH`, their edge is an edge of the body, a
 ignores the other.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np
@@ -106,7 +104,7 @@ class _Facets:
     """Positive where two share a vertex."""
 
     @classmethod
-    def of(cls, place: Ints, vertices: Array, points: Array, normals: Array) -> _Facets:
+    def of(cls, place: Ints, vertices: Array, points: Array, normals: Array) -> "_Facets":
         """Facets with corners at points (facets, v, 3)."""
         facets, v = place.shape
         starts = np.arange(0, facets * v + 1, v)

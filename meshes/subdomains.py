@@ -5,8 +5,6 @@ congruence class, stored once; a `Subdomain` is a translated copy of it with the
 have in the undecomposed mesh. No mesh of a whole body is needed to describe a regular split.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cache, cached_property
@@ -159,7 +157,7 @@ class Reference:
     @classmethod
     def of(
         cls, mesh: Any, cell: str, degree: int = 1, tags: NDArray[np.int32] | None = None
-    ) -> Reference:
+    ) -> "Reference":
         """Describe a dolfinx mesh on one process.
 
         Parameters

@@ -21,8 +21,6 @@ based on domain decomposition*, 2001, section 1.2, on cross points). The functio
 one.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -126,7 +124,7 @@ class _Ties:
     """∫ ψ_j n^⊥ by node, component of the displacement and component of the result."""
 
     @classmethod
-    def of(cls, on: Surface, against: Surface, pairs: Overlaps) -> _Ties:
+    def of(cls, on: Surface, against: Surface, pairs: Overlaps) -> "_Ties":
         """Add up the overlaps of facets."""
         d, psi, sides = on.dimension, Multipliers.of(on, pairs), BothSides.of(on, against)
         functions, touched = psi.functions[pairs.i], np.unique(pairs.i)
@@ -143,7 +141,7 @@ class _Ties:
             tilt = scattered(sides.corners[pairs.i], column, turned, tilt.shape)
         return cls(sides, psi, jump, tilt)
 
-    def distributed(self, yielding: Mask) -> _Distributed:
+    def distributed(self, yielding: Mask) -> "_Distributed":
         """The sums in which rows of yielding nodes (n,) are distributed to their neighbours."""
         total, weak = self.psi.total(self.sides)
         shares = distribute(self.sides.corners, self.psi.weight, total, yielding | weak)
@@ -152,7 +150,7 @@ class _Ties:
         scale = sparse.diags(1.0 / total) @ shares
         return _Distributed(strong, total, (scale @ self.jump).tocoo(), (scale @ self.tilt).tocoo())
 
-    def components(self, d: int, sums: _Distributed) -> list[MeanGaps]:
+    def components(self, d: int, sums: "_Distributed") -> list[MeanGaps]:
         """The rows of each component of the jump; they differ in their axis where nothing tilts."""
         if sums.tilt.nnz:
             return [self.component(i, d, sums) for i in range(d)]
@@ -168,7 +166,7 @@ class _Ties:
             for i, axis in enumerate(np.eye(3)[:d])
         ]  # fmt: skip
 
-    def component(self, i: int, d: int, sums: _Distributed) -> MeanGaps:
+    def component(self, i: int, d: int, sums: "_Distributed") -> MeanGaps:
         """The rows of component i of the jump in d components."""
         sides, strong, jump, tilt = self.sides, sums.strong, sums.jump, sums.tilt
         of_component = tilt.col % d == i  # of the result

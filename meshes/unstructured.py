@@ -4,8 +4,6 @@ A facet that one cell has is on the surface; two cells that have a facet in comm
 Both follow from sorting the facets of all cells by their nodes.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -95,7 +93,7 @@ class Topology:
     """Facets that more than two cells have: none in a mesh that fills space once."""
 
     @classmethod
-    def of(cls, cells: Ints, cell: str) -> Topology:
+    def of(cls, cells: Ints, cell: str) -> "Topology":
         """Topology of cells (cells, nodes) in VTK order, of first or second order."""
         table = np.array(FACETS[cell])
         # half as wide: allocating memory takes most of the time at 10⁶ facets
@@ -148,7 +146,7 @@ class CellMesh:
     middles: Array | None = None  # (cells, further nodes, dimension)
     """For a mesh of degree 1 with curved edges: coordinates of the nodes of degree 2 besides the
     vertices, in VTK order. None for straight edges."""
-    coarse: CellMesh | None = None
+    coarse: "CellMesh | None" = None
     """The mesh that was refined to this one: its vertices are on the true shape. None for a mesh
     that was not refined."""
     inner: Mapping[str, Ints] = field(default_factory=dict)
@@ -201,7 +199,7 @@ class CellMesh:
         """Whether its parts are congruent: no."""
         return False
 
-    def tagged(self, groups: Sequence[str]) -> CellMesh:
+    def tagged(self, groups: Sequence[str]) -> "CellMesh":
         """The mesh with each cell tagged by the number of its group among these.
 
         Raises
@@ -248,7 +246,7 @@ class CellMesh:
         return ""
 
     @cached_property
-    def _quadratic(self) -> CellMesh:
+    def _quadratic(self) -> "CellMesh":
         """The mesh with the nodes of degree 2."""
         points, cells = with_middles(self.points, self.cells, self.cell)
         if self.middles is not None:
@@ -305,7 +303,7 @@ class CellMesh:
             sides[name] = member[rows]
         return Skin(self.topology.facets[rows], self.topology.facet_cells[rows], sides)
 
-    def shape(self, degree: int) -> CellMesh:
+    def shape(self, degree: int) -> "CellMesh":
         """The cells to cut into subdomains: the mesh itself, with the nodes of a degree."""
         return self if degree == self.degree else self._quadratic
 

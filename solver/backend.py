@@ -9,8 +9,6 @@ B u - c = C λ. So a backend is independent of the contact law (`solver.contact.
 law is independent of the backend.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 from typing import Protocol, TypeVar
 
@@ -92,7 +90,7 @@ class Statuses:
             return self.active
         return self.active & (self.compliance == 0.0)
 
-    def changed(self, other: Statuses) -> Mask:
+    def changed(self, other: "Statuses") -> Mask:
         """Rows whose status, prescribed multiplier or frame differs."""
         differs = self.active != other.active
         if self.tractions is not None or other.tractions is not None:
@@ -198,7 +196,7 @@ class ConstraintHierarchy:
         """Whether all rows are allowed."""
         return not self.coarse
 
-    def finer(self) -> ConstraintHierarchy:
+    def finer(self) -> "ConstraintHierarchy":
         """The hierarchy from the next level on."""
         return replace(self, coarse=self.coarse[1:])
 

@@ -9,8 +9,6 @@ With `round: true` the gap is that of the smooth surface through the vertices. I
 distance from the curve, estimated by the change of its curvature from facet to facet.
 """
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np
@@ -66,7 +64,7 @@ class Distances(NamedTuple):
     """Distance of the smooth surface through their vertices, an estimate; zero without `round:
     true`."""
 
-    def or_larger(self, other: Distances) -> Distances:
+    def or_larger(self, other: "Distances") -> "Distances":
         """The larger one of each."""
         return Distances(*map(max, self, other))
 

@@ -14,8 +14,6 @@ grows without limit as the mesh is refined. There are three such edges:
 * the end of a plane obstacle that acts on a part of a flat surface only: a punch.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
@@ -94,7 +92,7 @@ class Skin:
     """Its Young's modulus, in a unit common to both sides."""
 
     @classmethod
-    def of(cls, surface: Surface, pressed: Surface, name: str, stiffness: float) -> Skin:
+    def of(cls, surface: Surface, pressed: Surface, name: str, stiffness: float) -> "Skin":
         """The facets of a body, of which some belong to the contact boundary."""
         pressed_facets = {tuple(row) for row in np.sort(pressed.nodes, axis=1)}
         on = np.array([tuple(row) in pressed_facets for row in np.sort(surface.nodes, axis=1)])

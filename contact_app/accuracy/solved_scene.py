@@ -1,7 +1,5 @@
 """A scene with its solution: the input of estimates, refinement and output."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
@@ -41,7 +39,7 @@ class SolvedScene:
     nodal: dict[str, Array] = field(default_factory=dict)
     communication: dict[str, float] | None = None
     summary: dict[str, Any] = field(default_factory=dict)
-    guaranteed: Guarantee | None = None
+    guaranteed: "Guarantee | None" = None
     holds: float = HOLDS
 
     @property
@@ -81,7 +79,7 @@ class SolvedScene:
         """Estimator of the distribution of the error of the answer."""
         return ErrorEstimator(self.model)
 
-    def without_factors(self) -> SolvedScene:
+    def without_factors(self) -> "SolvedScene":
         """The answer without the factors of its model, which output does not need."""
         model = replace(self.model, problem=self.model.problem.without_factors())
         return replace(self, model=model)

@@ -1,7 +1,5 @@
 """Tagged facets of a mesh as facets of the parts, with nodes in dolfinx's order."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Any
 
@@ -32,7 +30,7 @@ class Facets:
         """Copies of the vertices, (facets, vertices)."""
         return self.copies[:, : FACETS[dimension, self.copies.shape[1]].vertices]
 
-    def chosen(self, mask: Mask) -> Facets:
+    def chosen(self, mask: Mask) -> "Facets":
         """Some of them."""
         return Facets(self.copies[mask], self.numbers[mask], self.points[mask], self.inside[mask])
 

@@ -20,8 +20,6 @@ Z. Zhu, Int. J. Numer. Methods Eng. 24, 1987). Means are over cells of one rank 
 similar, since strains jump where the material changes.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Any
 
@@ -49,7 +47,7 @@ class Moduli:
     the bulk modulus of d dimensions, and 2 |T| times the shear modulus. Shape (cells,)."""
 
     @classmethod
-    def of(cls, parts: Parts, form: Any, equal: EqualCells | None = None) -> Moduli:
+    def of(cls, parts: Parts, form: Any, equal: EqualCells | None = None) -> "Moduli":
         """The moduli of the cells of this rank."""
         energies, d = CellEnergies(form, parts.space, equal), parts.dimension
         middle = parts.points[parts.cells].mean(axis=1)[:, :d]

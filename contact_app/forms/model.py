@@ -1,7 +1,5 @@
 """Construction of the dual problem of subdomains from forms, conditions and contacts."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from contextlib import AbstractContextManager
 from dataclasses import dataclass, replace
@@ -112,7 +110,7 @@ class _Loads:
     thermal: list[Array] | None
 
     @classmethod
-    def of(cls, subdomains: Subdomains, form: Any) -> _Loads:
+    def of(cls, subdomains: Subdomains, form: Any) -> "_Loads":
         """The loads of a linear form (collective)."""
         terms = stress_loads(form)
         thermal = None if terms is None else subdomains.loads(terms)

@@ -1,7 +1,5 @@
 """Fields at the nodes of the mesh, resultants and summary of an answer."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -37,12 +35,12 @@ class Owners:
         self._at = exchange.nodes - exchange.first
 
     @classmethod
-    def of_subdomains(cls, model: FormModel) -> Owners:
+    def of_subdomains(cls, model: FormModel) -> "Owners":
         """Owners of the copies in subdomains."""
         return cls(model.exchange)
 
     @classmethod
-    def of_parts(cls, model: FormModel) -> Owners:
+    def of_parts(cls, model: FormModel) -> "Owners":
         """Owners of the copies in parts, which are on the ranks of their cells."""
         if model.subdomains.moved is None:
             return cls(model.exchange)

@@ -5,8 +5,6 @@ has the subdomain of, the matrix and the load go there and are added: K = Σ_r K
 with the nodes of the sub-box in the order of the lattice.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Any, TypeVar
 
@@ -33,7 +31,7 @@ class Subdomains:
     numbers: Ints  # (copies,)
     """Node of each copy, as all ranks number it."""
     points: Array  # (copies, 3)
-    moved: Moved | None = None
+    moved: "Moved | None" = None
     """Places that the parts go to; None if each part is a subdomain of its own rank."""
     grid: Grid | None = None
     """The cut of a regular mesh; None of others."""

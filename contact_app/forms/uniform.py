@@ -5,8 +5,6 @@ K_e in each cell of a regular mesh. Sub-boxes with equally many cells along each
 stiffness, K = Σ_e A_eᵀ K_e A_e over the cells, and one assembly serves them all.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from itertools import product
 from typing import Any
@@ -104,7 +102,7 @@ class EqualCells:
     body: Ints  # (cells,)
 
     @classmethod
-    def of(cls, parts: Parts, grid: Grid | None, form: Any) -> EqualCells | None:
+    def of(cls, parts: Parts, grid: Grid | None, form: Any) -> "EqualCells | None":
         """None without a grid, or if no integral is the same in each cell (collective)."""
         if grid is None:
             return None

@@ -1,7 +1,5 @@
 """Wall-clock time by stage of a run."""
 
-from __future__ import annotations
-
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -37,7 +35,7 @@ class Timings:
             self.seconds[stage] += seconds - self._inner
             self._inner = outer + seconds
 
-    def branched(self, total: float) -> Timings:
+    def branched(self, total: float) -> "Timings":
         """A copy of the present timings, for one of several runs that share this part.
 
         Parameters

@@ -1,7 +1,5 @@
 """The geometry of a scene: its bodies cut into subdomains, their boundaries and what may touch."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cache, cached_property
@@ -42,7 +40,7 @@ class Geometry:
     """File, line and key of a condition or contact, to begin a message with."""
 
     @classmethod
-    def of(cls, scene: Scene, partition: Partition) -> Geometry:
+    def of(cls, scene: Scene, partition: Partition) -> "Geometry":
         """The geometry of a scene whose bodies were cut."""
         return cls(
             scene.bodies, scene.rigid, scene.contacts, scene.pairs, scene.all_ties, scene.mirrors,

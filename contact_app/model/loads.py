@@ -1,7 +1,5 @@
 """Load vectors: tractions, pressures and body forces of a scene on its subdomains."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Hashable, Sequence
 from dataclasses import dataclass
 from functools import partial
@@ -37,7 +35,7 @@ class Loads:
     """None in space."""
 
     @classmethod
-    def of(cls, scene: Scene) -> Loads:
+    def of(cls, scene: Scene) -> "Loads":
         """The loads of a scene."""
         return cls(
             (*scene.tractions, *scene.pressures), scene.forces, scene.total_loads,

@@ -32,8 +32,6 @@ curved strip is. Bodies that ties join to one piece count as one. Total FETI lef
 increment of three of five histories, and two strips without a certificate.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
@@ -104,7 +102,7 @@ class MethodChoice:
     """Whether there are contacts, and contacts with friction."""
 
     @classmethod
-    def of(cls, scene: Scene) -> MethodChoice:
+    def of(cls, scene: Scene) -> "MethodChoice":
         """The properties of a scene."""
         decomposed = scene.decomposition.subdomains is not None
         automatic = scene.solver.method == "auto"

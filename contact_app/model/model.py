@@ -8,8 +8,6 @@ Load cases of a scene differ in load vectors, prescribed displacements and gaps 
 (`model_of_case`).
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -283,7 +281,7 @@ ClassKey = tuple[int, tuple[Material, ...], bytes | None]
 
 
 def _congruent(
-    bodies: Sequence[Body], partition: Partition, lifting: Sequence[Lifting | None]
+    bodies: Sequence[Body], partition: Partition, lifting: "Sequence[Lifting | None]"
 ) -> dict[ClassKey, list[int]]:
     """Local numbers of the subdomains of each class."""
     classes: dict[ClassKey, list[int]] = {}
@@ -301,7 +299,7 @@ def _assembled(
     outline: Outline,
     key: ClassKey,
     members: list[int],
-    lifting: Sequence[Lifting | None],
+    lifting: "Sequence[Lifting | None]",
 ) -> CongruentSubdomains:
     """Stiffness and loads of a class.
 
@@ -331,7 +329,7 @@ def _assembled(
 
 
 def _vectors(
-    outline: Outline, members: list[int], lifting: Sequence[Lifting | None]
+    outline: Outline, members: list[int], lifting: "Sequence[Lifting | None]"
 ) -> tuple[Array, Array | None, Array]:
     """Loads, their thermal part if any, and lifting of a class, (unknowns, members) each."""
     nodes = outline.partition.subdomains[members[0]].nodes

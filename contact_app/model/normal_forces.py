@@ -1,7 +1,5 @@
 """Normal forces of an answer by node and contact: where friction of the next increment begins."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np
@@ -26,7 +24,7 @@ class NormalForces:
     """Node, contact and force, sorted by node and then by contact. Shape (rows,)."""
 
     @classmethod
-    def of(cls, problem: DualProblem, solution: Solution) -> NormalForces:
+    def of(cls, problem: DualProblem, solution: Solution) -> "NormalForces":
         """The forces of an answer, where they press."""
         rows = problem.contact
         forces = rows.spread * solution.multiplier[problem.inequality]
@@ -47,7 +45,7 @@ class NormalForces:
         return comm.gather([v.tolist() for v in (self.nodes, self.sources, self.forces)])
 
     @classmethod
-    def read(cls, stored: Stored, rank: int) -> NormalForces:
+    def read(cls, stored: Stored, rank: int) -> "NormalForces":
         """The forces of a rank in a checkpoint."""
         nodes, sources, forces = stored[rank]
         return cls(np.array(nodes, np.int64), np.array(sources, np.int64), np.array(forces, float))

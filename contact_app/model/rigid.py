@@ -15,8 +15,6 @@ A body that is held in all components is an obstacle at its prescribed place, an
 problem.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
@@ -66,7 +64,7 @@ class RigidUnknowns:
     """L."""
 
     @classmethod
-    def of(cls, geometry: Geometry) -> RigidUnknowns:
+    def of(cls, geometry: Geometry) -> "RigidUnknowns":
         """The unknowns of a scene with cut meshes."""
         return cls(geometry.rigid, len(geometry.bodies), geometry.partition.nodes, geometry.length)
 

@@ -11,8 +11,6 @@ but not draw back. The linear programme
 finds the least penetration t that remains.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -39,7 +37,7 @@ class HeldNodes:
     """g, in units of length."""
 
     @classmethod
-    def joined(cls, parts: Sequence[HeldNodes]) -> HeldNodes:
+    def joined(cls, parts: "Sequence[HeldNodes]") -> "HeldNodes":
         """The rows of all ranks."""
         names = ("body", "sources", "vectors", "gaps")
         return cls(*(np.concatenate([getattr(part, name) for part in parts]) for name in names))

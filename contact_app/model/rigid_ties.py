@@ -11,8 +11,6 @@ If a displacement condition holds a component of some of these nodes, their rows
 rigid body alone: they hold motions of the body, of which each needs one row only.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
@@ -46,7 +44,7 @@ class ContactsAndTies:
     tied: ContactRows
     """Rows of the contacts and of the ties."""
 
-    def of(self, some: Mask) -> ContactsAndTies:
+    def of(self, some: Mask) -> "ContactsAndTies":
         """The contacts and ties with some of the contact rows, (rows,)."""
         return replace(self, contact=self.contact.of(some))
 

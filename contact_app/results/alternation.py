@@ -19,8 +19,6 @@ the other sign; half of that at the edge of the contact, towards which an altern
 axes are distinguished by the largest component of a line's direction.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -51,7 +49,7 @@ class Lines:
     """One over the length."""
 
     @classmethod
-    def of(cls, facets: Sequence[Ints], points: Array) -> Lines:
+    def of(cls, facets: Sequence[Ints], points: Array) -> "Lines":
         """Lines of facets (facets, nodes) among copies of nodes at points (copies, 3)."""
         parts = [np.zeros((0, 3), np.int64)]
         parts += [nodes[:, list(line)] for nodes in facets for line in LINES[nodes.shape[1]]]
@@ -60,7 +58,7 @@ class Lines:
         length = np.linalg.norm(along, axis=1)
         return cls(nodes, along / length[:, None], 1.0 / length)
 
-    def chosen(self, rows: Mask | Ints) -> Lines:
+    def chosen(self, rows: Mask | Ints) -> "Lines":
         """Some of the lines."""
         return Lines(self.nodes[rows], self.along[rows], self.weight[rows])
 

@@ -6,8 +6,6 @@ closed: those of the active set, or in SMALBE-M and MPRGP those whose multiplier
 `increment` is the number of the increment.
 """
 
-from __future__ import annotations
-
 import logging
 import time
 from pathlib import Path
@@ -76,7 +74,7 @@ class History:
                 self.close()
                 raise
 
-    def __enter__(self) -> History:
+    def __enter__(self) -> "History":
         return self
 
     def __exit__(self, *ended: object) -> None:

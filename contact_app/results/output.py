@@ -3,8 +3,6 @@
 Ranks send their share to rank 0 one after another, so no rank holds a field of the whole mesh.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass
@@ -130,7 +128,7 @@ def _writers(
     names: tuple[tuple[str, ...], tuple[str, ...]],
     size: int,
     series: Series | None,
-) -> Iterator[XDMFWriter | VTUWriter]:
+) -> "Iterator[XDMFWriter | VTUWriter]":
     """The writer of each file; `names` has the fields at nodes and in cells."""
     counts = np.diff(model.partition.first_cell)
     runs = [

@@ -3,8 +3,6 @@
 A force is reflected as a vector, a moment as an axial vector.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -26,7 +24,7 @@ class Resultant:
     weight: float
     """Weight of the point in sums of pieces: the area of the boundary."""
 
-    def image(self, image: Image) -> Resultant:
+    def image(self, image: Image) -> "Resultant":
         """The resultant of a mirror image."""
         turned, axial = (image.field("displacement", v[None])[0] for v in (self.force, self.moment))
         sign = -1.0 if len(image.mirrors) % 2 else 1.0

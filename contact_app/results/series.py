@@ -6,8 +6,6 @@ the index is rewritten after each: a killed run leaves its finished frames. ``so
 the files ``solution-1.vtu``, ``solution-2.vtu``, … likewise.
 """
 
-from __future__ import annotations
-
 import re
 from collections.abc import Sequence
 from pathlib import Path
@@ -34,7 +32,7 @@ class Series:
         self.grids: list[str] = []
 
     @classmethod
-    def resumed(cls, directory: Path, times: Sequence[float]) -> Series:
+    def resumed(cls, directory: Path, times: Sequence[float]) -> "Series":
         """The first frames, at these times, that an earlier run left in a directory."""
         series, text = cls(), directory / "solution.xdmf"
         series.times = list(times)

@@ -18,8 +18,6 @@ The displacement need not be unique, either,
   |f_e| > μ₁ a + s₁ + μ₂ b + s₂.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
@@ -262,7 +260,7 @@ class _Points:
     """Masks of rows with a normal force, and of those with friction and without a slip."""
 
     @classmethod
-    def of(cls, problem: DualProblem, solution: Solution, normal: Array, least: float) -> _Points:
+    def of(cls, problem: DualProblem, solution: Solution, normal: Array, least: float) -> "_Points":
         """The contact rows of this rank; parameters as of `_nodes`."""
         points, contact, multiplier = problem.friction, problem.contact, solution.multiplier
         residual = np.zeros(problem.size)
@@ -283,7 +281,7 @@ class _Points:
         )  # fmt: skip
 
     @classmethod
-    def of_ties(cls, tied: ContactRows, contacts: int) -> _Points:
+    def of_ties(cls, tied: ContactRows, contacts: int) -> "_Points":
         """Rows of ties as contacts without friction that press with an infinite force."""
         count, d = tied.normals.shape
         none, no = np.zeros(count), np.zeros(count, bool)
@@ -292,12 +290,12 @@ class _Points:
             none, ~no, no,
         )  # fmt: skip
 
-    def at(self, rows: Ints) -> _Points:
+    def at(self, rows: Ints) -> "_Points":
         """Some of the rows."""
         return _Points(*(values[rows] for values in vars(self).values()))
 
     @classmethod
-    def joined(cls, parts: Sequence[_Points]) -> _Points:
+    def joined(cls, parts: "Sequence[_Points]") -> "_Points":
         """The rows of several ranks."""
         return cls(*map(np.concatenate, zip(*(vars(p).values() for p in parts), strict=True)))
 

@@ -41,8 +41,6 @@ on a longer pin, the pressure of the theory is infinite, and the smoothed peak g
 as that of nodes does: a warning says so (`contact_app.accuracy.sharp_edges`).
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import chain
@@ -316,7 +314,7 @@ class _Neighbours:
     """Sums of the weights."""
 
     @classmethod
-    def of(cls, points: Array, radii: Array, areas: Array) -> _Neighbours:
+    def of(cls, points: Array, radii: Array, areas: Array) -> "_Neighbours":
         """The neighbours of points (n, 3) with radii (n,) and areas (n,)."""
         near = cKDTree(points).query_ball_point(points, radii)
         count = np.fromiter(map(len, near), np.int64, len(near))
@@ -326,7 +324,7 @@ class _Neighbours:
         weight = np.maximum(1.0 - (away**2).sum(axis=1), 0.0) ** 2 * areas[column]
         return cls(row, column, away, weight, np.asarray(np.bincount(row, weight), float))
 
-    def of_weights(self, weight: Array) -> _Neighbours:
+    def of_weights(self, weight: Array) -> "_Neighbours":
         """The same with other weights (entries,)."""
         return replace(self, weight=weight, total=np.asarray(np.bincount(self.row, weight), float))
 

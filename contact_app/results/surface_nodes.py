@@ -4,8 +4,6 @@ Every rank has copies of the nodes on the surfaces of its subdomains; the copies
 its owner, where sums over facets of several subdomains become those of the undecomposed mesh.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
@@ -33,7 +31,7 @@ class SurfaceNodes:
     """Row in `owned` of each copy that arrives."""
 
     @classmethod
-    def of(cls, model: Model) -> SurfaceNodes:
+    def of(cls, model: Model) -> "SurfaceNodes":
         """Find them (collective)."""
         subdomains = model.partition.subdomains
         local = [np.unique(s.reference.facets[s.exterior]).astype(np.int64) for s in subdomains]

@@ -12,8 +12,6 @@ g - N (u + t v) ≥ 0 have one energy, one stress and one contact force:
 with g_i the distance left at row i. `free_motions` reports motions that no row resists.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
@@ -107,7 +105,7 @@ class Movable:
     """Largest displacement of a body, by its number, in a rigid motion (motions,)."""
 
     @classmethod
-    def of(cls, model: Model) -> Movable:
+    def of(cls, model: Model) -> "Movable":
         """The bodies of a scene."""
         geometry = model.geometry
         size_of = partial(motion_size, geometry.bodies)

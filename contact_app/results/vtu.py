@@ -8,8 +8,6 @@ under its own name when it is complete.
 Format: VTK's XML format, https://docs.vtk.org/en/latest/vtk_file_formats/vtkxml_file_format.html.
 """
 
-from __future__ import annotations
-
 import sys
 from base64 import b64encode
 from collections.abc import Mapping, Sequence
@@ -102,7 +100,7 @@ class VTUWriter:
             for rows, fields in zip(self._counts, (point_fields, cell_fields), strict=True)
         )
 
-    def __enter__(self) -> VTUWriter:
+    def __enter__(self) -> "VTUWriter":
         self.path.parent.mkdir(parents=True, exist_ok=True)
         with ExitStack() as stack:
             self._file = stack.enter_context(stack.enter_context(atomic(self.path)).open("wb"))

@@ -12,8 +12,6 @@ writes them, since HDF5 crashes when it closes a file for which the disk had no 
 Format: the XDMF model and format, version 3 (www.xdmf.org).
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -161,7 +159,7 @@ class XDMFWriter:
         self._needed += count
         reserve_for(self._data, self._room.fileno(), max(self._needed, self._expected))
 
-    def __enter__(self) -> XDMFWriter:
+    def __enter__(self) -> "XDMFWriter":
         return self
 
     def __exit__(self, kind: object, *ended: object) -> None:

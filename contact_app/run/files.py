@@ -1,7 +1,5 @@
 """Log of the model of a run, and the files of its answer."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -54,7 +52,7 @@ def exit_of(solved: SolvedScene) -> Exit:
 
 
 def write_run(
-    solved: SolvedScene, refined: Refined | None, directory: Path, progress: Progress
+    solved: SolvedScene, refined: "Refined | None", directory: Path, progress: Progress
 ) -> tuple[dict[str, Any], list[Path]]:
     """Write the files of a run; return the summary and the paths (collective).
 

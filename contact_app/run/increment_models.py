@@ -5,8 +5,6 @@ Apart from the slip, an increment is a load case of the model that all increment
 with those of the last increment.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from copy import copy
 from dataclasses import replace
@@ -189,7 +187,7 @@ class IncrementModels:
             self._of_nodes = _at_nodes(model, displacements)
         self._order = _order(model.scene.decomposition, model.scene.solver)
 
-    def after(self, scene: Scene | None, displacements: Displacements) -> IncrementModels:
+    def after(self, scene: Scene | None, displacements: Displacements) -> "IncrementModels":
         """Models of the increment that follows another state; these models stay as they are.
 
         Parameters

@@ -5,8 +5,6 @@ A monitor is a callable that gets every step of the solver and may return True t
 several.
 """
 
-from __future__ import annotations
-
 import logging
 import signal
 import time
@@ -90,7 +88,7 @@ class Progress:
         self._last: Step | None = None
         self._waiting = False
 
-    def __enter__(self) -> Progress:
+    def __enter__(self) -> "Progress":
         console = self._console
         if self._show and console.is_terminal and not console.is_dumb_terminal:
             self._live = Live(console=self._console, transient=True, auto_refresh=False)
@@ -163,7 +161,7 @@ class Interruption:
         self.requested = False
         self._before: dict[int, Any] = {}
 
-    def __enter__(self) -> Interruption:
+    def __enter__(self) -> "Interruption":
         for number in (signal.SIGINT, signal.SIGTERM):
             try:
                 self._before[number] = signal.signal(number, self._ask)

@@ -5,8 +5,6 @@ mesh. The error of the last increment decides (`accuracy.refine.refinement`); a 
 earlier increments whose estimate exceeds the target.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass, fields, replace
 from functools import partial
@@ -32,7 +30,7 @@ class SolvedHistory(SolvedScene):
 
     increments: tuple[SolvedIncrement, ...] = ()
 
-    def without_factors(self) -> SolvedHistory:
+    def without_factors(self) -> "SolvedHistory":
         """The answers without the factors of their models, which output does not need."""
         bare = [replace(each, solved=each.solved.without_factors()) for each in self.increments]
         return replace(self, model=bare[-1].solved.model, increments=tuple(bare))

@@ -3,8 +3,6 @@
 These checks are of the decomposition, the required memory and the presence of a load.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
@@ -44,7 +42,7 @@ if TYPE_CHECKING:
 
 
 def build_scene(
-    configuration: Configuration, memory: float | None = None, comm: MPI.Intracomm | None = None
+    configuration: Configuration, memory: float | None = None, comm: "MPI.Intracomm | None" = None
 ) -> Scene:
     """Resolve a configuration (collective where ranks are given).
 
@@ -133,7 +131,7 @@ def _refuse_with_loadings(keys: Keys, scene: Scene) -> None:
         )
 
 
-def _solver_options(configuration: Configuration) -> SolverOptions:
+def _solver_options(configuration: Configuration) -> "SolverOptions":
     """Options of the solver; with `accuracy` its tolerance follows the mesh unless one is given."""
     from solver.contact.options import SolverOptions  # imports PETSc
 

@@ -11,8 +11,6 @@ three-valued logic applies: `x <= 0 or log(x) < 1` is decided everywhere, and so
 log(x) < 1`. Points that stay undecided are not on the boundary, which causes a warning.
 """
 
-from __future__ import annotations
-
 import ast
 import functools
 import operator
@@ -152,7 +150,7 @@ class FieldExpression(_Checked):
         """Whether the field is constant."""
         return not any(isinstance(n, ast.Name) and n.id in "xyz" for n in ast.walk(self.tree))
 
-    def times(self, factor: float) -> FieldExpression:
+    def times(self, factor: float) -> "FieldExpression":
         """The field times a number."""
         if factor in (0.0, 1.0):
             return self if factor else FieldExpression("0", ast.Constant(0.0))

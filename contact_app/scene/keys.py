@@ -1,7 +1,5 @@
 """The keys of a scene file: messages that name file, line and key, and vectors checked."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, NoReturn
 
@@ -36,7 +34,7 @@ class Keys:
         self,
         configuration: Configuration,
         memory: float | None = None,
-        comm: MPI.Intracomm | None = None,
+        comm: "MPI.Intracomm | None" = None,
     ) -> None:
         self.configuration, self.comm = configuration, comm
         self.memory = available_bytes() if memory is None else memory

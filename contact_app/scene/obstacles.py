@@ -8,8 +8,6 @@ A new obstacle is a class here with a line in `SHAPES`, and its keys in `schema.
 names of the class's fields.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 from typing import Any, ClassVar, Protocol
 
@@ -44,7 +42,7 @@ class Obstacle(Protocol):
     def may_overlap(self, lower: Array, upper: Array) -> bool:
         """Whether the obstacle may overlap a box (3,), (3,); False only if it surely does not."""
 
-    def moved(self, turn: Array, about: Array, by: Array) -> Obstacle:
+    def moved(self, turn: Array, about: Array, by: Array) -> "Obstacle":
         """The obstacle, rotated by a matrix (3, 3) about a point (3,), then moved by (3,)."""
         points, directions = (
             {name: np.array(getattr(self, name)) for name in names}

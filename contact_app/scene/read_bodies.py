@@ -1,7 +1,5 @@
 """Reading the bodies of a scene file, with checks of names, meshes, materials and boundaries."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Callable
 from dataclasses import replace
@@ -67,7 +65,7 @@ def _reading_once() -> Read:
     """Reads mesh files, each once: the bodies of an assembly often share one."""
 
     @cache
-    def read(path: Path, dimension: int) -> FileContent:
+    def read(path: Path, dimension: int) -> "FileContent":
         from meshes.read import read_file  # meshio, which boxes do not need
 
         return read_file(path, dimension)

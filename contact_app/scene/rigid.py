@@ -10,8 +10,6 @@ by its prescribed components, and by the displacement of an answer (`contact_app
 rotations are assumed to be small.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -83,7 +81,7 @@ class Placement:
     """Rotation vector in radians."""
 
     @classmethod
-    def of(cls, values: NDArray[np.float64], dimension: int) -> Placement:
+    def of(cls, values: NDArray[np.float64], dimension: int) -> "Placement":
         """A placement from components, displacement then rotation; in the plane about z."""
         t, turn = values[:dimension], values[dimension:]
         turn = turn if dimension == 3 else np.array([0.0, 0.0, turn[0]])

@@ -3,8 +3,6 @@
 All later stages read only the scene, not the input file.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -149,7 +147,7 @@ class Scene:
     pairs: tuple[BodyContact, ...]
     decomposition: Decomposition
     accuracy: float | None
-    solver: SolverOptions
+    solver: "SolverOptions"
     output: OutputOptions
     source: Path
     rigid: RigidBodies
@@ -185,11 +183,11 @@ class Scene:
         """File, line and key of a condition or contact, to begin a message with."""
         return self.places.get(source, f"{self.source}: {source}")
 
-    def solved_by(self, **options: Any) -> Scene:
+    def solved_by(self, **options: Any) -> "Scene":
         """The scene with some other options of the solver."""
         return replace(self, solver=replace(self.solver, **options))
 
-    def under(self, case: LoadCase) -> Scene:
+    def under(self, case: LoadCase) -> "Scene":
         """The scene of one load case: each condition times its factor in the case."""
 
         def scaled(items: Iterable[Any]) -> tuple[Any, ...]:
@@ -231,7 +229,7 @@ class Scene:
         """Numbers of the rigid bodies with a free component; the others act as obstacles."""
         return self.rigid.moving
 
-    def placed(self, placements: Sequence[Placement]) -> Scene:
+    def placed(self, placements: Sequence[Placement]) -> "Scene":
         """The scene with its rigid bodies placed."""
         if not self.rigid.bodies:
             return self
@@ -247,7 +245,7 @@ class Scene:
         placed = replace(self.rigid, placements=tuple(placements))
         return replace(self, rigid=placed, contacts=tuple(of(c) for c in self.contacts))
 
-    def placed_as_held(self) -> Scene:
+    def placed_as_held(self) -> "Scene":
         """The scene with its rigid bodies placed by their prescribed components."""
         motions = [self.rigid.held(k)[1] for k in range(len(self.rigid.bodies))]
         return self.placed([Placement.of(values, self.dimension) for values in motions])

@@ -9,8 +9,6 @@ message, so that a new option of the schema takes part at once. Errors are measu
 extrapolated answer of `reference`.
 """
 
-from __future__ import annotations
-
 import itertools
 import math
 import tempfile
@@ -77,7 +75,7 @@ class Variant:
         return f"{self.method} {kind}".strip()
 
     @property
-    def kind(self) -> Variant:
+    def kind(self) -> "Variant":
         """Key of a series; if a run takes too long, finer meshes of its series are left out."""
         return replace(self, factor=Fraction(1), tolerance=USUAL)
 
@@ -314,7 +312,7 @@ def chart(
     overrides: Sequence[str] = (),
     limit: float = 30.0,
     resume: bool = False,
-    runs: Runs | None = None,
+    runs: "Runs | None" = None,
 ) -> Iterator[Progress]:
     """Run a sweep; write ``frontier.csv`` as it grows and ``frontier.png`` at its end.
 

@@ -7,8 +7,6 @@ application bounds averages of gaps around vertices. The reference has degree 2 
 cells half as long from one to the next.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from fractions import Fraction
@@ -35,7 +33,7 @@ class MeshVariant(Variant):
     """Name of the directory."""
 
     @property
-    def kind(self) -> MeshVariant:
+    def kind(self) -> "MeshVariant":
         """Key of a series; if a run takes too long, finer meshes of its series are left out."""
         return replace(self, settings=(), mesh="")
 

@@ -1,7 +1,5 @@
 """Commands of the studies: ``svm``, ``reproduce``, ``bench``, ``effectivity`` and others."""
 
-from __future__ import annotations
-
 import json
 import math
 from enum import StrEnum
@@ -245,7 +243,7 @@ def _part(name: str, configs: Path, names: tuple[str, ...]) -> Path:
 
 def _part_meshes(
     sizes: str | None, directories: list[Path], to: Path, drawable: bool
-) -> list[Meshes]:
+) -> "list[Meshes]":
     """The meshes of the options of `bench parts`; prints a note if they are the shipped ones."""
     from contact_app.studies.parts_meshes import SHIPPED, Meshes, can_draw, drawn
 

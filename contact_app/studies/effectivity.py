@@ -18,8 +18,6 @@ dilatation the energy is not that of u_h, and the distance of the stresses is us
 C⁻¹ : (σ_f - σ_h) dx.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import asdict, dataclass, replace
 from functools import cached_property, partial
@@ -180,12 +178,12 @@ class AnswerOnMesh:
             total += float(v @ (model.problem.classes[cls].stiffness @ v))
         return total
 
-    def on(self, fine: AnswerOnMesh) -> Array:
+    def on(self, fine: "AnswerOnMesh") -> Array:
         """The displacements at the nodes of a mesh that refines this one."""
         values = interpolation(self.fields.nodes(0), fine.fields.points)
         return np.asarray(values @ self.displacement)
 
-    def error_to(self, fine: AnswerOnMesh) -> float:
+    def error_to(self, fine: "AnswerOnMesh") -> float:
         """‖u_f - u_h‖; with mean dilatation the distance of the stresses, over C⁻¹."""
         if self.case.mean_dilatation:
             difference = fine.stresses(fine.displacement, fine.cells)

@@ -15,8 +15,6 @@ mean square relative to μ p0. Only their even part is compared, since pressing 
 size causes small odd tractions.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -84,7 +82,7 @@ class _Strip:
     """|Q| / (μ P), and the sign of Q."""
 
     @classmethod
-    def of(cls, increment: SolvedIncrement) -> _Strip:
+    def of(cls, increment: SolvedIncrement) -> "_Strip":
         nodes, scene = increment.solved.nodes, increment.solved.model.scene
         coefficient = scene.contacts[0].law.coefficient
         at = np.flatnonzero(nodes.contact_pressure > 0.0)

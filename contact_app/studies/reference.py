@@ -12,8 +12,6 @@ All errors are relative to the finest solution; displacements and pressures are 
 mean square over volume and contact boundary. An error near r is known only to be small.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -50,7 +48,7 @@ class Fields:
     LISTS = ("cells", "tags", "facets")
 
     @classmethod
-    def load(cls, path: str) -> Fields:
+    def load(cls, path: str) -> "Fields":
         """Read the fields that `save` wrote."""
         with np.load(path) as data:
             single = {name: data[name] for name in data if "_0" not in name}
@@ -99,7 +97,7 @@ class Distances:
     places: tuple[PointsOfMesh, ...]
 
     @classmethod
-    def of(cls, scene: Scene, finest: Fields) -> Distances:
+    def of(cls, scene: Scene, finest: Fields) -> "Distances":
         """Distances at the nodes of the finest solution."""
         return cls(scene, tuple(PointsOfMesh(finest.nodes(i)) for i in range(len(scene.bodies))))
 
@@ -148,7 +146,7 @@ class ReferenceAnswer:
     """p."""
 
     @classmethod
-    def of(cls, distances: Distances, answers: Sequence[Sampled]) -> ReferenceAnswer:
+    def of(cls, distances: Distances, answers: Sequence[Sampled]) -> "ReferenceAnswer":
         """Extrapolate three solutions, the coarsest first."""
         coarse, middle, finest = answers
         norms = distances.norms(finest)

@@ -3,8 +3,6 @@
 This module imports no solver, so that processes of other programs start fast.
 """
 
-from __future__ import annotations
-
 import pickle
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -74,7 +72,7 @@ class PlainScene:
         file.write_bytes(pickle.dumps(self))
 
     @staticmethod
-    def load(file: Path) -> PlainScene:
+    def load(file: Path) -> "PlainScene":
         """Read the file that `save` wrote."""
         scene: PlainScene = pickle.loads(file.read_bytes())
         return scene
@@ -99,7 +97,7 @@ class Outcome:
         file.write_bytes(pickle.dumps(self))
 
     @staticmethod
-    def load(file: Path) -> Outcome:
+    def load(file: Path) -> "Outcome":
         """Read the file that `save` wrote."""
         outcome: Outcome = pickle.loads(file.read_bytes())
         return outcome

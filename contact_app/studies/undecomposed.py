@@ -10,8 +10,6 @@ others are checked: PETSc's bound-constrained solvers can solve any scene of one
 these stay open.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Any
 
@@ -52,13 +50,13 @@ class _Rows:
     """g, and the share of the boundary's area. Shape (rows,)."""
 
     @classmethod
-    def joined(cls, parts: list[_Rows], d: int) -> _Rows:
+    def joined(cls, parts: "list[_Rows]", d: int) -> "_Rows":
         """The rows of all contacts."""
         none = cls(np.zeros(0, np.int64), np.zeros((0, d)), np.zeros(0), np.zeros(0))
         fields = ("nodes", "directions", "gaps", "areas")
         return cls(*(np.concatenate([getattr(p, f) for p in (none, *parts)]) for f in fields))
 
-    def some(self, chosen: Mask) -> _Rows:
+    def some(self, chosen: Mask) -> "_Rows":
         """The rows of a mask."""
         return _Rows(
             self.nodes[chosen], self.directions[chosen], self.gaps[chosen], self.areas[chosen]

@@ -12,8 +12,6 @@ rows that are penetrated by more than the error join it. Where the sets do not s
 SMALBE-M.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field, replace
 from enum import Enum
 from typing import Any, Generic
@@ -72,11 +70,11 @@ class ActiveSetMethod(Generic[S]):
     work_before: Counts = field(default_factory=Counts)
     """Work before the first set."""
 
-    def after(self, outcome: Outcome[S]) -> ActiveSetMethod[S]:
+    def after(self, outcome: Outcome[S]) -> "ActiveSetMethod[S]":
         """The same method after an outcome, whose work counts."""
         return replace(self, work_before=outcome.counts)
 
-    def with_options(self, **options: Any) -> ActiveSetMethod[S]:
+    def with_options(self, **options: Any) -> "ActiveSetMethod[S]":
         """The same method with other options."""
         return replace(self, options=replace(self.options, **options))
 

@@ -5,8 +5,6 @@ of a set, which follow from the sets before it. Contact that peels off goes on b
 constraint hierarchy. Sets are solved more accurately where one returns or many do not settle.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Generic
@@ -57,7 +55,7 @@ class ActiveSetUpdate(Generic[S]):
             hierarchy = hierarchy.finer()
         return following, early, hierarchy
 
-    def on_levels(self, statuses: Statuses) -> tuple[ActiveSetUpdate[S], Statuses]:
+    def on_levels(self, statuses: Statuses) -> "tuple[ActiveSetUpdate[S], Statuses]":
         """The update from the coarsest level on, and the statuses on this level (collective)."""
         hierarchy = self.backend.hierarchy(coarsened=True)
         if hierarchy.finest:
@@ -66,7 +64,7 @@ class ActiveSetUpdate(Generic[S]):
         statuses = self.law.consistent(replace(statuses, active=active))
         return replace(self, hierarchy=hierarchy), statuses
 
-    def with_error(self, factor: float) -> ActiveSetUpdate[S]:
+    def with_error(self, factor: float) -> "ActiveSetUpdate[S]":
         """The update from states whose largest error is this factor of the present one."""
         largest = factor * self.options.largest_error
         return replace(self, options=replace(self.options, largest_error=largest))
@@ -97,24 +95,24 @@ class SetRules(Generic[S]):
 
     def for_set(
         self, number: int, statuses: Statuses, turnovers: Sequence[Turnover]
-    ) -> tuple[SetRules[S], Statuses]:
+    ) -> "tuple[SetRules[S], Statuses]":
         """The rules and the statuses of a set, numbered from 0 (collective)."""
         rules, statuses = self._on_levels(number, statuses, turnovers)
         fingerprint = statuses.fingerprint(self.update.backend.comm)
         return rules._after_visit(fingerprint)._after_many_sets(number), statuses
 
-    def on_level(self, hierarchy: ConstraintHierarchy) -> SetRules[S]:
+    def on_level(self, hierarchy: ConstraintHierarchy) -> "SetRules[S]":
         """The rules on a level of the constraint hierarchy."""
         return replace(self, update=replace(self.update, hierarchy=hierarchy))
 
-    def with_early_release(self, are_right: bool) -> SetRules[S]:
+    def with_early_release(self, are_right: bool) -> "SetRules[S]":
         """The rules without early release if too many of the points so released stick again."""
         ahead = self.update.early_release and are_right
         return replace(self, update=replace(self.update, early_release=ahead))
 
     def _on_levels(
         self, number: int, statuses: Statuses, turnovers: Sequence[Turnover]
-    ) -> tuple[SetRules[S], Statuses]:
+    ) -> "tuple[SetRules[S], Statuses]":
         """The rules on the coarsest level of the hierarchy, if contact peels off or takes long."""
         options = self.update.options
         if self.coarsened or not (number == options.sets_before_levels or options.peels(turnovers)):
@@ -123,7 +121,7 @@ class SetRules(Generic[S]):
         reduction = self.reduction if update.hierarchy.finest else options.coarse_reduction
         return replace(self, update=update, reduction=reduction, coarsened=True), statuses
 
-    def _after_visit(self, fingerprint: int) -> SetRules[S]:
+    def _after_visit(self, fingerprint: int) -> "SetRules[S]":
         """The rules of a set; if it returns, it was changed too early, or sets do not settle."""
         if fingerprint not in self.visited:
             return replace(self, visited=self.visited | {fingerprint})
@@ -133,7 +131,7 @@ class SetRules(Generic[S]):
         reduction = self.reduction * self.update.options.deeper
         return replace(self.with_early_release(False), reduction=reduction, visited=visited)
 
-    def _after_many_sets(self, number: int) -> SetRules[S]:
+    def _after_many_sets(self, number: int) -> "SetRules[S]":
         """More accurate solves where many sets have not settled."""
         options = self.update.options
         if not options.patience or not number or number % options.patience:
@@ -153,11 +151,11 @@ class EarlyReleases:
     """The released rows that became active again."""
 
     @classmethod
-    def none(cls, rows: Mask) -> EarlyReleases:
+    def none(cls, rows: Mask) -> "EarlyReleases":
         """No releases; the argument has one entry for each row."""
         return cls(np.zeros_like(rows), np.zeros_like(rows))
 
-    def after(self, active: Mask, released: Mask) -> EarlyReleases:
+    def after(self, active: Mask, released: Mask) -> "EarlyReleases":
         """The releases before the next set, given its active rows and new releases."""
         return EarlyReleases(self.released | released, self.returned | (self.released & active))
 

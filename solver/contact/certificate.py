@@ -39,8 +39,6 @@ equilibrium (by the diagonal of K, for an error without a pattern). A body that 
 its strains have no correct digits does not pass.
 """
 
-from __future__ import annotations
-
 from dataclasses import asdict, dataclass, field, replace
 from typing import Any
 
@@ -100,7 +98,7 @@ class Certificate:
     """The body whose number is reported, one for each of `NUMBERS`; empty where there is one
     body."""
 
-    def judged(self, tolerance: float) -> Certificate:
+    def judged(self, tolerance: float) -> "Certificate":
         """The same numbers, compared with a tolerance."""
         return replace(self, passed=max(self._shares(tolerance)) <= 1.0)
 

@@ -13,8 +13,6 @@ so that a run killed while it writes leaves the previous checkpoint intact. Rows
 on another number of ranks, so a run goes on with as many as wrote its checkpoint.
 """
 
-from __future__ import annotations
-
 import json
 import logging
 import math
@@ -259,7 +257,7 @@ class Saver:
         if self._checkpoint is not None and self._checkpoint.due:
             self._checkpoint.save(replace(state, counts=self._before + state.counts))
 
-    def after(self, counts: Counts) -> Saver:
+    def after(self, counts: Counts) -> "Saver":
         """A saver for an algorithm that begins after more work."""
         return Saver(self._checkpoint, self._before + counts)
 

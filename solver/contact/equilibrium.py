@@ -22,8 +22,6 @@ violates most, and the small problem of all rows offered so far is solved anew, 
 least squares (its `nnls` returned points that are not optimal in one release).
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -95,11 +93,11 @@ class FrictionCones:
     """Whether a contact of any rank has friction."""
 
     @classmethod
-    def none(cls, motions: int) -> FrictionCones:
+    def none(cls, motions: int) -> "FrictionCones":
         """No rows, of contacts without friction."""
         return cls(np.zeros((0, motions)), np.zeros(0, np.int64), np.zeros(0), np.zeros(0), False)
 
-    def along(self, motions: Array) -> FrictionCones:
+    def along(self, motions: Array) -> "FrictionCones":
         """The same cones for motions that are combinations (motions, k) of the present motions."""
         return replace(self, slips=self.slips @ motions)
 

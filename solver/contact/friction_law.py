@@ -26,8 +26,6 @@ would overload slide at once (`solver.contact.slip_front`).
 Where points lock, a part of their friction is a spring (`solver.contact.slip_springs`).
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -111,7 +109,7 @@ class Friction(Frictionless):
     them."""
     options: FrictionOptions = FrictionOptions()
 
-    def locking(self) -> Friction:
+    def locking(self) -> "Friction":
         """The law with `locks`."""
         return replace(self, locks=True)
 

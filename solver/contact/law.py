@@ -8,8 +8,6 @@ limit and prescribe the slip traction of the others. Tied boundaries have no law
 with equality on every set, as gluing rows do (`docs/theory/active_sets.md`).
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Protocol
 
@@ -31,7 +29,7 @@ class StateError:
     """The largest multiplier of an active row."""
 
     @classmethod
-    def of(cls, comm: MPI.Intracomm, state: SetState, active: Mask, error: float) -> StateError:
+    def of(cls, comm: MPI.Intracomm, state: SetState, active: Mask, error: float) -> "StateError":
         """The numbers of a state with a relative error (collective).
 
         Parameters
@@ -64,7 +62,7 @@ class ContactLaw(Protocol):
     def may_vanish(self) -> bool:
         """Whether no body needs contact forces, so that they may fall to zero from set to set."""
 
-    def locking(self) -> ContactLaw:
+    def locking(self) -> "ContactLaw":
         """The law with springs at points that lock."""
 
     def may_stay_active(self, multiplier: Array, tolerance: float) -> Mask:

@@ -4,8 +4,6 @@ The records are immutable: each step of `solver.contact.active_set.active_set_lo
 state from the last one.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 from typing import Generic
 
@@ -40,7 +38,7 @@ class SlidingSets:
 
     def after(
         self, comm: MPI.Intracomm, statuses: Statuses, tangential: Mask, share: float
-    ) -> SlidingSets:
+    ) -> "SlidingSets":
         """The record with one set more (collective).
 
         Parameters

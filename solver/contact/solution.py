@@ -1,7 +1,5 @@
 """A solution with its accuracy, its certificate and the work of the solver."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass, replace
 
@@ -38,12 +36,12 @@ class Accuracy:
         numbers = {name: getattr(self, name) for name in names}
         return {name: None if math.isnan(value) else value for name, value in numbers.items()}
 
-    def calibrated(self, share: float) -> Accuracy:
+    def calibrated(self, share: float) -> "Accuracy":
         """The accuracy with the squared estimate of the mesh error multiplied by `share`."""
         mesh = self.discretisation * math.sqrt(share)
         return replace(self, discretisation=mesh, total=math.hypot(mesh, self.algebraic))
 
-    def resolved(self, share: float) -> Accuracy:
+    def resolved(self, share: float) -> "Accuracy":
         """The accuracy with the solver's error multiplied by `share`."""
         algebraic = share * self.algebraic
         return replace(

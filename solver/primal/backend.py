@@ -6,8 +6,6 @@ the active rows alone: every residual is projected by Πᵀ, every correction of
 instance of sliding points, are loads; rows with a compliance are springs (`solver.primal.springs`).
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 
@@ -152,7 +150,7 @@ class Multigrid:
         """Contact rows (dual,) that are active in a first set."""
         return self.contact_rows & (self.system.on_all_rows(first.active.astype(float)) > 0.5)
 
-    def on_set(self, statuses: Statuses, multiplier: Array | None) -> PrimalSet:
+    def on_set(self, statuses: Statuses, multiplier: Array | None) -> "PrimalSet":
         """Conjugate gradients on a set, from where the last set ended (collective)."""
         return PrimalSet(self, statuses)
 

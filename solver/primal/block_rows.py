@@ -5,8 +5,6 @@ coupled. In blocks a product Pᵀ A P does the same arithmetic with one index fo
 122,097 unknowns it takes a third of the CPU time of PETSc's product of single entries.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
@@ -38,28 +36,28 @@ class BlockRows:
     """Number of blocks of columns that belong to this rank."""
 
     @classmethod
-    def of(cls, matrix: PETSc.Mat) -> BlockRows:
+    def of(cls, matrix: PETSc.Mat) -> "BlockRows":
         """A PETSc matrix in blocks of its block sizes."""
         size = matrix.getBlockSizes()
         local = local_rows(matrix).tobsr(size)
         return cls(matrix.comm.tompi4py(), local, matrix.getLocalSize()[1] // size[1])
 
     @classmethod
-    def of_rows(cls, matrix: PETSc.Mat, block: int) -> BlockRows:
+    def of_rows(cls, matrix: PETSc.Mat, block: int) -> "BlockRows":
         """A PETSc matrix in blocks of one row and some columns."""
         local = local_rows(matrix).tobsr((1, block))
         return cls(matrix.comm.tompi4py(), local, matrix.getLocalSize()[1] // block)
 
     @classmethod
-    def stacked(cls, parts: Sequence[BlockRows]) -> BlockRows:
+    def stacked(cls, parts: "Sequence[BlockRows]") -> "BlockRows":
         """This rank's rows of matrices of the same columns, one below the other."""
         return cls(parts[0].comm, _stacked([part.local for part in parts]), parts[0].columns)
 
-    def some(self, rows: Ints) -> BlockRows:
+    def some(self, rows: Ints) -> "BlockRows":
         """Some of this rank's rows of blocks."""
         return BlockRows(self.comm, _some(self.local, rows), self.columns)
 
-    def scaled(self, factors: Array) -> BlockRows:
+    def scaled(self, factors: Array) -> "BlockRows":
         """The matrix with a factor for each row of blocks of this rank."""
         local = self.local
         data = local.data * np.repeat(factors, np.diff(local.indptr))[:, None, None]
@@ -75,12 +73,12 @@ class BlockRows:
         """First blocks of all ranks, and the number of all, of `count` here (collective)."""
         return np.cumsum([0, *self.comm.allgather(count)])
 
-    def times(self, right: BlockRows) -> BlockRows:
+    def times(self, right: "BlockRows") -> "BlockRows":
         """The product with a matrix whose rows are this one's columns (collective)."""
         local, others = self._factors(right)
         return BlockRows(self.comm, local @ others, right.columns)
 
-    def times_matrix(self, right: PETSc.Mat) -> BlockRows:
+    def times_matrix(self, right: PETSc.Mat) -> "BlockRows":
         """The product with a PETSc matrix, of which a rank converts the rows it needs (collective).
 
         On contact rows of a pair it takes a third of the time of PETSc's product.
@@ -99,7 +97,7 @@ class BlockRows:
         )
         return BlockRows(self.comm, local @ factor, right.getLocalSize()[1] // width)
 
-    def galerkin(self, P: BlockRows) -> BlockRows:
+    def galerkin(self, P: "BlockRows") -> "BlockRows":
         """Pᵀ A P (collective).
 
         Multiply in batches of rows: the whole A P needs more memory than A.
@@ -111,19 +109,19 @@ class BlockRows:
             result = result + _some(P.local, rows).T @ (_some(local, rows) @ others)
         return self._at_owners(result, P.columns)
 
-    def transposed_times(self, right: BlockRows) -> BlockRows:
+    def transposed_times(self, right: "BlockRows") -> "BlockRows":
         """Aᵀ B with a matrix of the same rows and columns (collective)."""
         return self._at_owners(self.local.T @ right.local, self.columns)
 
-    def gram(self) -> BlockRows:
+    def gram(self) -> "BlockRows":
         """Aᵀ A (collective)."""
         return self.transposed_times(self)
 
-    def plus(self, other: BlockRows) -> BlockRows:
+    def plus(self, other: "BlockRows") -> "BlockRows":
         """The sum with a matrix of the same rows and columns."""
         return BlockRows(self.comm, self.local + other.local, self.columns)
 
-    def plus_diagonal(self, values: Array) -> BlockRows:
+    def plus_diagonal(self, values: Array) -> "BlockRows":
         """The sum of the square matrix and a diagonal, whose entries these are, (entries,)."""
         size, first = self.local.blocksize[0], self.comm.exscan(self.columns) or 0
         entries = np.zeros((self.rows, size, size))
@@ -133,7 +131,7 @@ class BlockRows:
         added = _blocks(entries, places, begins, self.local.shape, self.local.blocksize)
         return BlockRows(self.comm, self.local + added, self.columns)
 
-    def _at_owners(self, part: sparse.bsr_matrix, columns: int) -> BlockRows:
+    def _at_owners(self, part: sparse.bsr_matrix, columns: int) -> "BlockRows":
         """The sum of a square matrix over all ranks, by its rows of each rank (collective).
 
         Parameters
@@ -148,7 +146,7 @@ class BlockRows:
             part = sum(others, start=first)
         return BlockRows(self.comm, part, columns)
 
-    def _factors(self, right: BlockRows) -> tuple[sparse.bsr_matrix, sparse.bsr_matrix]:
+    def _factors(self, right: "BlockRows") -> tuple[sparse.bsr_matrix, sparse.bsr_matrix]:
         """This rank's rows, and the rows of another matrix by which they are multiplied."""
         local = self.local
         if self.comm.size == 1:
@@ -167,7 +165,7 @@ class BlockRows:
         sent = self.comm.alltoall([_some(self.local, numbers - first) for numbers in requests])
         return _stacked(sent)
 
-    def with_diagonal(self) -> BlockRows:
+    def with_diagonal(self) -> "BlockRows":
         """The square matrix with its largest diagonal entry where one is zero (collective)."""
         first = (self.comm.exscan(self.columns) or 0) * self.local.blocksize[1]
         values = self.local.tocsr().diagonal(first)[: self.local.shape[0]]

@@ -1,7 +1,5 @@
 """Sparse Cholesky factors of PETSc matrices."""
 
-from __future__ import annotations
-
 import numpy as np
 from mpi4py import MPI
 from petsc4py import PETSc
@@ -71,7 +69,7 @@ class BorderedInverse:
     """
 
     def __init__(
-        self, inverse: SmallInverse | BorderedInverse, matrix: sparse.csr_matrix, few: Mask
+        self, inverse: "SmallInverse | BorderedInverse", matrix: sparse.csr_matrix, few: Mask
     ) -> None:
         self._inverse, self._few, self._most = inverse, np.flatnonzero(few), np.flatnonzero(~few)
         rows = matrix[self._few]

@@ -6,8 +6,6 @@ follows the slip from one Newton step to the next. The limit of Coulomb's law is
 force at the beginning of a step.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -35,7 +33,7 @@ class FrictionSprings:
     """Whether a contact of any rank has friction."""
 
     @classmethod
-    def of(cls, system: MergedSystem, stiffness: Array) -> FrictionSprings:
+    def of(cls, system: MergedSystem, stiffness: Array) -> "FrictionSprings":
         """The points of a system.
 
         Parameters
@@ -57,7 +55,7 @@ class FrictionSprings:
             points.acts,
         )
 
-    def everywhere(self, comm: MPI.Intracomm, rows: int) -> FrictionSprings:
+    def everywhere(self, comm: MPI.Intracomm, rows: int) -> "FrictionSprings":
         """The points of all ranks, by the numbers of all rows (collective).
 
         Parameters

@@ -1,7 +1,5 @@
 """The matrices of multigrid, which problems under other loads share."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
@@ -57,7 +55,7 @@ class Matrices:
     """The rigid motions that held unknowns do not stop."""
 
     @classmethod
-    def of(cls, problem: DecomposedProblem, factors: FactorOptions) -> Matrices:
+    def of(cls, problem: DecomposedProblem, factors: FactorOptions) -> "Matrices":
         """The matrices of an unfactored problem (collective)."""
         system = merge(problem)
         seconds = predicted_seconds(system)
@@ -76,7 +74,7 @@ class Matrices:
         floating = FloatingMotions(system)
         return cls(system, seconds, direct, is_thin and held, peels, hierarchy, floating)
 
-    def peeling(self, most_seconds: float) -> Matrices | None:
+    def peeling(self, most_seconds: float) -> "Matrices | None":
         """The same matrices with factors on the constraint hierarchy.
 
         None where they have these already, no body is thin and held, or a factor takes longer.
@@ -88,7 +86,7 @@ class Matrices:
     @classmethod
     def shared(
         cls, place: SharedPlace, problem: DecomposedProblem, factors: FactorOptions
-    ) -> Matrices:
+    ) -> "Matrices":
         """The matrices at a place under the loads of the problem, if they fit it (collective).
 
         Otherwise new ones, which are left there; the others are freed before.

@@ -9,8 +9,6 @@ scaling, so that B and C have the same multipliers. Unknowns of rigid bodies hav
 (`solver.primal.rigid_bodies`).
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -119,13 +117,13 @@ class MergedSystem:
         """Contact rows, (rows,)."""
         return self.problem.inequality[self.rows]
 
-    def under(self, problem: DecomposedProblem) -> MergedSystem:
+    def under(self, problem: DecomposedProblem) -> "MergedSystem":
         """The system under the loads, held values and gaps of an equal problem (collective)."""
         loaded = replace(self, problem=problem, c=problem.c[self.rows])
         _, values = _held(problem, self.nodes, self.scatter, self.transfer, self.size)
         return replace(loaded, load=_load(loaded, values))
 
-    def turned(self, turn: Turn) -> MergedSystem:
+    def turned(self, turn: Turn) -> "MergedSystem":
         """The problem in turned tangential frames."""
         place = np.full(self.problem.size, -1, np.int64)
         place[self.rows] = np.arange(len(self.rows))

@@ -11,8 +11,6 @@ r - C_Aᵀ λ = Πᵀ r. Π does not move rigid bodies: rows that contain their 
 projector (`solver.primal.rigid_bodies`).
 """
 
-from __future__ import annotations
-
 import numpy as np
 from mpi4py import MPI
 from scipy import sparse
@@ -59,7 +57,7 @@ class Projector:
         system: MergedSystem,
         active: Mask,
         compliance: Array | None = None,
-        wide: Projector | None = None,
+        wide: "Projector | None" = None,
     ) -> None:
         self.system, comm = system, system.comm
         self.rows = np.flatnonzero(active)
@@ -97,7 +95,7 @@ class Projector:
             self._of_motions = RowsOfMotions(system, C, self._stiffless[self._of_rank])
 
     @property
-    def narrow(self) -> Projector:
+    def narrow(self) -> "Projector":
         """The projector without the rows that hold a motion in the mean of many nodes.
 
         Itself without such rows.

@@ -11,8 +11,6 @@ it. Three kinds of levels differ in how they solve for a step: by a sparse facto
 every rank, or by a few conjugate gradients with a V-cycle.
 """
 
-from __future__ import annotations
-
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -111,7 +109,7 @@ class Rows:
     friction: FrictionSprings
     """Points with friction."""
 
-    def everywhere(self) -> Rows:
+    def everywhere(self) -> "Rows":
         """All rows, on a rank of its own (collective)."""
         c, normal, equality, stiffness = (
             np.concatenate(self.comm.allgather(part))
@@ -389,7 +387,7 @@ class DenseLevel(Level):
         self._weights_of_hessian = np.zeros(len(rows.c))
 
     @classmethod
-    def gathered(cls, level: SharedLevel) -> DenseLevel:
+    def gathered(cls, level: SharedLevel) -> "DenseLevel":
         """A distributed level, gathered on every rank (collective)."""
         comm = level.comm
         A, Q = (

@@ -14,8 +14,6 @@ pressing springs the minimum is at t = 1. Rows that u₀ penetrates already, for
 have just left the set, press only beyond g₀.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np
@@ -36,7 +34,7 @@ class Position:
     left: Array
     jumps: Array
 
-    def towards(self, other: Position, share: float) -> Position:
+    def towards(self, other: "Position", share: float) -> "Position":
         """The position after a share of the step to another one."""
         pairs = zip(self._parts, other._parts, strict=True)
         return Position(*(one + share * (two - one) for one, two in pairs))

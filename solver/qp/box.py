@@ -6,8 +6,6 @@ of steps, is independent of the units. The chopped gradient is min(g, 0) at a lo
 at an upper one, 0 where both bounds coincide.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
@@ -73,7 +71,7 @@ class Box:
         """Move x to the nearest point of the box."""
         _clip(x, self.lower, self.upper)
 
-    def on_block(self, rows: slice, scratch: Scratch) -> BoxOnBlock:
+    def on_block(self, rows: slice, scratch: Scratch) -> "BoxOnBlock":
         """The bounds of some components."""
         return BoxOnBlock(self, rows, scratch)
 

@@ -14,8 +14,6 @@ with applications*, Math. Program. 135, 2012). A disc of radius zero is a point:
 never free and have no chopped gradient.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
@@ -111,7 +109,7 @@ class BoxAndDiscs:
         away = np.stack([x[self.first], x[self.second]]) - self.center
         return away, np.hypot(*away)
 
-    def on_block(self, rows: slice, scratch: Scratch) -> BoxAndDiscsOnBlock:
+    def on_block(self, rows: slice, scratch: Scratch) -> "BoxAndDiscsOnBlock":
         """The set of all components, which are one block."""
         return BoxAndDiscsOnBlock(self, rows, scratch)
 

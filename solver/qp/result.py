@@ -1,7 +1,5 @@
 """The result of a solver: solution, reason why it ended, counts and history."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from enum import Enum
@@ -69,7 +67,7 @@ class Counts:
         """Inner iterations: CG, expansion and proportioning steps together."""
         return self.cg + self.expansion + self.proportioning
 
-    def __add__(self, other: Counts) -> Counts:
+    def __add__(self, other: "Counts") -> "Counts":
         """Work of two solves."""
         return Counts(**{name: value + getattr(other, name) for name, value in vars(self).items()})
 

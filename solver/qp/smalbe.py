@@ -15,8 +15,6 @@ iteration starts from a known gradient, without a Hessian multiplication; the pa
 implementation spends one, as does ``recompute_gradient`` here.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass, field, replace
 from typing import Any
@@ -68,7 +66,7 @@ class SMALBE:
     """Spend one multiplication on the gradient at each outer iteration, as the paper counts."""
 
     @classmethod
-    def paper(cls, inner: MPRGP | None = None) -> SMALBE:
+    def paper(cls, inner: MPRGP | None = None) -> "SMALBE":
         """The paper's rule (section 5.1): ρ = 1.1‖A‖, M = 100‖A‖, divided by 10.
 
         Its "η = 1.1‖A‖" is ρ. The paper compares ‖Cx‖ with ‖b‖ as it is, which depends on the
@@ -85,7 +83,7 @@ class SMALBE:
         multiplier0: Any = None,
         restart: Restart | None = None,
         hooks: Hooks | None = None,
-    ) -> OuterIterations:
+    ) -> "OuterIterations":
         """The outer iterations for the cost of qp with Cx = c, ready for the first step.
 
         Parameters

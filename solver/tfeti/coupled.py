@@ -14,8 +14,6 @@ an obstacle reaches a tied boundary. M contains free rows only, because open con
 nothing. M is as large as a contact surface; every rank holds and factors it.
 """
 
-from __future__ import annotations
-
 from copy import copy
 
 import numpy as np
@@ -70,7 +68,7 @@ def _with_rows(B: ConstraintMatrix, rows: sparse.csr_matrix, places: Ints) -> Co
     return ConstraintMatrix(B.comm, local, B.columns)
 
 
-def coupled_rows(problem: DecomposedProblem) -> CoupledRows | None:
+def coupled_rows(problem: DecomposedProblem) -> "CoupledRows | None":
     """The coupled rows of a problem; None where no rank has a row of several nodes (collective)."""
     return (
         CoupledRows(problem)
@@ -154,7 +152,7 @@ class CoupledRows:
         self._own_part = slice(first, first + len(self._rows))
         self._filled, self._factor = gathered.diagonal() > 0.0, FactorOfParts(gathered)
 
-    def on(self, rows: Mask) -> CoupledRows:
+    def on(self, rows: Mask) -> "CoupledRows":
         """The coupled rows of the problem in which only some rows (dual,) are left (collective)."""
         result = copy(self)
         result.B = self.B.scaled(rows.astype(np.float64))

@@ -8,8 +8,6 @@ F is projected, which leaves
     min ½ xᵀ P F P x - xᵀ P (d - F λ̃)  subject to  x_I ≥ -λ̃_I and Q x = 0.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -52,7 +50,7 @@ class DualProblem(DecomposedProblem):
         lifting: Sequence[Array] | None = None,
         c: Array | None = None,
         thermal: Sequence[Array | None] = (),
-    ) -> DualProblem:
+    ) -> "DualProblem":
         """The problem of another load case; constraints and factors are shared.
 
         Parameters are those of `ContactSystem.with_loads`.
@@ -60,16 +58,16 @@ class DualProblem(DecomposedProblem):
         reused = Reused(operator=self.F if self.factored else None, place=self.reused.place)
         return DualProblem(self.system.with_loads(forces, lifting, c, thermal), reused)
 
-    def without_factors(self) -> DualProblem:
+    def without_factors(self) -> "DualProblem":
         """The problem without factors, for the evaluation of its answer alone."""
         classes = tuple(replace(cls, inverse=None, block=None) for cls in self.classes)
         return DualProblem(replace(self.system, classes=classes))
 
-    def sharing(self, place: SharedPlace) -> DualProblem:
+    def sharing(self, place: SharedPlace) -> "DualProblem":
         """The problem that shares a backend's matrices with those at the same place."""
         return DualProblem(self.system, replace(self.reused, place=place))
 
-    def with_slip_from(self, displacements: list[Array]) -> DualProblem:
+    def with_slip_from(self, displacements: list[Array]) -> "DualProblem":
         """The problem with slip measured from given displacements, not from the unstrained state.
 
         The slip of these displacements is the right-hand side of the tangential rows. Collective.
@@ -88,7 +86,7 @@ class DualProblem(DecomposedProblem):
         loads = replace(self.system.loads, c=c, lengths_before=lengths)
         return DualProblem(replace(self.system, loads=loads), replace(self.reused, d=None))
 
-    def with_least_motion_from(self, displacements: list[Array]) -> DualProblem:
+    def with_least_motion_from(self, displacements: list[Array]) -> "DualProblem":
         """The problem with the least undetermined motions from given displacements (collective).
 
         The problem itself if they are of other subdomains.

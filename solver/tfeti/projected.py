@@ -4,8 +4,6 @@ P = I - Q is the projector of the coarse problem (paper, section 4.1). Where two
 each other, the operators below apply only one.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 
@@ -43,7 +41,7 @@ class ProjectorEquality:
         """Qᵀ times a multiplier; Q is symmetric."""
         self.coarse.apply(multiplier, out)
 
-    def penalised(self, operator: ProjectedOperator, rho: float) -> PenalisedOperator:
+    def penalised(self, operator: "ProjectedOperator", rho: float) -> "PenalisedOperator":
         """The operator x -> P F P x + ρ Q x, with two projections instead of three."""
         if self._on_penalty is not None:
             self._on_penalty(rho)

@@ -7,8 +7,6 @@ belong to parts that are independent of the loads, so that another load case nee
 (`ContactSystem.with_loads`).
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
@@ -110,7 +108,7 @@ class ContactSystem:
         lifting: Sequence[Array] | None = None,
         c: Array | None = None,
         thermal: Sequence[Array | None] = (),
-    ) -> ContactSystem:
+    ) -> "ContactSystem":
         """The system with other loads; parameters as in `Loads`.
 
         Displacements and gaps stay unchanged unless given.

@@ -6,8 +6,6 @@ linear polynomials only the value at the vertex is needed, which is the first ro
 whole fit is stored where a neighbour needs it.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import Any
 
@@ -61,7 +59,7 @@ class Helped:
     """
 
     def __init__(
-        self, cells: Sequence[Cells], copies: Copies, targets: Mask, sources: Mask
+        self, cells: Sequence[Cells], copies: "Copies", targets: Mask, sources: Mask
     ) -> None:
         marked = copies.spread(np.stack([targets, sources], axis=1) * 1.0)
         rows, columns, weights, shifts = [], [], [], []
@@ -180,7 +178,7 @@ class Meeting:
             shape=(len(self._shared), arrived),
         )
 
-    def places_of(self, part: Meeting) -> Ints:
+    def places_of(self, part: "Meeting") -> Ints:
         """Positions here of the nodes of an exchange between a part of these nodes."""
         result = np.empty(len(part.owned_nodes), np.int64)
         result[part._place] = self._place[np.searchsorted(self.owned_nodes, part.owned_nodes)]
@@ -367,7 +365,7 @@ class LinearFits:
         self._fit = fit[kind[self._near]] / _outer(root[self._near])
         self._continued = [(h, place[h.sources], place[h.targets]) for h in continued]
 
-    def determined_from(self, flat: float) -> LinearFits:
+    def determined_from(self, flat: float) -> "LinearFits":
         """Fits with another threshold; these where no determinant lies between (collective)."""
         others = (self._determinants > self._flat) != (self._determinants > flat)
         if not self._comm.allreduce(int(others.sum())):
@@ -433,7 +431,7 @@ class QuadraticFits:
             enlarged[of_linear, linear:] = enlarged[of_linear, :, linear:] = 0.0
             self._fit[helped.targets] = pseudo_inverse(enlarged, THIN, d)
 
-    def determined_from(self, flat: float) -> QuadraticFits:
+    def determined_from(self, flat: float) -> "QuadraticFits":
         """Return self: the threshold applies to linear fits only."""
         return self
 

@@ -22,8 +22,6 @@ Stress and strain have the components xx, yy, xy in the plane and xx, yy, zz, xy
 shear strains are engineering ones.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
@@ -101,7 +99,7 @@ class Patches:
         material: int | None = None,
         surface: Surface | None = None,
         flat: float = FLAT,
-    ) -> Patches:
+    ) -> "Patches":
         """Around the vertices of a model (collective).
 
         Parameters
@@ -127,7 +125,7 @@ class Patches:
         )
         return cls(cells, copies, surface or Surface(model, cells), fits)
 
-    def determined_from(self, flat: float) -> Patches:
+    def determined_from(self, flat: float) -> "Patches":
         """Patches with another threshold of linear polynomials, or the same object if equal."""
         fits = self.fits.determined_from(flat)
         return self if fits is self.fits else replace(self, fits=fits)

@@ -9,8 +9,6 @@ q - P σ with P = (CᵀC)⁺ CᵀC and q = (CᵀC)⁺ Cᵀt. Where the equations
 edge of a load, they are satisfied in the least-squares sense.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -127,7 +125,7 @@ class OnSubdomain:
     """Number, sticking nodes (nodes,) and forces (nodes, dimension) of contacts with friction."""
 
     @classmethod
-    def of(cls, touching: Touching, number: int, column: int) -> OnSubdomain:
+    def of(cls, touching: Touching, number: int, column: int) -> "OnSubdomain":
         """Contact of one member of a class."""
         friction = tuple(
             (rows.contact, rows.sticks[number][:, column], rows.forces[number][:, column])

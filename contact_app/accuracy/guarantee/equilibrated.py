@@ -14,8 +14,6 @@ would lower the energy receive one, and the search continues. At its end equilib
 to rounding errors.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -87,7 +85,7 @@ class FaceData:
     """Distance along the outward normal to that obstacle."""
 
     @classmethod
-    def free(cls, shape: tuple[int, ...], dimension: int) -> FaceData:
+    def free(cls, shape: tuple[int, ...], dimension: int) -> "FaceData":
         """A face on which nothing acts."""
         vectors = (*shape, dimension)
         return cls(
@@ -272,7 +270,7 @@ class AdmissibleStresses:
             + (f": take two cells or more along {', '.join(single)}" if single else "")
         )
 
-    def _missing(self, subspace: _Subspace, s: Array, empty: Mask, other_energy: float) -> Mask:
+    def _missing(self, subspace: "_Subspace", s: Array, empty: Mask, other_energy: float) -> Mask:
         """Facets without pressure on which a pressure would lower the energy noticeably."""
         slope = np.where(empty, subspace.slope(self.matrix @ s - self.work), 0.0)
         missing = slope > 0.0
@@ -281,7 +279,7 @@ class AdmissibleStresses:
             missing[:] = False
         return missing
 
-    def _descended(self, subspace: _Subspace, s: Array, other_energy: float) -> tuple[Array, int]:
+    def _descended(self, subspace: "_Subspace", s: Array, other_energy: float) -> tuple[Array, int]:
         """Minimise the energy by conjugate gradients over stresses in equilibrium."""
         gradient, z = subspace.projected(self.matrix @ s - self.work)
         direction, square = -z, float(gradient @ z)
@@ -302,7 +300,7 @@ class AdmissibleStresses:
             direction = square / before * direction - z
         return s, step
 
-    def _stresses(self, subspace: _Subspace, s: Array, steps: int) -> AdmissibleStress:
+    def _stresses(self, subspace: "_Subspace", s: Array, steps: int) -> AdmissibleStress:
         pressure = np.where(self.contact, self._load - s, 0.0)
         faces = [
             pressure[self.space.rows_on_face(number // 2, number)]

@@ -8,8 +8,6 @@ forces; the solver adds those that equilibrium needs. Levels with friction begin
 no longer.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np
@@ -42,7 +40,7 @@ class LastLevel:
     there: held nodes have no row, and their pressure is not known to be zero."""
 
     @classmethod
-    def of(cls, solved: SolvedScene) -> LastLevel:
+    def of(cls, solved: SolvedScene) -> "LastLevel":
         """The contacts of an answer."""
         nodes, contacts = solved.nodes, []
         for contact in nodes.contacts:

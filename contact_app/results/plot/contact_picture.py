@@ -5,8 +5,6 @@ position along the boundary. In space it has a patch for each connected piece of
 (a bore is unrolled) and zoomed to the part in contact.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -176,7 +174,7 @@ class Patch:
     """Middle of the triangles in contact."""
 
     @classmethod
-    def of(cls, stored: Stored, piece: Ints, acting: Array) -> Patch:
+    def of(cls, stored: Stored, piece: Ints, acting: Array) -> "Patch":
         """A piece (m, 3), in contact where a field (n,) is positive."""
         pressed = (acting[piece] > 0.0).any(axis=1)
         across, shown, names = flattened(stored.points, piece, pressed)

@@ -6,8 +6,6 @@ afterwards, from values interpolated within the triangle. Translucent triangles 
 ones are counted: k of them, each hiding a share v, leave (1 - v)ᵏ of the colour, in any order.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import dataclass
 
@@ -46,7 +44,7 @@ class Triangles:
     """0 where the edge opposite each corner is not drawn, else the number of parts in which the
     edges of the face are cut."""
 
-    def some(self, chosen: Mask) -> Triangles:
+    def some(self, chosen: Mask) -> "Triangles":
         """Some of the triangles."""
         return Triangles(
             self.corners[chosen], self.values[chosen], self.bright[chosen], self.wired[chosen]

@@ -5,8 +5,6 @@ The picture shows the skin of the cells, seen along one direction without perspe
 for sharp edges. Titles and scales are matplotlib's.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -97,7 +95,7 @@ class Frame:
     """Width and height in pixels."""
 
     @classmethod
-    def of(cls, view: View, inches: tuple[float, float], dots: int) -> Frame:
+    def of(cls, view: View, inches: tuple[float, float], dots: int) -> "Frame":
         """A frame with the given dots per inch."""
         wide, tall = 2 * view.half
         scale = dots * min(inches[0] / wide, inches[1] / tall)

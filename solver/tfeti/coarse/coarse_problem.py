@@ -16,8 +16,6 @@ active set need no symmetric projector: there `cross_points` chooses W so that G
 between subdomains with a common face alone, a third of the blocks of G Gᵀ.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from copy import copy
@@ -94,7 +92,7 @@ class CoarseProblem:
         self._coarse = np.empty(self._layout.rows)
         self._solution = np.empty(self._layout.rows)
 
-    def _gram(self, rows: KernelRows, metric: Array) -> _Gram:
+    def _gram(self, rows: KernelRows, metric: Array) -> "_Gram":
         """G W Gᵀ without its contact rows, which are added from `_contact` (collective)."""
         single = np.flatnonzero(~self._inequality)
         groups = rows.row_groups(single, np.sqrt(metric))
@@ -105,14 +103,14 @@ class CoarseProblem:
         return _Gram(others, self._layout.places(others))
 
     @property
-    def factor(self) -> CoarseFactor:
+    def factor(self) -> "CoarseFactor":
         """The factor of G W Gᵀ, computed at the first call."""
         if self._own_factor is not None:
             return self._own_factor
         return self._symmetric
 
     @cached_property
-    def _symmetric(self) -> CoarseFactor:
+    def _symmetric(self) -> "CoarseFactor":
         """The factor of G Gᵀ."""
         one = np.ones(self.size)
         rows = KernelRows(self.B, self._kernels, self.options.chunk)
@@ -123,7 +121,7 @@ class CoarseProblem:
         """Stored entries of G W Gᵀ, over all ranks."""
         return self.factor.entries
 
-    def weighted(self, weights: Array) -> CoarseProblem:
+    def weighted(self, weights: Array) -> "CoarseProblem":
         """The coarse problem of the rows of B times weights, with W the metric.
 
         Its factor is stored in that of an earlier coarse problem that is no longer in use.
@@ -147,7 +145,7 @@ class CoarseProblem:
             finalize(result, self._spare.append, factor)
         return result
 
-    def turned(self, B: ConstraintMatrix) -> CoarseProblem:
+    def turned(self, B: ConstraintMatrix) -> "CoarseProblem":
         """The coarse problem of B with turned tangential frames: rows that `weighted` may weigh."""
         result = copy(self)
         result.B = B
@@ -157,8 +155,8 @@ class CoarseProblem:
         return result
 
     def _factored(
-        self, gram: _Gram, weights: Array, factor: CoarseFactor | None = None
-    ) -> CoarseFactor:
+        self, gram: "_Gram", weights: Array, factor: "CoarseFactor | None" = None
+    ) -> "CoarseFactor":
         """The factor for some weights of contact rows; it replaces one of the same pattern."""
         contact = Blocks.of(self._contact, gram.others.motions, weights)
         values = gram.others.plus(self._layout.collected(contact)).values
@@ -380,7 +378,7 @@ class _Restriction:
         self._coarse = np.empty(layout.counts[layout.comm.rank])
         self._dual = np.empty(B.rows)
 
-    def weighted(self, weights: Array) -> _Restriction:
+    def weighted(self, weights: Array) -> "_Restriction":
         """The restriction for the rows of B times weights; these are one except on contact rows."""
         result = copy(self)
         result._weights = weights, weights * self._metric

@@ -9,8 +9,6 @@ CPU, not 0.06 s, of the 0.31 s that the model takes) and store Gᵀ, 104 bytes a
 congruent subdomains V repeats, and Vᵀ W V is computed once.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 
@@ -64,7 +62,7 @@ class Blocks:
     @classmethod
     def of(
         cls, groups_of_rows: Iterable[RowGroups], motions: int, weights: Array | None = None
-    ) -> Blocks:
+    ) -> "Blocks":
         """Vᵀ W V of all groups, with a weight for each local row of B (one unless given)."""
         parts = [cls(*(np.empty((0, 2), np.int64),) * 2, np.empty((0, motions, motions)))]
         for rows in groups_of_rows:
@@ -84,7 +82,7 @@ class Blocks:
         return cls.join(parts)
 
     @classmethod
-    def join(cls, parts: Sequence[Blocks]) -> Blocks:
+    def join(cls, parts: "Sequence[Blocks]") -> "Blocks":
         """The sum of several sums."""
         starts, widths, values = (
             np.concatenate([getattr(part, name) for part in parts])
@@ -96,7 +94,7 @@ class Blocks:
     def _keys(self) -> Ints:
         return self.starts[:, 0] << 32 | self.starts[:, 1]
 
-    def summed(self) -> Blocks:
+    def summed(self) -> "Blocks":
         """The sum with each block once, sorted."""
         keys = self._keys
         order = np.argsort(keys, kind="stable")
@@ -112,18 +110,18 @@ class Blocks:
         values = values.reshape(-1, *self.values.shape[1:])
         return Blocks(self.starts[chosen], self.widths[chosen], values)
 
-    def without(self, vanishing: float) -> Blocks:
+    def without(self, vanishing: float) -> "Blocks":
         """The sum without blocks whose entries are all below a magnitude."""
         some = np.abs(self.values).max(axis=(1, 2), initial=0.0) > vanishing
         return Blocks(self.starts[some], self.widths[some], self.values[some])
 
-    def plus(self, part: Blocks) -> Blocks:
+    def plus(self, part: "Blocks") -> "Blocks":
         """The sum with a part whose blocks are among these; both are `summed`."""
         values = self.values.copy()
         values[np.searchsorted(self._keys, part._keys)] += part.values
         return Blocks(self.starts, self.widths, values)
 
-    def to_owners(self, exchange: NodeExchange) -> Blocks:
+    def to_owners(self, exchange: NodeExchange) -> "Blocks":
         """Each block at the rank that owns its rows (collective)."""
         return Blocks(*map(exchange.to_owners, (self.starts, self.widths, self.values)))
 

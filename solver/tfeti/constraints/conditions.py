@@ -1,7 +1,5 @@
 """Conditions at nodes before B is written: held components, contact rows, contradictions."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
@@ -53,7 +51,7 @@ class NodeConditions:
     """Global node (k,), coordinates (k, 3), unit direction into the obstacle (k, dimension), gap
     along it (k,), and index of the contact (k,)."""
 
-    def of_contacts(self, some: Mask) -> NodeConditions:
+    def of_contacts(self, some: Mask) -> "NodeConditions":
         """The conditions with some of the contact rows (k,) only."""
         names = ("contact_nodes", "contact_points", "directions", "gaps", "contact_source")
         return replace(self, **{name: getattr(self, name)[some] for name in names})
@@ -86,13 +84,13 @@ class ContactEntries:
     (entries, 3), (entries,), (entries,)."""
 
     @classmethod
-    def none(cls) -> ContactEntries:
+    def none(cls) -> "ContactEntries":
         """An empty table of entries."""
         number = np.zeros(0, np.int64)
         return cls(number, number, np.zeros((0, 3)), number, np.zeros(0))
 
     @classmethod
-    def join(cls, parts: Sequence[ContactEntries], rows: Sequence[int]) -> ContactEntries:
+    def join(cls, parts: "Sequence[ContactEntries]", rows: Sequence[int]) -> "ContactEntries":
         """The entries of several parts, one after another.
 
         `rows` has the number of rows of each part.
@@ -101,11 +99,11 @@ class ContactEntries:
         fields = [{**p.__dict__, "row": p.row + s} for p, s in zip(parts, starts, strict=True)]
         return cls(**{name: np.concatenate([f[name] for f in fields]) for name in fields[0]})
 
-    def some(self, chosen: Mask) -> ContactEntries:
+    def some(self, chosen: Mask) -> "ContactEntries":
         """Some of the entries (entries,)."""
         return ContactEntries(**{name: values[chosen] for name, values in self.__dict__.items()})
 
-    def of_rows(self, keep: Mask) -> ContactEntries:
+    def of_rows(self, keep: Mask) -> "ContactEntries":
         """The entries of some rows (rows,), renumbered."""
         entries = self.some(keep[self.row])
         return replace(entries, row=(np.cumsum(keep) - 1)[entries.row])
@@ -145,7 +143,7 @@ class ContactRows:
     """The coefficients of nodes that are tied to rigid bodies, which those in `rigid` replace."""
 
     @classmethod
-    def empty(cls, dimension: int) -> ContactRows:
+    def empty(cls, dimension: int) -> "ContactRows":
         """No rows."""
         number, none = np.zeros(0, np.int64), np.zeros(0)
         return cls(
@@ -172,7 +170,7 @@ class ContactRows:
         return result
 
     @classmethod
-    def join(cls, parts: Sequence[ContactRows]) -> ContactRows:
+    def join(cls, parts: "Sequence[ContactRows]") -> "ContactRows":
         """Rows of several parts, sorted."""
         fields = [f for f in cls.__dataclass_fields__ if f not in ENTRIES]
         joined = {name: np.concatenate([getattr(p, name) for p in parts]) for name in fields}
@@ -188,7 +186,7 @@ class ContactRows:
             **{name: replace(of_name, row=place[of_name.row]) for name, of_name in entries.items()},
         )
 
-    def of(self, keep: Mask) -> ContactRows:
+    def of(self, keep: Mask) -> "ContactRows":
         """Some of the rows, (k,)."""
         fields = {
             name: v.of_rows(keep) if name in ENTRIES else v[keep]
@@ -196,7 +194,7 @@ class ContactRows:
         }
         return ContactRows(**fields)
 
-    def none(self) -> ContactRows:
+    def none(self) -> "ContactRows":
         """No rows."""
         return self.of(np.zeros(len(self.nodes), bool))
 

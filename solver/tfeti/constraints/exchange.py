@@ -5,8 +5,6 @@ different ranks. Each rank owns consecutive node numbers, as PETSc distributes r
 copies travel to the owner, and results travel back.
 """
 
-from __future__ import annotations
-
 from functools import cached_property
 
 import numpy as np
@@ -72,7 +70,7 @@ class NodeExchange:
         distinct = np.unique(self.nodes[order], return_index=True, return_counts=True)
         return order, *distinct
 
-    def among(self, nodes: Ints) -> NodeExchange:
+    def among(self, nodes: Ints) -> "NodeExchange":
         """An exchange for other copies of the same nodes, with the same owners (collective)."""
         return NodeExchange(self.comm, nodes, self.total, self.starts)
 

@@ -10,8 +10,6 @@ its limit. The friction force on the body is -λ_t, against the slip (N. Kikuchi
 *Contact Problems in Elasticity*, 1988, chapters 10 and 13). With prescribed slips c, w = B u - c.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np
@@ -35,16 +33,16 @@ class FrictionRows:
     """Whether a contact of any rank has friction."""
 
     @classmethod
-    def none(cls, contact: ContactRows) -> FrictionRows:
+    def none(cls, contact: ContactRows) -> "FrictionRows":
         """No rows, of contacts without friction."""
         return cls(contact.none(), np.zeros(0), np.zeros(0), acts=False)
 
-    def of(self, keep: Mask) -> FrictionRows:
+    def of(self, keep: Mask) -> "FrictionRows":
         """Some of the rows, (rows,)."""
         chosen = self.coefficients[keep], self.limits[keep]
         return FrictionRows(self.rows.of(keep), *chosen, self.acts)
 
-    def at(self, contact: ContactRows) -> FrictionRows:
+    def at(self, contact: ContactRows) -> "FrictionRows":
         """The rows of points whose normal row is one of some contact rows."""
         return self.of(self.places(contact) >= 0)
 

@@ -1,7 +1,5 @@
 """The constraint matrix B and its transpose, applied to local parts of distributed vectors."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from contextlib import contextmanager
 from functools import cached_property
@@ -105,7 +103,7 @@ class ConstraintMatrix:
         dual, interface = self._vectors
         on_arrays(self._transpose.mult, dual, x, interface, out)
 
-    def scaled(self, weights: Array) -> ScaledConstraintMatrix:
+    def scaled(self, weights: Array) -> "ScaledConstraintMatrix":
         """W B, for weights (dual,) of the rows."""
         return ScaledConstraintMatrix(self, weights)
 

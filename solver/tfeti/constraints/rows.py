@@ -28,8 +28,6 @@ So B Bᵀ = I except where contact, tied and mean rows share nodes and are not p
 rows of obstacles, gluing and held unknowns have full rank however the conditions overlap.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -70,7 +68,7 @@ class SharedRows:
         friction: FrictionRows | None = None,
         tied: ContactRows | None = None,
         means: ContactRows | None = None,
-    ) -> SharedRows:
+    ) -> "SharedRows":
         """Shared rows with the given kinds; the other kinds are empty."""
         none = contact.none()
         friction = friction or FrictionRows.none(contact)
@@ -101,7 +99,7 @@ class Rows:
     value: Array
     """Entries of gluing and held rows; `copy` counts the copies that arrived at this rank. Shape
     (entries,)."""
-    shared: SharedEntries
+    shared: "SharedEntries"
     """Entries of the rows of `SHARED`, kind by kind."""
 
     @property
@@ -313,7 +311,7 @@ class _Part:
     value: Array
 
     @classmethod
-    def shared(cls, kind: RowKind, rows: ContactRows) -> _Part:
+    def shared(cls, kind: RowKind, rows: ContactRows) -> "_Part":
         """Part of shared rows, whose `spread` is known."""
         none, rhs = np.zeros(0, np.int64), rows.gaps * rows.spread
         nth, weight = np.arange(len(rhs)), np.ones(len(rhs))
@@ -329,7 +327,7 @@ class _Part:
         component: int,
         rhs: Array,
         weight: Array | None = None,
-    ) -> _Part:
+    ) -> "_Part":
         """The same stencil (rows, m) and weights (rows,) on the copies (nodes, m) of each node.
 
         Rows with equal coefficients for other components are neighbours.

@@ -14,8 +14,6 @@ are accurate enough (`solver.contact.slip_limits`). The certificate of the answe
 limits of the answer itself.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 from dataclasses import replace
@@ -176,7 +174,7 @@ class _Frozen:
 
 
 def _to_a_certificate(
-    task: Task, frozen: _Frozen, iterations: OuterIterations, sets: _ActiveSetsBetween | None
+    task: Task, frozen: _Frozen, iterations: OuterIterations, sets: "_ActiveSetsBetween | None"
 ) -> Solution:
     """Run outer iterations until their answer, or that of active sets between them, is certified.
 

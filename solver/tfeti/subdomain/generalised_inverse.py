@@ -12,8 +12,6 @@ K K_ρ⁻¹ K = K exactly, whatever ρ. If the subdomain has reflections and the
 too, K_ρ splits into one block per character, and so do its factor and its inverse.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import Protocol
 
@@ -60,7 +58,7 @@ class Block(Protocol):
     def toarray(self) -> Array:
         """The block as one matrix, (m, m)."""
 
-    def schur_complement(self, kernel: Array) -> Block:
+    def schur_complement(self, kernel: Array) -> "Block":
         """The Schur complement of the stiffness on the same unknowns, (m, m).
 
         Parameters
@@ -205,7 +203,7 @@ class GeneralisedInverse:
         """K⁺ times each column: (n, columns) to (n, columns), both in Fortran order."""
         return self._factor.solve(loads)
 
-    def restricted(self, unknowns: Ints) -> DenseBlock:
+    def restricted(self, unknowns: Ints) -> "DenseBlock":
         """K⁺ between some unknowns."""
         return DenseBlock(self._factor.restricted(unknowns))
 
@@ -247,7 +245,7 @@ class SymmetricInverse:
             result.T[part] = rows[:, back]
         return result
 
-    def restricted(self, unknowns: Ints) -> SymmetricBlock:
+    def restricted(self, unknowns: Ints) -> "SymmetricBlock":
         """K⁺ between some unknowns, in the order of a split."""
         inside = np.zeros(len(self._split.unknowns), bool)
         inside[unknowns] = True
@@ -270,7 +268,7 @@ class DenseBlock:
         """The block as one matrix, (m, m)."""
         return self.matrix
 
-    def schur_complement(self, kernel: Array) -> DenseBlock:
+    def schur_complement(self, kernel: Array) -> "DenseBlock":
         """The Schur complement of the stiffness on the same unknowns, (m, m)."""
         return DenseBlock(_relaxed(self.matrix, _range(kernel, np.linalg.norm(kernel))))
 
@@ -314,7 +312,7 @@ class SymmetricBlock:
         self.apply(identity, result)
         return result
 
-    def schur_complement(self, kernel: Array) -> SymmetricBlock:
+    def schur_complement(self, kernel: Array) -> "SymmetricBlock":
         """The Schur complement of the stiffness on the same unknowns, (m, m)."""
         coordinates = self.split.forward(np.ascontiguousarray(kernel.T))
         complements = []

@@ -9,8 +9,6 @@ blocks of about n / |H| unknowns (Bossavit, *Symmetry, groups, and boundary valu
 A dense inverse then costs |H| times less to apply and to hold, and its factors much less.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from functools import cache, cached_property
 from itertools import groupby, product
@@ -82,7 +80,7 @@ class Symmetry:
         result.sort_indices()
         return result
 
-    def split(self, unknowns: Ints) -> Split:
+    def split(self, unknowns: Ints) -> "Split":
         """The split into characters of vectors on unknowns that are closed under reflection."""
         inside = np.zeros(self.images.shape[1], bool)
         inside[unknowns] = True
@@ -95,7 +93,7 @@ class Symmetry:
         families.sort(key=lambda family: len(family.unknowns))
         return Split(tuple(families), self.order)
 
-    def _family(self, first: Ints) -> Family:
+    def _family(self, first: Ints) -> "Family":
         """Orbits on which the group acts alike, from their first unknowns."""
         one = first[0]
         stays = tuple((self.images[:, one] == one).tolist())

@@ -10,8 +10,6 @@ which says that the contact forces balance the force and moment on the body. Unk
 prescribed are eliminated.
 """
 
-from __future__ import annotations
-
 import numpy as np
 from scipy import sparse
 
@@ -25,7 +23,7 @@ class ZeroInverse:
         """Zeros: no load strains a rigid body."""
         return np.zeros(loads.shape, order="F")
 
-    def restricted(self, unknowns: Ints) -> ZeroBlock:
+    def restricted(self, unknowns: Ints) -> "ZeroBlock":
         """K⁺ between some unknowns."""
         return ZeroBlock(len(unknowns))
 
@@ -46,7 +44,7 @@ class ZeroBlock:
         """The block as one matrix."""
         return np.zeros((self._size, self._size))
 
-    def schur_complement(self, kernel: Array) -> ZeroBlock:
+    def schur_complement(self, kernel: Array) -> "ZeroBlock":
         """A rigid body has no stiffness."""
         return self
 

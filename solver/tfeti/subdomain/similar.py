@@ -11,8 +11,6 @@ A box whose cells do not divide evenly has eight sizes of sub-boxes, but only fo
 are not similar; tied boxes of one material may share all of them.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from itertools import permutations
 
@@ -72,7 +70,7 @@ class Shape:
         self.places = (points - 0.5 * (lower + upper))[:, :dimension] / self.size
         self.mean = float(stiffness.diagonal().mean())
 
-    def similarity(self, other: Shape) -> Similarity | None:
+    def similarity(self, other: "Shape") -> Similarity | None:
         """The similarity to another one with as many nodes; None without one."""
         d, factor = self.dimension, other.mean / self.mean
         factor = 1.0 if abs(factor - 1.0) <= TOLERANCE else factor
@@ -90,7 +88,7 @@ class Shape:
                 return similarity
         return None
 
-    def _is(self, similarity: Similarity, other: Shape) -> bool:
+    def _is(self, similarity: Similarity, other: "Shape") -> bool:
         """Whether a similarity holds for a product with random displacements."""
         probe = np.random.default_rng(0).standard_normal(self.stiffness.shape[0])
         expected = similarity.factor * similarity.moved(self.stiffness @ probe)
@@ -128,6 +126,6 @@ class ScaledBlock:
         """The block as one matrix, (m, m)."""
         return self._factor * self._block.toarray()
 
-    def schur_complement(self, kernel: Array) -> ScaledBlock:
+    def schur_complement(self, kernel: Array) -> "ScaledBlock":
         """The Schur complement of the stiffness on the same unknowns, (m, m)."""
         return ScaledBlock(self._block.schur_complement(kernel), 1.0 / self._factor)

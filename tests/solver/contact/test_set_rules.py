@@ -1,7 +1,5 @@
 """The rules of the next set, given the sets before it, on a backend without any mechanics."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 from types import SimpleNamespace
 from typing import Any
@@ -30,7 +28,7 @@ class Levels:
     def allowed(self) -> np.ndarray:
         return np.ones(ROWS, bool) if self.finest else np.arange(ROWS) % 2 == 0
 
-    def finer(self) -> Levels:
+    def finer(self) -> "Levels":
         return Levels(finest=True)
 
 

@@ -1,7 +1,5 @@
 """MPRGP knows the feasible set by its protocol alone: one written here serves as the box does."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import dataclass
 
@@ -45,7 +43,7 @@ class Balls:
         away = x - self.centre
         x[:] = self.centre + np.sign(away) * np.minimum(np.abs(away), self.radius)
 
-    def on_block(self, rows: slice, scratch: Scratch) -> Balls:
+    def on_block(self, rows: slice, scratch: Scratch) -> "Balls":
         return Balls(self.centre[rows], self.radius[rows])
 
     def split(self, x: Vector, g: Vector, is_free: Mask, free: Vector, chopped: Vector) -> None:
