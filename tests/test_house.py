@@ -96,6 +96,10 @@ TAKE_THE_SCENE = 71
 """Functions above the scene that take all of it; others take the bodies, contacts or loads that
 they need. A function that needs less lowers the number."""
 
+NUMBERS_OUTSIDE_OF_RECORDS = 88
+"""Numbers above 1e-7 at the top of modules of `solver`, not in a record of options or a parameter;
+smaller ones are rounding errors. A number that moves into a record lowers this one."""
+
 MANY = dict.fromkeys(("solver.qp.reference:mprgp", "solver.qp.reference:expand"), "the book's")
 MANY |= dict.fromkeys(
     (
@@ -258,6 +262,24 @@ def test_few_functions_take_the_whole_scene() -> None:
         if takes_scene(node)
     }
     assert len(taking) <= TAKE_THE_SCENE
+
+
+def test_tuned_numbers_of_the_solver_stand_in_records() -> None:
+    def is_tuned(node: ast.stmt) -> bool:
+        if not isinstance(node, ast.Assign):
+            return False
+        values = [part.value for part in ast.walk(node.value) if isinstance(part, ast.Constant)]
+        numbers = [value for value in values if isinstance(value, int | float)]
+        return 0 < len(numbers) == len(values) and max(numbers) > 1e-7
+
+    outside = [
+        f"{name}:{node.lineno}"
+        for name, path in modules().items()
+        if name.startswith("solver")
+        for node in ast.parse(path.read_text(encoding="utf-8")).body
+        if is_tuned(node)
+    ]
+    assert len(outside) <= NUMBERS_OUTSIDE_OF_RECORDS, outside
 
 
 def test_tests_of_the_solver_import_the_solver_alone() -> None:

@@ -2,7 +2,8 @@
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import Self
 
 
 @dataclass(frozen=True)
@@ -123,6 +124,15 @@ class ActiveSetOptions:
     fail, the loop runs once more without."""
     returning: float = 0.5
     """Share of the points so released that may stick again before the rule is switched off."""
+
+    def with_friction(self) -> Self:
+        """The options with friction.
+
+        With a patience of six scenes of `contact_app.studies.friction_cost` take 5 % more operator
+        applications. Errors are limited since sliding rows with small limits have large
+        compliances, so that a small residual leaves a large error.
+        """
+        return replace(self, patience=12, largest_error=0.3)
 
     def peels(self, sets: Sequence[Turnover]) -> bool:
         """Whether contact peels off in the last two sets."""

@@ -16,9 +16,6 @@ from solver.primal.block_rows import BlockRows
 from solver.primal.petsc_options import lent_options
 from solver.vectors import Array, Ints
 
-DAMPING = 1.4
-"""ω times the largest eigenvalue of D⁻¹ A, as GAMG has it."""
-
 DEPENDENT = 1e-11
 """Square of a motion on an aggregate, without its part in the motions before it, relative to the
 whole, up to which it depends on these: on few nodes not all motions are independent."""
@@ -35,7 +32,7 @@ class Coarse:
 
 
 def coarsened(
-    A: BlockRows, rigid: Array, largest_eigenvalue: float, threshold: float, aggressive: bool
+    A: BlockRows, rigid: Array, damping: float, threshold: float, aggressive: bool
 ) -> Coarse | None:
     """The level of the aggregates of the nodes; None if none is coarser (collective).
 
@@ -43,8 +40,8 @@ def coarsened(
     ----------
     rigid : (nodes, unknowns per node, motions)
         R at this rank's nodes.
-    largest_eigenvalue
-        Of D⁻¹ A.
+    damping
+        ω.
     threshold, aggressive
         As in `solver.primal.hierarchy.MultigridOptions`.
     """
@@ -67,7 +64,7 @@ def coarsened(
     row = np.repeat(np.arange(A.rows), np.diff(correction.indptr))
     diagonal = _diagonal(A)
     inverse = np.divide(1.0, diagonal, out=np.zeros_like(diagonal), where=diagonal > 0.0)
-    correction.data *= (-DAMPING / largest_eigenvalue * inverse)[row, :, None]
+    correction.data *= (-damping * inverse)[row, :, None]
     return Coarse(BlockRows(A.comm, tentative + correction, count), coarse)
 
 

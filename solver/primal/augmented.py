@@ -83,6 +83,9 @@ class AugmentedOptions:
     """Number of steps after which the limits follow λ alone: a hook that all points of a peg let
     slide was as far after 300 steps, since limits that change lower nothing. With 12 and 20 steps
     it takes the same."""
+    settling: float = 0.1
+    """Change of μ λ_n since the last change of forces, over its distance to the limits, below which
+    the limits move on."""
     full: float = 1e-2
     """Largest distance of a step length from one at which the set of the step counts as settled."""
     least: float = 1e-12
@@ -181,7 +184,7 @@ class AugmentedLagrangian:
                 break
             now = exact or replace(now, forces=forces)
             backend.begin_at(now.u, now.left)
-            rows.advance(now.forces, accurate=exact is not None)
+            rows.advance(now.forces, self.options.settling, accurate=exact is not None)
             limit = self.options.balanced * self._gradient(now)
             limit = max(limit, self.options.least_gradient * load)
         return replace(outcome, counts=self._counts)

@@ -28,10 +28,6 @@ from solver.primal.friction_springs import FrictionSprings
 from solver.primal.merged import MergedSystem
 from solver.vectors import Array, Mask
 
-KNOWN = 0.1
-"""Change of μ λ_n since the last change of forces, over its distance to the limits, below which the
-limits move on."""
-
 
 class OneSidedRows:
     """Contact rows without friction; arrays are (rows,), local parts.
@@ -76,8 +72,11 @@ class OneSidedRows:
     def begin(self, forces: Array) -> None:
         """Take the first law from forces (rows,) (collective)."""
 
-    def advance(self, forces: Array, accurate: bool) -> None:
-        """Take the next law from forces (rows,), if they are accurate or settled (collective)."""
+    def advance(self, forces: Array, settling: float, accurate: bool) -> None:
+        """Take the next law from forces (rows,), if they are accurate or settled (collective).
+
+        `settling` as in `AugmentedOptions`.
+        """
 
     def admissible(self, forces: Array) -> Array:
         """Forces (rows,) that the law itself admits, near those of the springs."""
@@ -115,10 +114,10 @@ class FrictionRows(OneSidedRows):
         limits = SlipLimits(self._points, self.system.comm, on_all_rows(forces), lasting=True)
         self._change(limits)
 
-    def advance(self, forces: Array, accurate: bool) -> None:
+    def advance(self, forces: Array, settling: float, accurate: bool) -> None:
         """Take the next limits of Anderson's acceleration."""
         limits, multiplier = self._limits, self.system.on_all_rows(forces)
-        if self.moves and (limits.settles(multiplier, KNOWN) or accurate):
+        if self.moves and (limits.settles(multiplier, settling) or accurate):
             limits.advance(multiplier)
             self._change(limits)
 

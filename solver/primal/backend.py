@@ -7,7 +7,7 @@ instance of sliding points, are loads; rows with a compliance are springs (`solv
 """
 
 import math
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -38,23 +38,22 @@ from solver.tfeti.constraints.hierarchy import constraint_hierarchy
 from solver.tfeti.decomposed import DecomposedProblem, SharedPlace
 from solver.vectors import Array, Mask
 
-SAFETY = 0.5
-"""Factor on the smallest Ritz value that estimates the smallest eigenvalue of M⁻¹ K.
 
-The Ritz value itself is an upper bound.
-"""
+@dataclass(frozen=True)
+class IterationOptions:
+    """The tuned numbers of conjugate gradients on one set."""
 
-SHORT = 6
-"""Number of steps from which on the Ritz value is used."""
-
-UNKNOWN = 0.1
-"""Assumed smallest eigenvalue before any set has taken so many steps."""
-
-STALLED = 500
-"""Steps on one set after which the solve counts as stalled, by rounding errors or a poor cycle."""
-
-STALLED_WITH_FACTOR = 100
-"""That number of steps with a factor, which takes few where the active rows hold all bodies."""
+    safety: float = 0.5
+    """Factor on the smallest Ritz value that estimates the smallest eigenvalue of M⁻¹ K. The Ritz
+    value itself is an upper bound."""
+    short: int = 6
+    unknown: float = 0.1
+    """Number of steps from which on the Ritz value is used, and assumed smallest eigenvalue before
+    any set has taken so many."""
+    stalled: int = 500
+    stalled_with_factor: int = 100
+    """Steps on one set after which the solve counts as stalled, by rounding errors or a poor cycle;
+    with a factor few are needed where the active rows hold all bodies."""
 
 
 class Multigrid:
@@ -77,7 +76,7 @@ class Multigrid:
         """Matrices of a problem under other loads are taken from the place, or left there."""
         self.problem = problem
         self.comm, self.contact_rows, self.c = problem.comm, problem.inequality, problem.c
-        self.factors = factors or FactorOptions()
+        self.factors, self.iterations = factors or FactorOptions(), IterationOptions()
         self._place = place or SharedPlace()
         self.matrices = Matrices.shared(self._place, problem, self.factors)
         self.system: MergedSystem = self.matrices.system
@@ -88,7 +87,7 @@ class Multigrid:
         self._first_set: FirstSet | None = None
         self.motions = self.matrices.floating
         self._held = HeldEnergy(self.system)
-        self.smallest_eigenvalue = UNKNOWN
+        self.smallest_eigenvalue = self.iterations.unknown
         step = self.factors.least_step + self.factors.step * self.system.K.getSize()[0]
         self.patience = max(self.factors.slow, self.matrices.seconds / step)
 
@@ -239,7 +238,7 @@ class PrimalSet:
     """
 
     def __init__(self, backend: Multigrid, statuses: Statuses) -> None:
-        self._backend, self.statuses = backend, statuses
+        self._backend, self.statuses, self._options = backend, statuses, backend.iterations
         turn, system = statuses.turn, backend.system
         self._system = system = system if turn is None else system.turned(turn)
         held = statuses.holding[system.rows] | system.equality
@@ -333,10 +332,10 @@ class PrimalSet:
         It bounds rᵀ K⁻¹ r. A Ritz value bounds that eigenvalue from above.
         """
         square = float(self._system.comm.allreduce(float(z @ r)))
-        return max(square, 0.0) / (SAFETY * self._smallest_eigenvalue())
+        return max(square, 0.0) / (self._options.safety * self._smallest_eigenvalue())
 
     def _smallest_eigenvalue(self) -> float:
-        if len(self._lanczos.lengths) >= SHORT:
+        if len(self._lanczos.lengths) >= self._options.short:
             ritz_value = self._lanczos.smallest_ritz_value()
             smallest = self._backend.smallest_eigenvalue
             if ritz_value > 0.0:
@@ -347,6 +346,7 @@ class PrimalSet:
         self, inner: MPRGP, residual: float, monitor: Monitor | None, watch: Watch | None = None
     ) -> Reason:
         """Go on to a relative residual; `inner` limits all iterations on this set (collective)."""
+        options = self._options
 
         def see(it: Iterate) -> None:
             if it.counts.cg > self._steps and it.curvature > 0.0:  # also called at the start
@@ -366,8 +366,9 @@ class PrimalSet:
                 self._preconditioner = it.preconditioner = self._make_preconditioner()
                 it.evaluate()
                 self._lanczos = Lanczos(self._preconditioner.square)
-                self._backend.smallest_eigenvalue, self._before_factor = UNKNOWN, it.counts.cg
-            most = STALLED_WITH_FACTOR if self._backend.direct else STALLED
+                self._backend.smallest_eigenvalue = options.unknown
+                self._before_factor = it.counts.cg
+            most = options.stalled_with_factor if self._backend.direct else options.stalled
             self._stalls = it.counts.cg - self._before_factor >= most
             if self._stalls and it.projected_gradient_norm > self._first_norm:
                 raise QPError(

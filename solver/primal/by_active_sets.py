@@ -1,6 +1,6 @@
 """Active sets with multigrid on the undecomposed problem, to a certified answer."""
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
@@ -8,6 +8,7 @@ from petsc4py import PETSc
 
 from solver.backend import Statuses
 from solver.contact.active_set import Start
+from solver.contact.active_set_options import ActiveSetOptions
 from solver.contact.checkpoint import Saver
 from solver.contact.law import ContactLaw
 from solver.contact.retries import solve_with_retries
@@ -34,47 +35,53 @@ from solver.vectors import Array, Mask
 
 METHOD = "primal"
 
-FIRST_REDUCTION = 0.1
-"""Reduction of the residual before the first evaluation on a set.
 
-A V-cycle takes two or three steps for it; decisions with a larger residual are often undone.
-"""
+@dataclass(frozen=True)
+class MultigridSetOptions:
+    """The numbers of `ActiveSetOptions` that multigrid changes."""
 
-SIGNIFICANT = 0.01
-"""`ActiveSetOptions.significant` without friction.
+    first_reduction: float = 0.1
+    """A V-cycle takes two or three steps for it; decisions with a larger residual are often
+    undone."""
+    sets_before_levels: int = 0
+    """Each set costs a factor. A slender strip that lifts off takes 48 operator applications if it
+    first tries eight sets on all rows, and 34 with the hierarchy."""
+    significant: float = 0.01
+    """Without friction. The estimate of the error bounds it on the whole body; at the contact it is
+    mostly far smaller. With 0.1 and 0.01 a bolted flange takes 49 and 41 operator applications, of
+    degree 2 48 and 44, three bodies 58 and 50, a ribbed panel of 30,135 unknowns 104 and 79, a bar
+    in a vee 67 and 64. Some take more: the pin in a lug 36 and 39, a ribbed panel of 128,112
+    unknowns 109 and 119, an eye on a pin 41 and 47, a graded block 98 and 105. None of 25 parts
+    takes more than one set more."""
+    negligible: float = 0.03
+    """Without friction, on one body, over the tolerance of the certificate, of which no more than
+    1e-6 counts. Of several bodies each is certified by its own load. A slotted tube that can turn
+    in a vee (9,801 unknowns) carries 1e-10 of its largest contact force in the node that stops it:
+    it takes 34 operator applications, and 126 if this releases the node."""
+    peeling: int = 2
+    """Sets of large thin bodies, which then go on by factors on the constraint hierarchy. In four
+    sets in a row a lifted plate of degree 2 (72,225 unknowns) may gain some rows: it took 513
+    operator applications then, and takes 49."""
+    most_sets: int = 40
+    """With friction: a belt that friction does not quite hold takes more than 36 before it is known
+    to slide, and none of 51 random scenes and of 16 drawn assemblies whose sets settle takes more
+    than 24. Where they do not settle, the augmented Lagrangian takes over."""
 
-The estimate of the error bounds it on the whole body; at the contact it is mostly far smaller. With
-0.1 and 0.01 a bolted flange takes 49 and 41 operator applications, of degree 2 48 and 44, three
-bodies 58 and 50, a ribbed panel of 30,135 unknowns 104 and 79, a bar in a vee 67 and 64. Some take
-more: the pin in a lug 36 and 39, a ribbed panel of 128,112 unknowns 109 and 119, an eye on a pin 41
-and 47, a graded block 98 and 105. None of 25 parts takes more than one set more.
-"""
-
-NEGLIGIBLE = 0.03
-"""`ActiveSetOptions.negligible` without friction, on one body, over the tolerance of the
-certificate, of which no more than 1e-6 counts. Of several bodies each is certified by its own load.
-
-A slotted tube that can turn in a vee (9,801 unknowns) carries 1e-10 of its largest contact force in
-the node that stops it: it takes 34 operator applications, and 126 if this releases the node.
-"""
-
-PEELING_BEFORE_FACTORS = 2
-"""`ActiveSetOptions.peeling` of large thin bodies, which then go on by factors on the
-constraint hierarchy. In four sets in a row a lifted plate of degree 2 (72,225 unknowns) may gain
-some rows: it took 513 operator applications then, and takes 49."""
-
-SETS_BEFORE_LEVELS = 0
-"""The constraint hierarchy is used from the first set on.
-
-Each set costs a factor. A slender strip that lifts off takes 48 operator applications if it first
-tries eight sets on all rows, and 34 with the hierarchy.
-"""
-
-SETS_WITH_FRICTION = 40
-"""Most sets of a run with friction: a belt that friction does not quite hold takes more than 36
-before it is known to slide, and none of 51 random scenes and of 16 drawn assemblies whose sets
-settle takes more than 24. Where they do not settle, the augmented Lagrangian takes over.
-"""
+    def of(self, sets: ActiveSetOptions, backend: Multigrid, tolerance: float) -> ActiveSetOptions:
+        """The options of all sets of a solve to a tolerance of the certificate."""
+        first, levels, matrices = self.first_reduction, self.sets_before_levels, backend.matrices
+        options = replace(sets, first_reduction=first, sets_before_levels=levels)
+        if backend.problem.friction.acts:
+            most, may_peel = min(sets.most_sets, self.most_sets), not matrices.peels
+            return replace(options, most_sets=most, insists=False, may_peel=may_peel)
+        slow, alone = backend.factors.slow_seconds, backend.problem.bodies.count == 1
+        return replace(
+            options,
+            significant=self.significant,
+            negligible=self.negligible * min(tolerance, 1e-6) if alone else sets.negligible,
+            may_peel=matrices.peels or matrices.seconds > slow,
+            peeling=sets.peeling if matrices.peeling(slow) is None else self.peeling,
+        )
 
 
 def solve_by_multigrid(
@@ -144,24 +151,10 @@ def _solve(
         partial(_required_reduction, backend, task.rule, loads),
     )
     method = task.active_set_method(backend, test, saved_by(Saver(task.checkpoint, before)))
-    method = method.with_options(
-        first_reduction=FIRST_REDUCTION, sets_before_levels=SETS_BEFORE_LEVELS
-    )
+    options = MultigridSetOptions().of(method.options, backend, task.rule.tolerance)
+    method = replace(method, options=options, law=method.law.locking())
     frictionless = method.law.settles
     peeling = backend.matrices.peeling(backend.factors.slow_seconds) if frictionless else None
-    if frictionless:
-        affordable = backend.matrices.seconds <= backend.factors.slow_seconds
-        may_peel = backend.matrices.peels or not affordable
-        method = method.with_options(significant=SIGNIFICANT, may_peel=may_peel)
-        if problem.bodies.count == 1:
-            method = method.with_options(negligible=NEGLIGIBLE * min(task.rule.tolerance, 1e-6))
-        if peeling is not None:
-            method = method.with_options(peeling=PEELING_BEFORE_FACTORS)
-    else:
-        most_sets = min(method.options.most_sets, SETS_WITH_FRICTION)
-        may_peel = not backend.matrices.peels
-        method = method.with_options(most_sets=most_sets, insists=False, may_peel=may_peel)
-        method = replace(method, law=method.law.locking())
     statuses = None
     if restart is not None:
         active = problem.inequality & (restart.multiplier > 0.5)

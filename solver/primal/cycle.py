@@ -35,16 +35,6 @@ from solver.primal.smoother import Smoother
 from solver.tfeti.constraints.matrix import local_rows, petsc_rows
 from solver.vectors import Array, Ints, Mask, on_arrays
 
-CHANGED = 0.15
-"""Changed springs, relative to the rows of the set, up to which a cycle keeps those it has.
-
-With 0.05 eleven parts take 477 operator applications and make more cycles, with 0.15 they take 464:
-a tray 43 instead of 47, a cup on a ball 76 instead of 87, an eye on a pin 38 instead of 36."""
-
-NOTICED = 0.3
-"""Change of a spring, relative to the larger one, or sine of the angle by which its row turns, from
-which on it counts as changed."""
-
 
 class Cycle:
     """One V-cycle as an approximate inverse, Chebyshev smoothing on all levels.
@@ -126,8 +116,7 @@ class CycleOnSets:
     ) -> None:
         K, self._P = hierarchy.operators[0], hierarchy.prolongations[0]
         self._K = in_blocks(K)
-        steps = hierarchy.options.smoothing
-        self._smoother = Smoother(self._K, system.flexibility, hierarchy.largest, steps)
+        self._smoother = Smoother(self._K, system.flexibility, hierarchy)
         self._prolongations = hierarchy.prolongations
         self._options = hierarchy.options
         self._unturned = self._system = system
@@ -152,7 +141,7 @@ class CycleOnSets:
         differs = (springs != self._springs) | (system.angles != self._system.angles)
         counts = int(self._clearly(springs, system).sum()), len(self._projector.rows)
         changed, rows = comm.allreduce(np.array(counts))
-        if self._coarse is not None and changed <= CHANGED * rows:
+        if self._coarse is not None and changed <= self._options.changed * rows:
             return
         changes = self._changes(system, springs, differs)
         self._operators = [A.plus(new) for A, new in zip(self._operators, changes, strict=True)]
@@ -181,10 +170,11 @@ class CycleOnSets:
         return springs
 
     def _clearly(self, springs: Array, system: MergedSystem) -> Mask:
-        """Rows whose spring or frame changes by more than `NOTICED`, (rows,)."""
+        """Rows whose spring or frame changes by more than `MultigridOptions.noticed`, (rows,)."""
         before, most = self._springs, np.maximum(springs, self._springs)
-        turned = np.abs(np.sin(system.angles - self._system.angles)) > NOTICED
-        return (np.abs(springs - before) > NOTICED * most) | (turned & (most > 0.0))
+        noticed = self._options.noticed
+        turned = np.abs(np.sin(system.angles - self._system.angles)) > noticed
+        return (np.abs(springs - before) > noticed * most) | (turned & (most > 0.0))
 
     def _changes(self, system: MergedSystem, springs: Array, differs: Mask) -> list[BlockRows]:
         """The change of the springs on each coarse level (collective)."""

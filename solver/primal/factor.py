@@ -70,6 +70,15 @@ class FactorOptions:
     costs one solve. A pressed plate of degree 2 (33,135 unknowns, `make_trials.py pressed_plate
     --size 1.8`) takes 5.3, 4.0 and 3.1 s of CPU time with 10, 20 and 40 rows, and 10.4 s with a
     factor for each set."""
+    singular: float = 1e-4
+    """Least eigenvalue of Vᵀ K V of these rows (`solver.primal.factor_on_sets`), scaled to a
+    diagonal of one, below which a new factor is made: the rows that stay active constrain a body
+    too weakly. With 1e-7 rounding errors turned a body without a driving moment by 0.03 on one of
+    two platforms (`test_least_motion.py`); with 1e-5 to 0.1 they do not."""
+    faint: float = 1e-8
+    near: float = 1e-12
+    """Stiffness of faint springs on open rows, over that of K, and on every unknown, over the
+    diagonal of K. They stop motions that nothing else stops."""
 
 
 def predicted_seconds(system: MergedSystem) -> float:
@@ -128,11 +137,11 @@ class Factor:
         options = options or FactorOptions()
         self.comm = system.comm
         stiff = row_stiffness(system)
-        weights = FAINT * stiff
+        weights = options.faint * stiff
         if springs is not None:
             weights = np.maximum(weights, springs)
         weights[projector.rows] = options.penalty * stiff[projector.rows]
-        near = NEAR + spread_means(system)
+        near = options.near + spread_means(system)
         rows = BlockRows.of_rows(system.C, system.K.getBlockSize())
         matrix = with_springs(system.K, rows, weights, near * system.diagonal)
         self._pc = factored(matrix)
@@ -141,16 +150,6 @@ class Factor:
     def apply(self, residual: Array, out: Array) -> None:
         """Put the correction into out."""
         on_arrays(self._pc.apply, self._residual, residual, self._correction, out)
-
-
-FAINT = 1e-8
-"""Stiffness of faint springs on open rows, over that of K.
-
-They stop motions that nothing else stops.
-"""
-
-NEAR = 1e-12
-"""Stiffness of faint springs on every unknown, over the diagonal of K."""
 
 
 SPREAD = 1e-2

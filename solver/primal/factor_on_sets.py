@@ -23,12 +23,6 @@ from solver.vectors import Array, Mask
 Row = tuple[int, int]
 """Rank and place of a row."""
 
-SINGULAR = 1e-4
-"""Least eigenvalue of Vᵀ K V, scaled to a diagonal of one, below which a new factor is made: the
-rows that stay active constrain a body too weakly. With 1e-7 rounding errors turned a body
-without a driving moment by 0.03 on one of two platforms (`test_least_motion.py`); with 1e-5 to 0.1
-they do not."""
-
 
 class FactorOnSets:
     """A factor that follows the sets of one problem; applied like a V-cycle."""
@@ -74,7 +68,7 @@ class FactorOnSets:
         scale = 1.0 / np.sqrt(np.maximum(energy.diagonal(), np.finfo(float).tiny))
         scaled = 0.5 * (energy + energy.T) * np.outer(scale, scale)
         values, vectors = np.linalg.eigh(scaled)
-        if len(values) and values[0] < SINGULAR:
+        if len(values) and values[0] < self._options.singular:
             return False
         vectors *= scale[:, None]
         released = vectors / values @ vectors.T

@@ -30,8 +30,20 @@ class MultigridOptions:
     aggressive: int = 1
     """Number of levels with aggressive (squared) coarsening. The second level then has a thirtieth
     of the unknowns, and a cycle costs little more than its smoothing steps on the finest level."""
+    damping: float = 1.4
+    """ω of the prolongation times the largest eigenvalue of D⁻¹ A, as GAMG has it."""
     smoothing: int = 2
     """Chebyshev steps before and after each coarse correction."""
+    interval: tuple[float, float] = (0.1, 1.1)
+    """Damped eigenvalues of D⁻¹ K over the estimate of the largest one, as PETSc has them."""
+    changed: float = 0.15
+    """Changed springs, relative to the rows of the set, up to which a cycle keeps those it has.
+    With 0.05 eleven parts take 477 operator applications and make more cycles, with 0.15 they take
+    464: a tray 43 instead of 47, a cup on a ball 76 instead of 87, an eye on a pin 38 instead of
+    36."""
+    noticed: float = 0.3
+    """Change of a spring, relative to the larger one, or sine of the angle by which its row turns,
+    from which on it counts as changed."""
     smallest: int = 300
     """Unknowns below which no coarser level is made."""
     singular: float = 1e-10
@@ -75,7 +87,8 @@ def build_hierarchy(system: MergedSystem, options: MultigridOptions | None = Non
     while operators[-1].getSize()[0] > options.smallest:
         operator = in_blocks(K) if operators[-1] is K else operators[-1]
         eigenvalues.append(largest_eigenvalue(operator, _flexibility(operator)))
-        level = coarsened(A, motions, eigenvalues[-1], options.threshold, aggressive > 0)
+        damping = options.damping / eigenvalues[-1]
+        level = coarsened(A, motions, damping, options.threshold, aggressive > 0)
         if level is None:
             break
         A, motions = A.galerkin(level.P), level.rigid

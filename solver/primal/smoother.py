@@ -11,12 +11,10 @@ The polynomials are those of Saad, Iterative Methods for Sparse Linear Systems, 
 import numpy as np
 from petsc4py import PETSc
 
+from solver.primal.hierarchy import Hierarchy
 from solver.primal.products import multiply
 from solver.primal.projector import Projector
 from solver.vectors import Array
-
-INTERVAL = (0.1, 1.1)
-"""Damped eigenvalues of D⁻¹ K over the estimate of the largest one, as PETSc has them."""
 
 
 class Smoother:
@@ -28,15 +26,13 @@ class Smoother:
         Stiffness, for products.
     flexibility : (unknowns,)
         D⁻¹.
-    largest
-        Estimate of the largest eigenvalue of D⁻¹ K.
-    steps
-        Of Chebyshev's iteration.
+    hierarchy
+        Has the estimate of the largest eigenvalue of D⁻¹ K, and the options.
     """
 
-    def __init__(self, K: PETSc.Mat, flexibility: Array, largest: float, steps: int) -> None:
-        self._K, self._flexibility, self._steps = K, flexibility, steps
-        lower, upper = largest * np.array(INTERVAL)
+    def __init__(self, K: PETSc.Mat, flexibility: Array, hierarchy: Hierarchy) -> None:
+        self._K, self._flexibility, self._steps = K, flexibility, hierarchy.options.smoothing
+        lower, upper = hierarchy.largest * np.array(hierarchy.options.interval)
         self._middle, self._half = 0.5 * float(upper + lower), 0.5 * float(upper - lower)
 
     def begin(self, residual: Array, projector: Projector) -> Array:

@@ -35,11 +35,6 @@ from solver.primal.products import multiply, multiply_transposed
 from solver.tfeti.constraints.matrix import lent
 from solver.vectors import Array, Mask
 
-SMALL = 1e-2
-"""Least stiffness of an unknown, relative to the largest of the level.
-
-Aggregates with held or too few nodes have unknowns without any stiffness."""
-
 
 @dataclass(frozen=True)
 class FirstSetOptions:
@@ -79,7 +74,10 @@ class FirstSetOptions:
     stick: with 0.05, 0.1 and 1 the flange takes 103, 119 and 143 applications, the bracket 48, 50
     and 43."""
     shift: float = 1e-9
-    """Relative addition to the diagonal, for motions that no row and no support stops."""
+    small: float = 1e-2
+    """Relative addition to the diagonal, for motions that no row and no support stops; an entry
+    counts as this share of the largest of the level at least, since aggregates with held or too few
+    nodes have unknowns without any stiffness."""
     largest: int = 900
     """Unknowns up to which a level is solved by a factor, a dense one. On a bracket of hexahedra
     (66,843 unknowns) one of 2,100 takes a quarter of the whole solve; from the level below, of 474
@@ -146,7 +144,7 @@ class Level(ABC):
     def _addition(self, diagonal: Array) -> Array:
         """Small addition to a diagonal, by which its matrix has an inverse (collective)."""
         most = self.comm.allreduce(float(diagonal.max(initial=0.0)), op=MPI.MAX)
-        return np.asarray(self.options.shift * np.maximum(diagonal, SMALL * most))
+        return np.asarray(self.options.shift * np.maximum(diagonal, self.options.small * most))
 
     @abstractmethod
     def stiffness(self, x: Array) -> Array:

@@ -20,13 +20,16 @@ from solver.primal.products import chosen_rows, multiply, multiply_transposed
 from solver.primal.projector import Projector
 from solver.vectors import Array, Vector
 
-STIFFEST = 1e4
-"""Largest stiffness of such a row, relative to the stiffness of K against it. A point with such a
-small slip hardly changes its direction, and a stiffer spring takes digits from its force."""
-
 
 class Springs:
     """The rows of a set that have a compliance.
+
+    Parameters
+    ----------
+    stiffest
+        Largest stiffness of such a row, relative to the stiffness of K against it. A point with
+        such a small slip hardly changes its direction, and a stiffer spring takes digits from its
+        force.
 
     Attributes
     ----------
@@ -37,7 +40,7 @@ class Springs:
         Whether no rank has any.
     """
 
-    def __init__(self, system: MergedSystem, statuses: Statuses) -> None:
+    def __init__(self, system: MergedSystem, statuses: Statuses, stiffest: float = 1e4) -> None:
         self._system = system
         self.rows = np.zeros(0, np.int64)
         self.compliance = np.zeros(0)
@@ -47,7 +50,7 @@ class Springs:
             self.compliance = compliance[self.rows]
         self.empty = system.comm.allreduce(len(self.rows)) == 0
         if not self.empty:
-            least = 1.0 / (STIFFEST * row_stiffness(system)[self.rows])
+            least = 1.0 / (stiffest * row_stiffness(system)[self.rows])
             self.compliance = np.maximum(self.compliance, least)
             self._B = chosen_rows(system.C, self.rows)
             self._c = system.c[self.rows]

@@ -22,9 +22,6 @@ from mpi4py import MPI
 from solver.primal.line_search import minimum_along
 from solver.vectors import Array, Mask
 
-WHOLE = 0.7
-"""Share from which on the whole step is taken: sets that grow evenly need whole steps."""
-
 
 @dataclass(frozen=True, eq=False)
 class Position:
@@ -45,7 +42,12 @@ class Position:
 
 
 def shortened(
-    comm: MPI.Intracomm, stiffness: Array, is_open: Mask, before: Position, after: Position
+    comm: MPI.Intracomm,
+    stiffness: Array,
+    is_open: Mask,
+    before: Position,
+    after: Position,
+    full: float = 0.7,
 ) -> tuple[Position, Mask | None]:
     """The point of least energy on a step that penetrates more rows than are active (collective).
 
@@ -57,6 +59,8 @@ def shortened(
         Mask of the contact rows that are not active.
     before, after
         Beginning and end of the step.
+    full
+        Share from which on the whole step is taken: sets that grow evenly need whole steps.
 
     Returns
     -------
@@ -77,7 +81,7 @@ def shortened(
         return bend * (t - 1.0), bend
 
     share = minimum_along(comm, rest, springs * beginning, springs * image, image)
-    if share >= WHOLE:
+    if share >= full:
         return after, None
     point = before.towards(after, share)
     return point, point.jumps > already

@@ -1,10 +1,7 @@
-"""The contact law of a decomposed problem, and the options of active sets that go with it."""
-
-from dataclasses import replace
+"""The contact law of a decomposed problem."""
 
 import numpy as np
 
-from solver.contact.active_set_options import ActiveSetOptions
 from solver.contact.friction_law import Friction
 from solver.contact.law import ContactLaw, Frictionless
 from solver.contact.slip_front import SlipFront
@@ -14,28 +11,13 @@ from solver.vectors import largest_magnitude
 FLAT = 1e-12
 """Gaps, over the largest coordinate, that count as zero."""
 
-PATIENCE = 12
-"""Number of sets with friction after which sets are solved more accurately: six took 5 % more
-operator applications (`contact_app.studies.friction_cost`)."""
-
 STICKING_COMPLIANCE = 0.03
 """Compliance of a point that sticks while its node is closed in another contact, over that of the
 node: slips fall to about this share in each set."""
 
-LARGEST_ERROR = 0.3
-"""Error above which the answer on a set with friction does not change the set: sliding rows with
-small limits have large compliances, so that a small residual leaves a large error."""
-
 SURE = 0.3
 """Share of the tolerance that the friction numbers have to meet before an answer is certified: at
 1e-6 displacements are then right to 9e-7, and to 3e-6 with a share of one."""
-
-
-def options_of(problem: DualProblem, options: ActiveSetOptions) -> ActiveSetOptions:
-    """The options of the loop, changed for problems with friction."""
-    if not problem.friction.acts:
-        return options
-    return replace(options, patience=PATIENCE, largest_error=LARGEST_ERROR)
 
 
 def contact_law(problem: DualProblem) -> ContactLaw:

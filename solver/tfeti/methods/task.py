@@ -11,7 +11,7 @@ from solver.contact.solve_on_set import SaveState, StoppingTest
 from solver.contact.stopping import CertificateTest, StoppingRule
 from solver.qp.mprgp import MPRGP
 from solver.qp.result import Counts, Monitor
-from solver.tfeti.contact_law import contact_law, options_of
+from solver.tfeti.contact_law import contact_law
 from solver.tfeti.dual import DualProblem
 
 
@@ -37,7 +37,9 @@ class Task:
     ) -> ActiveSetMethod[S]:
         """Active sets on a backend, with the certificate as the test of their answers."""
         stopping = StoppingTest(test.required_reduction, test.accept, self.rule.may_end_early)
-        options, law = options_of(self.problem, self.active_sets), contact_law(self.problem)
+        options, law = self.active_sets, contact_law(self.problem)
+        if self.problem.friction.acts:
+            options = options.with_friction()
         return ActiveSetMethod(backend, stopping, self.inner, self.monitor, save, options, law)
 
 

@@ -20,7 +20,7 @@ from solver.contact.options import SolverOptions
 from solver.contact.stopping import StoppingRule
 from solver.driver import solve as solve_problem
 from solver.primal import by_active_sets
-from solver.primal.backend import STALLED_WITH_FACTOR
+from solver.primal.backend import IterationOptions
 from solver.primal.blocks import in_blocks
 from solver.primal.by_active_sets import solve_by_multigrid
 from solver.primal.cycle import CycleOnSets
@@ -146,7 +146,11 @@ def test_a_factor_that_replaces_the_cycle_late_has_steps_of_its_own() -> None:
     problem = scenes.problem(made)
     task = Task(problem, StoppingRule(1e-8), MPRGP(rtol=1e-10, max_iterations=2000))
     late = FactorOptions(
-        small=0.0, thin_seconds=0.0, slow=STALLED_WITH_FACTOR + 1, slow_digit=1, step=1.0
+        small=0.0,
+        thin_seconds=0.0,
+        slow=IterationOptions().stalled_with_factor + 1,
+        slow_digit=1,
+        step=1.0,
     )
     found = solve_by_multigrid(task, None, None, late)
     assert found.counts.cg > late.slow

@@ -81,7 +81,9 @@ def test_coarse_motions_are_the_rigid_motions() -> None:
     stretch = sparse.diags([-1.0, 1.0], [0, 1], (count - 2, count))
     along, across = stretch.T @ stretch, bend.T @ bend
     A = sparse.kron(along, np.diag([1.0, 0.0])) + sparse.kron(across, np.diag([0.0, 1.0]))
-    level = coarsened(BlockRows(MPI.COMM_SELF, A.tobsr((2, 2)), count), rigid, 3.0, 0.005, False)
+    level = coarsened(
+        BlockRows(MPI.COMM_SELF, A.tobsr((2, 2)), count), rigid, 1.4 / 3.0, 0.005, False
+    )
     assert level is not None
     assert 0 < len(level.rigid) < count / 2
     motions = level.P.local @ level.rigid.reshape(-1, 3)
