@@ -1,4 +1,4 @@
-"""Sparse Cholesky and LU factors: by CHOLMOD on one rank, by MUMPS on several."""
+"""Sparse Cholesky and LU factors, by CHOLMOD on one rank, by MUMPS on several; their cost."""
 
 from petsc4py import PETSc
 
@@ -42,3 +42,10 @@ def compute_factor(pc: PETSc.PC, matrix: PETSc.Mat) -> None:
         if fault not in TOO_LITTLE_SPACE:
             break
     raise ArithmeticError(f"{no_factor} (MUMPS ends with {fault})")
+
+
+def factor_seconds(unknowns: float, order: int, dimension: int = 3) -> float:
+    """Seconds of the sparse factors of a body with so many unknowns."""
+    if dimension == 2:
+        return 3.5e-6 * unknowns
+    return order * 1e-9 * (unknowns / order) ** 2

@@ -30,11 +30,12 @@ from meshes.arrays import Array, Ints, Mask
 from meshes.connected import connected
 from solver.contact.equilibrium import BodyBalance, slide
 from solver.contact.group_balance import GroupRows
+from solver.exchange import NodeExchange
+from solver.rigid_motions import MOTIONS, rigid_motions
 from solver.tfeti.constraints.conditions import ContactRows, HeldRows
-from solver.tfeti.constraints.exchange import NodeExchange
 from solver.tfeti.constraints.friction import FrictionRows
 from solver.tfeti.free_motions import LooseBodies
-from solver.tfeti.subdomain.kernels import MOTIONS, orthonormal_kernel, rigid_motions
+from solver.tfeti.subdomain.kernels import orthonormal_kernel
 
 RESISTED = 1e-12
 """Stiffness against a motion over the largest entry of K, from which on the form resists it."""

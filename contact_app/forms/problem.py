@@ -51,7 +51,7 @@ from solver.contact.options import Method, SolverOptions
 from solver.contact.solution import Solution
 from solver.driver import reason_text, solve
 from solver.qp.result import Monitor, Reason
-from solver.tfeti.options import TotalFetiOptions
+from solver.tfeti.constraints.options import TotalFetiOptions
 
 WAYS: dict[Method, tuple[Method, Method]] = {
     "auto": ("primal", "auto"),

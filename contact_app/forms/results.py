@@ -22,7 +22,7 @@ from contact_app.results.smoothed_pressure import AT_PLANE, smoothed_on
 from contact_app.run.summary import decomposition_record, solver_record
 from meshes.quadratic import FACETS
 from solver.contact.solution import Solution
-from solver.tfeti.constraints.exchange import NodeExchange
+from solver.exchange import NodeExchange
 from solver.vectors import Array, Ints, Mask, largest_magnitude
 
 

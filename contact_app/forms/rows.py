@@ -17,13 +17,13 @@ from contact_app.model.averaged_rows import rows_about_vertices
 from contact_app.model.pairs import owned_rows
 from meshes import dolfinx_compat
 from meshes.arrays import Array, Ints, Mask
+from solver.exchange import NodeExchange
 from solver.tfeti.constraints.conditions import (
     ContactRows,
     ContradictionError,
     HeldRows,
     NodeConditions,
 )
-from solver.tfeti.constraints.exchange import NodeExchange
 from solver.tfeti.constraints.merge import merge_contact, merge_held
 
 

@@ -27,8 +27,8 @@ from meshes import Partition
 from meshes.arrays import Array, Ints
 from meshes.facet_overlaps import smallest
 from meshes.mortar import POINTED
+from solver.exchange import NodeExchange
 from solver.tfeti.constraints.conditions import ContactEntries, ContactRows
-from solver.tfeti.constraints.exchange import NodeExchange
 
 LEVEL = 0.1
 """Slope over an obstacle from which on an edge rises from it."""

@@ -14,8 +14,8 @@ from typing import Literal
 import numpy as np
 
 from meshes.arrays import Array, Mask
+from solver.exchange import NodeExchange
 from solver.tfeti.constraints.conditions import ContactRows, pairs_at_nodes
-from solver.tfeti.constraints.exchange import NodeExchange
 
 NEARLY_PARALLEL = 1e-2
 """Distance of two unit directions at a node below which only the nearer row remains."""

@@ -15,8 +15,8 @@ from contact_app.scene.conditions import BodyContact, Contact, DisplacementCondi
 from meshes.arrays import Ints
 from meshes.facing import SurfacesApartError
 from meshes.mortar import mean_gaps
+from solver.exchange import NodeExchange
 from solver.tfeti.constraints.conditions import ContactRows, ContradictionError, NodeConditions
-from solver.tfeti.constraints.exchange import NodeExchange
 
 
 def node_conditions(

@@ -19,10 +19,10 @@ from contact_app.model.boundaries import surface_facets
 from contact_app.model.equilibrium import body_frame
 from contact_app.model.geometry import Geometry
 from meshes.arrays import Array, Ints
+from solver.exchange import NodeExchange
+from solver.rigid_motions import MOTIONS, rigid_motions
 from solver.tfeti.constraints.conditions import ContactEntries, ContactRows, HeldRows
-from solver.tfeti.constraints.exchange import NodeExchange
 from solver.tfeti.constraints.merge import cut_held
-from solver.tfeti.subdomain.kernels import MOTIONS, rigid_motions
 
 
 def mean_motion_rows(

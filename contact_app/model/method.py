@@ -44,7 +44,7 @@ from contact_app.scene.scene import Scene
 from meshes.connected import connected
 from solver.contact.options import SolverOptions
 from solver.primal.factor import THIN
-from solver.tfeti.options import TotalFetiOptions
+from solver.tfeti.constraints.options import TotalFetiOptions
 
 
 @dataclass(frozen=True)

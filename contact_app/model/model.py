@@ -40,12 +40,12 @@ from contact_app.scene.rigid import idle_loads
 from contact_app.scene.scene import Scene
 from meshes import Partition
 from meshes.arrays import Array, Ints, Mask
+from solver.exchange import NodeExchange
 from solver.tfeti.build import CongruentSubdomains, ConstraintRows, build_system
 from solver.tfeti.constraints.conditions import ContactRows
-from solver.tfeti.constraints.exchange import NodeExchange
+from solver.tfeti.constraints.options import TotalFetiOptions
 from solver.tfeti.constraints.rows import write_rows
 from solver.tfeti.dual import DualProblem
-from solver.tfeti.options import TotalFetiOptions
 from solver.tfeti.system import NodePlaces
 
 Part = TypeVar("Part")

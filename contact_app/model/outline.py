@@ -46,8 +46,8 @@ from contact_app.scene.scene import Scene
 from meshes import Partition, decompose
 from meshes.arrays import Array, Mask
 from solver.contact.equilibrium import BodyBalance
+from solver.exchange import NodeExchange
 from solver.tfeti.constraints.conditions import ContactRows, ContradictionError, HeldRows
-from solver.tfeti.constraints.exchange import NodeExchange
 from solver.tfeti.constraints.friction import FrictionRows
 from solver.tfeti.constraints.merge import merge_contact, merge_held
 from solver.tfeti.constraints.rows import SharedRows

@@ -19,8 +19,8 @@ from contact_app.model.planes import on_planes
 from contact_app.scene.conditions import BodyContact, Tie
 from meshes.contact_surface import Surface
 from meshes.mortar import NEGLIGIBLE, MeanGaps
+from solver.exchange import NodeExchange
 from solver.tfeti.constraints.conditions import ContactEntries, ContactRows
-from solver.tfeti.constraints.exchange import NodeExchange
 
 
 def sides_of(geometry: Geometry, pair: BodyContact | Tie) -> tuple[Surface, Surface]:

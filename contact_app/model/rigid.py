@@ -30,6 +30,8 @@ from contact_app.scene.conditions import Contact
 from contact_app.scene.rigid import RigidBodies
 from meshes import Partition
 from meshes.arrays import Array, Ints, Mask
+from solver.exchange import NodeExchange
+from solver.rigid_motions import MOTIONS
 from solver.tfeti.build import CongruentSubdomains
 from solver.tfeti.constraints.conditions import (
     ContactEntries,
@@ -37,9 +39,7 @@ from solver.tfeti.constraints.conditions import (
     HeldRows,
     NodeConditions,
 )
-from solver.tfeti.constraints.exchange import NodeExchange
 from solver.tfeti.constraints.merge import contact_rows, cut_held, tightest_of_each_node
-from solver.tfeti.subdomain.kernels import MOTIONS
 from solver.tfeti.subdomain.rigid import zero_stiffness
 from solver.tfeti.system import NodePlaces
 

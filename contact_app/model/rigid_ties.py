@@ -28,8 +28,8 @@ from contact_app.model.rigid import (
 )
 from contact_app.scene.conditions import RigidTie, Tie
 from meshes.arrays import Array, Ints, Mask
+from solver.exchange import NodeExchange
 from solver.tfeti.constraints.conditions import ContactEntries, ContactRows
-from solver.tfeti.constraints.exchange import NodeExchange
 
 SAME = 1e-9
 """Rounding errors of rows on rigid motions, and of displacements over the length of the scene."""

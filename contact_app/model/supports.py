@@ -11,8 +11,9 @@ from contact_app.model.geometry import Geometry
 from contact_app.model.rigid import FAINT, NODES, RigidUnknowns
 from contact_app.model.surface_copies import SurfaceCopies
 from solver.contact.equilibrium import BodyBalance
+from solver.rigid_motions import rigid_motions
 from solver.tfeti.constraints.supports import SupportRows
-from solver.tfeti.subdomain.kernels import fixing_nodes, rigid_motions
+from solver.tfeti.subdomain.kernels import fixing_nodes
 
 
 def support_rows(

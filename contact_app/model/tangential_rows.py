@@ -24,8 +24,8 @@ from contact_app.model.pairs import owned_rows
 from contact_app.scene.conditions import Friction
 from meshes.arrays import Array, Ints, Mask
 from meshes.ties import MeanJumps
+from solver.exchange import NodeExchange
 from solver.tfeti.constraints.conditions import ContactEntries, ContactRows, HeldRows
-from solver.tfeti.constraints.exchange import NodeExchange
 from solver.tfeti.constraints.friction import FrictionRows
 from solver.tfeti.constraints.merge import cut_held
 from solver.tfeti.constraints.ties import undecided

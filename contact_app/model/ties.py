@@ -20,8 +20,8 @@ from contact_app.scene.conditions import RigidTie
 from meshes.arrays import Mask
 from meshes.facing import SurfacesApartError
 from meshes.ties import Decided, mean_jumps
+from solver.exchange import NodeExchange
 from solver.tfeti.constraints.conditions import ContactRows, ContradictionError, HeldRows
-from solver.tfeti.constraints.exchange import NodeExchange
 from solver.tfeti.constraints.merge import cut_held
 from solver.tfeti.constraints.ties import undecided
 

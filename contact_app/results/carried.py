@@ -18,9 +18,9 @@ from contact_app.results.undetermined import PRESSING, SMALL_PLAY, Movable, reac
 from solver.contact.equilibrium import held_motions
 from solver.contact.friction_points import FrictionPoints
 from solver.contact.solution import Solution
+from solver.rigid_motions import MOTIONS
 from solver.tfeti.constraints.conditions import ContactRows
 from solver.tfeti.dual import DualProblem
-from solver.tfeti.subdomain.kernels import MOTIONS
 from solver.vectors import Array
 
 PARALLEL = 0.01

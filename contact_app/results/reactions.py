@@ -30,7 +30,7 @@ from contact_app.scene.bodies import MOTION_NAMES
 from contact_app.scene.conditions import DisplacementCondition
 from meshes.arrays import Array, Ints, Mask
 from solver.contact.solution import Solution
-from solver.tfeti.constraints.exchange import NodeExchange
+from solver.exchange import NodeExchange
 from solver.tfeti.dual import DualProblem
 
 

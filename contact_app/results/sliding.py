@@ -5,7 +5,7 @@ from mpi4py import MPI
 
 from meshes.arrays import Array
 from solver.contact.solution import Solution
-from solver.tfeti.constraints.exchange import NodeExchange
+from solver.exchange import NodeExchange
 from solver.tfeti.dual import DualProblem
 
 

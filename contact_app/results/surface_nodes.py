@@ -14,7 +14,7 @@ from contact_app.model.facets import hats_at_nodes, moments
 from contact_app.model.model import Model
 from meshes import Subdomain
 from meshes.arrays import Array, Ints
-from solver.tfeti.constraints.exchange import NodeExchange
+from solver.exchange import NodeExchange
 
 
 @dataclass(frozen=True, eq=False)

@@ -30,9 +30,9 @@ from contact_app.model.equilibrium import (
 from contact_app.model.model import Model
 from solver.contact.equilibrium import undetermined_motions
 from solver.contact.solution import Solution
+from solver.rigid_motions import MOTIONS
 from solver.tfeti.constraints.conditions import ContactRows
 from solver.tfeti.dual import DualProblem
-from solver.tfeti.subdomain.kernels import MOTIONS
 from solver.vectors import Array, Ints, largest_magnitude
 
 PRESSING = 1e-6

@@ -51,11 +51,11 @@ from meshes.merged_nodes import CLOSED_SEAM, JOINED_GROUPS
 from meshes.quadratic import CORNERS_ONLY
 from solver.contact.certificate import EQUILIBRIUM_FLOOR
 from solver.driver import reason_text
+from solver.exchange import NodeExchange
 from solver.qp.result import Reason
-from solver.tfeti.constraints.exchange import NodeExchange
+from solver.rigid_motions import MOTIONS
 from solver.tfeti.dual import DualProblem
 from solver.tfeti.sizes import STRAINLESS
-from solver.tfeti.subdomain.kernels import MOTIONS
 
 SIMPLICES = ("triangle", "tetrahedron")
 

@@ -31,7 +31,7 @@ from meshes import dolfinx_compat
 from meshes.arrays import Array, Ints, Mask
 from meshes.subdomains import vtk_order
 from meshes.unstructured import CellMesh
-from solver.tfeti.subdomain.kernels import rigid_motions
+from solver.rigid_motions import rigid_motions
 
 
 class UnsuitableError(ValueError):

@@ -1,9 +1,8 @@
 """The contact problem solved for displacements, in the unknowns of undecomposed bodies.
 
 Input and product are those of the dual methods: a `DualProblem`, here one without factors, and
-multipliers with displacements and their certificate. For that reason this package imports records
-of `solver.tfeti`: the decomposed problem with its constraint matrix B is the common description of
-a contact problem that both backends take, and both give the same answers and certificates.
+multipliers with displacements and their certificate. `solver.tfeti.decomposed` is the description
+of a contact problem that both backends take, and both give the same answers and certificates.
 
 `by_active_sets` solves to a certified answer, `backend` is conjugate gradients with algebraic
 multigrid (smoothed aggregation; Vaněk, Mandel and Brezina, 1996) on an active set: `merged` puts

@@ -34,7 +34,7 @@ from solver.qp.box_qp import BoxQP
 from solver.qp.iterate import Iterate, Watch
 from solver.qp.mprgp import MPRGP
 from solver.qp.result import Counts, Monitor, Reason
-from solver.tfeti.constraints.hierarchy import constraint_hierarchy
+from solver.tfeti.constraint_hierarchy import constraint_hierarchy
 from solver.tfeti.decomposed import DecomposedProblem, SharedPlace
 from solver.vectors import Array, Mask
 

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from petsc4py import PETSc
 from scipy import sparse
 
-from solver.tfeti.constraints.matrix import local_rows
+from solver.distributed import local_rows
 from solver.vectors import Array, Ints
 
 AT_ONCE = 500_000

@@ -6,8 +6,8 @@ from petsc4py import PETSc
 from scipy import sparse
 from scipy.linalg import LinAlgError, cho_factor, cho_solve
 
+from solver.distributed import petsc_rows
 from solver.factors import compute_factor
-from solver.tfeti.constraints.matrix import petsc_rows
 from solver.vectors import Array, Mask, on_arrays
 
 

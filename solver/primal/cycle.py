@@ -23,6 +23,7 @@ import numpy as np
 from petsc4py import PETSc
 from scipy import sparse
 
+from solver.distributed import local_rows, petsc_rows
 from solver.primal.block_rows import BlockRows
 from solver.primal.blocks import in_blocks, petsc_blocks, rows_in_blocks
 from solver.primal.factor import row_stiffness
@@ -32,7 +33,6 @@ from solver.primal.petsc_options import lent_options
 from solver.primal.products import multiply, multiply_transposed
 from solver.primal.projector import Projector
 from solver.primal.smoother import Smoother
-from solver.tfeti.constraints.matrix import local_rows, petsc_rows
 from solver.vectors import Array, Ints, Mask, on_arrays
 
 

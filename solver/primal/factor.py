@@ -17,14 +17,14 @@ from petsc4py import PETSc
 from scipy import sparse
 from scipy.sparse.csgraph import reverse_cuthill_mckee
 
+from solver.distributed import local_rows, petsc_rows
+from solver.factors import factor_seconds
 from solver.primal.block_rows import BlockRows
 from solver.primal.blocks import made_once, rows_in_blocks
 from solver.primal.cholesky import factored
 from solver.primal.merged import MergedSystem
 from solver.primal.products import chosen_rows, multiply, multiply_transposed
 from solver.primal.projector import Projector
-from solver.tfeti.constraints.matrix import local_rows, petsc_rows
-from solver.tfeti.subdomain.costs import factor_seconds
 from solver.vectors import Array, on_arrays
 
 THIN = 12.0

@@ -20,12 +20,12 @@ from scipy import sparse
 
 from solver.backend import Turn
 from solver.contact.row_kinds import RowKind
+from solver.distributed import lent, local_rows, petsc_rows
 from solver.primal.merged_nodes import MergedNodes
 from solver.primal.products import chosen_rows, multiply_transposed, set_diagonal
-from solver.tfeti.constraints.matrix import lent, local_rows, petsc_rows
+from solver.rigid_motions import rigid_motions
 from solver.tfeti.decomposed import DecomposedProblem
-from solver.tfeti.dual_operator import interface_slices
-from solver.tfeti.subdomain.kernels import rigid_motions
+from solver.tfeti.subdomain.classes import interface_slices
 from solver.vectors import Array, Ints, Mask, largest_magnitude
 
 

@@ -13,7 +13,7 @@ from typing import TypeVar
 import numpy as np
 from scipy import sparse
 
-from solver.tfeti.constraints.exchange import NodeExchange
+from solver.exchange import NodeExchange
 from solver.tfeti.decomposed import DecomposedProblem
 from solver.vectors import Array, Ints, Mask
 

@@ -6,8 +6,8 @@ import numpy as np
 from petsc4py import PETSc
 from scipy import sparse
 
+from solver.distributed import local_rows
 from solver.primal.blocks import made_once
-from solver.tfeti.constraints.matrix import local_rows
 from solver.vectors import Array, Ints, Mask, on_arrays
 
 

@@ -19,10 +19,10 @@ import numpy as np
 from petsc4py import PETSc
 from scipy import sparse
 
+from solver.distributed import local_rows, petsc_rows
 from solver.primal.blocks import rows_in_blocks
 from solver.primal.hierarchy import Hierarchy
 from solver.primal.merged import MergedSystem
-from solver.tfeti.constraints.matrix import local_rows, petsc_rows
 from solver.vectors import Array, Mask
 
 DEPENDENT = 1e-10

@@ -23,6 +23,7 @@ from scipy import sparse
 from scipy.linalg import LinAlgError, cho_factor, cho_solve
 from scipy.linalg.blas import dsyrk
 
+from solver.distributed import lent
 from solver.primal.block_rows import BlockRows
 from solver.primal.blocks import petsc_blocks, rows_in_blocks
 from solver.primal.cholesky import factored
@@ -32,7 +33,6 @@ from solver.primal.friction_springs import FrictionSprings
 from solver.primal.hierarchy import Hierarchy
 from solver.primal.line_search import minimum_along
 from solver.primal.products import multiply, multiply_transposed
-from solver.tfeti.constraints.matrix import lent
 from solver.vectors import Array, Mask
 
 

@@ -12,9 +12,9 @@ import numpy as np
 from petsc4py import PETSc
 from scipy import sparse
 
+from solver.distributed import petsc_rows
 from solver.primal.merged import MergedSystem
 from solver.primal.merged_nodes import MergedNodes
-from solver.tfeti.constraints.matrix import petsc_rows
 from solver.vectors import Array
 
 

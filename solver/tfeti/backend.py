@@ -6,7 +6,7 @@ from petsc4py import PETSc
 
 from solver.backend import ConstraintHierarchy, Statuses
 from solver.tfeti.active_set_problem import ActiveSetProblem
-from solver.tfeti.constraints.hierarchy import constraint_hierarchy
+from solver.tfeti.constraint_hierarchy import constraint_hierarchy
 from solver.tfeti.coupled import CoupledRows, coupled_rows
 from solver.tfeti.directions import Directions, RecyclingOptions
 from solver.tfeti.dual import DualProblem

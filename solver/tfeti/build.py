@@ -9,13 +9,13 @@ from mpi4py import MPI
 from scipy import sparse
 
 from solver.contact.row_kinds import RowKind
+from solver.exchange import NodeExchange
 from solver.tfeti.bodies import bodies_of
 from solver.tfeti.coarse.coarse_problem import CoarseProblem
-from solver.tfeti.constraints.exchange import NodeExchange
+from solver.tfeti.constraints.options import TotalFetiOptions
 from solver.tfeti.constraints.rows import Rows, SharedRows
 from solver.tfeti.constraints.supports import SupportRows
 from solver.tfeti.free_motions import FreeMotions, LooseBodies
-from solver.tfeti.options import TotalFetiOptions
 from solver.tfeti.row_order import order_rows
 from solver.tfeti.subdomain.classes import (
     ClassData,

@@ -17,18 +17,13 @@ from solver.backend import SetState
 from solver.contact.bodies import Bodies, body_lengths
 from solver.contact.friction_points import FrictionPoints
 from solver.contact.row_kinds import RowKind
+from solver.distributed import local_rows, petsc_rows
 from solver.tfeti.coarse.coarse_problem import CoarseProblem
 from solver.tfeti.constraints.conditions import ContactRows, HeldRows
 from solver.tfeti.constraints.friction import friction_points
-from solver.tfeti.constraints.matrix import (
-    ConstraintMatrix,
-    local_rows,
-    petsc_rows,
-    without_columns,
-)
+from solver.tfeti.constraints.matrix import ConstraintMatrix, without_columns
 from solver.tfeti.constraints.rows import SharedRows
-from solver.tfeti.dual_operator import interface_slices
-from solver.tfeti.subdomain.classes import SubdomainClass
+from solver.tfeti.subdomain.classes import SubdomainClass, interface_slices
 from solver.tfeti.system import ContactSystem
 from solver.tfeti.unfactored_loads import (
     given_motions,

@@ -5,7 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from solver.tfeti.constraints.matrix import ConstraintMatrix
-from solver.tfeti.subdomain.classes import SubdomainClass
+from solver.tfeti.subdomain.classes import SubdomainClass, interface_slices
 from solver.vectors import Array
 
 FreeSolution = tuple[Array, list[Array]]
@@ -43,12 +43,6 @@ class DualOperator:
         for cls, part in zip(self.classes, self._slices, strict=True):
             shape = (cls.members, len(cls.interface))
             cls.apply_interface(loads[part].reshape(shape), out[part].reshape(shape))
-
-
-def interface_slices(classes: tuple[SubdomainClass, ...]) -> list[slice]:
-    """Slice of each class in an interface vector."""
-    ends = np.cumsum([0, *(c.members * len(c.interface) for c in classes)])
-    return [slice(int(a), int(b)) for a, b in zip(ends[:-1], ends[1:], strict=True)]
 
 
 def solve_free(classes: tuple[SubdomainClass, ...], loads: Sequence[Array]) -> FreeSolution:

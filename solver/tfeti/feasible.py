@@ -7,9 +7,9 @@ bounds the error.
 
 import numpy as np
 
-from solver.tfeti.constraints.matrix import lent
+from solver.distributed import lent
 from solver.tfeti.decomposed import DecomposedProblem
-from solver.tfeti.dual_operator import interface_slices
+from solver.tfeti.subdomain.classes import interface_slices
 from solver.vectors import Array, Mask, largest_magnitude
 
 ROUNDS = 40

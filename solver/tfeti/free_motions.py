@@ -21,7 +21,7 @@ import numpy as np
 from mpi4py import MPI
 
 from solver.contact.equilibrium import held_motions, spanned
-from solver.tfeti.subdomain.kernels import MOTIONS, rigid_motions
+from solver.rigid_motions import MOTIONS, rigid_motions
 from solver.vectors import Array, Ints
 
 RESOLVED = 1e-12

@@ -14,9 +14,9 @@ from mpi4py import MPI
 from petsc4py import PETSc
 from scipy import sparse
 
+from solver.exchange import NodeExchange
 from solver.tfeti.build import CongruentSubdomains, ConstraintRows, build_system
 from solver.tfeti.constraints.conditions import NodeConditions
-from solver.tfeti.constraints.exchange import NodeExchange
 from solver.tfeti.constraints.merge import merge_contact, merge_held
 from solver.tfeti.constraints.rows import SharedRows, write_rows
 from solver.tfeti.constraints.supports import SupportRows

@@ -19,7 +19,7 @@ from scipy import sparse
 
 from solver.tfeti.coupled import CoupledRows, coupled_rows
 from solver.tfeti.decomposed import DecomposedProblem
-from solver.tfeti.dual_operator import interface_slices
+from solver.tfeti.subdomain.classes import interface_slices
 from solver.vectors import Array, Mask
 
 

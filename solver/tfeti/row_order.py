@@ -8,8 +8,8 @@ from numpy.typing import NDArray
 from scipy import sparse
 
 from solver.contact.row_kinds import RowKind
+from solver.exchange import NodeExchange
 from solver.tfeti.coarse.gram import KernelRows
-from solver.tfeti.constraints.exchange import NodeExchange
 from solver.tfeti.constraints.matrix import ConstraintMatrix
 from solver.tfeti.constraints.rows import Rows
 from solver.tfeti.constraints.supports import SupportRows

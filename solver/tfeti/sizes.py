@@ -13,9 +13,9 @@ from solver.contact.bodies import MOTIONLESS, largest
 from solver.contact.certificate import ROUNDED_LIMIT
 from solver.contact.row_kinds import RowKind
 from solver.tfeti.decomposed import DecomposedProblem
-from solver.tfeti.dual_operator import interface_slices
 from solver.tfeti.duality_gap import group_gaps
 from solver.tfeti.free_motions import FreeMotions
+from solver.tfeti.subdomain.classes import interface_slices
 from solver.vectors import Array, Mask
 
 STRAINLESS = 1e4

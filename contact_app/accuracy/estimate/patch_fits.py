@@ -16,7 +16,7 @@ from scipy import sparse
 
 from contact_app.accuracy.estimate.patches import Cells, monomial_count, translations
 from contact_app.model.model import Model
-from solver.tfeti.constraints.exchange import NodeExchange
+from solver.exchange import NodeExchange
 from solver.vectors import Array, Ints, Mask, blocks
 
 FLAT = 1e-4

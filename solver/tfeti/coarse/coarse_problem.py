@@ -28,11 +28,12 @@ from mpi4py import MPI
 from petsc4py import PETSc
 from scipy import sparse
 
+from solver.distributed import petsc_rows
+from solver.exchange import NodeExchange
 from solver.factors import compute_factor
 from solver.tfeti.coarse.gram import Blocks, KernelRows
-from solver.tfeti.constraints.exchange import NodeExchange
-from solver.tfeti.constraints.matrix import ConstraintMatrix, petsc_rows
-from solver.tfeti.options import TotalFetiOptions
+from solver.tfeti.constraints.matrix import ConstraintMatrix
+from solver.tfeti.constraints.options import TotalFetiOptions
 from solver.vectors import Array, Mask, largest_magnitude, on_arrays
 
 VANISHING = 1e-13

@@ -17,9 +17,9 @@ from mpi4py import MPI
 from numpy.typing import NDArray
 from scipy import sparse
 
-from solver.tfeti.constraints.exchange import NodeExchange
+from solver.exchange import NodeExchange
 from solver.tfeti.constraints.matrix import ConstraintMatrix
-from solver.tfeti.options import TotalFetiOptions
+from solver.tfeti.constraints.options import TotalFetiOptions
 from solver.vectors import Array, Ints, runs
 
 

@@ -3,8 +3,6 @@
 Input are conditions at nodes of the subdomains, the product is the matrix B with the kind of each
 row (Dostál, Horák and Kučera, 2006): B u = c for gluing, held and tied rows, B u ≤ c for contact.
 `conditions` are the conditions at nodes, `merge` joins equal conditions into one row, `rows` writes
-B, `friction` the tangential rows, `cross_points` glues nodes of many subdomains, `exchange` sends
-data of the copies of a node to the rank that owns the node, and `matrix` is B itself. `hierarchy`
-is the constraint hierarchy: levels of contact rows, from coarse to fine, for contact that peels off
-(nested iteration; Brandt and Cryer, 1983).
+B, `friction` the tangential rows, `cross_points` glues nodes of many subdomains, and `matrix` is B
+itself.
 """

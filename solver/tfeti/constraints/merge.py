@@ -9,6 +9,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from solver.exchange import NodeExchange
 from solver.tfeti.constraints.conditions import (
     ContactEntries,
     ContactRows,
@@ -18,7 +19,6 @@ from solver.tfeti.constraints.conditions import (
     pairs_at_nodes,
     unit_rows,
 )
-from solver.tfeti.constraints.exchange import NodeExchange
 from solver.vectors import Array, Ints, Mask
 
 MOSTLY_HELD = 0.1

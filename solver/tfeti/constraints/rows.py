@@ -35,11 +35,11 @@ from mpi4py import MPI
 from numpy.typing import NDArray
 
 from solver.contact.row_kinds import RowKind
+from solver.exchange import NodeExchange
 from solver.tfeti.constraints.conditions import ContactEntries, ContactRows, HeldRows, points_of
 from solver.tfeti.constraints.cross_points import Neighbours, coarse_solves_matter
-from solver.tfeti.constraints.exchange import NodeExchange
 from solver.tfeti.constraints.friction import FrictionRows
-from solver.tfeti.options import TotalFetiOptions
+from solver.tfeti.constraints.options import TotalFetiOptions
 from solver.vectors import Array, Ints, Mask
 
 MOST_COMPONENTS = 3

@@ -325,3 +325,9 @@ def _rigid_class(data: ClassData) -> SubdomainClass:
         data.stiffness, unit[:, free], unit, free, every, data.members, inverse,
         inverse.restricted(every),
     )  # fmt: skip
+
+
+def interface_slices(classes: tuple[SubdomainClass, ...]) -> list[slice]:
+    """Slice of each class in an interface vector."""
+    ends = np.cumsum([0, *(c.members * len(c.interface) for c in classes)])
+    return [slice(int(a), int(b)) for a, b in zip(ends[:-1], ends[1:], strict=True)]

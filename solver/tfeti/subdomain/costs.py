@@ -9,6 +9,8 @@ blocks.
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+from solver.factors import factor_seconds
+
 APPLICATIONS = 50
 """Expected applications of the dual operator in a solve; weighs them against set-up."""
 
@@ -104,13 +106,6 @@ def run_seconds(
         setup += SETS * (SET_SECONDS[dimension] + coarse_factor_seconds(subdomains, dimension))
         application += 2.0 * coarse_seconds(subdomains)
     return setup + applications * application
-
-
-def factor_seconds(unknowns: float, order: int, dimension: int = 3) -> float:
-    """Seconds of the sparse factors of a body with so many unknowns."""
-    if dimension == 2:
-        return 3.5e-6 * unknowns
-    return order * 1e-9 * (unknowns / order) ** 2
 
 
 def solve_seconds(unknowns: float, order: int = 1, dimension: int = 3) -> float:

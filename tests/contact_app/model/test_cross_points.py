@@ -12,9 +12,9 @@ from contact_app.model.model import build_model
 from solver.contact.row_kinds import RowKind
 from solver.driver import solve
 from solver.tfeti.constraints.cross_points import Neighbours, helmert, joining
+from solver.tfeti.constraints.options import TotalFetiOptions
 from solver.tfeti.derived import with_active
 from solver.tfeti.dual import DualProblem
-from solver.tfeti.options import TotalFetiOptions
 from solver.vectors import Array, Mask
 from tests import scenes
 from tests.ranks import execute
@@ -161,7 +161,7 @@ def test_on_ranks(shared: int) -> None:
     program = (
         "from mpi4py import MPI\n"
         "from solver.tfeti.derived import with_active\n"
-        "from solver.tfeti.options import TotalFetiOptions\n"
+        "from solver.tfeti.constraints.options import TotalFetiOptions\n"
         "from tests.contact_app.model.test_cross_points import CASES, errors_of, problem_of\n"
         f"options = TotalFetiOptions(many_subdomains=2, gathered={shared})\n"
         "for case in CASES:\n"

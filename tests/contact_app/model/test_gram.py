@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from mpi4py import MPI
 
+from solver.tfeti.constraints.options import TotalFetiOptions
 from solver.tfeti.dual import DualProblem
-from solver.tfeti.options import TotalFetiOptions
 from tests import scenes
 from tests.ranks import execute
 
@@ -55,7 +55,7 @@ def test_on_ranks(shared: int) -> None:
     """In parts and whole on every rank."""
     program = (
         "from mpi4py import MPI\n"
-        "from solver.tfeti.options import TotalFetiOptions\n"
+        "from solver.tfeti.constraints.options import TotalFetiOptions\n"
         "from tests.contact_app.model.test_gram import CASES, error_of, problem_of\n"
         f"options = TotalFetiOptions(gathered={shared})\n"
         "for case in CASES:\n"

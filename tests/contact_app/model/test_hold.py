@@ -11,7 +11,7 @@ from contact_app.errors import ConfigurationError
 from contact_app.model.symmetry import halved
 from contact_app.run.solve import solve_scene
 from solver.contact.equilibrium import loose_motions
-from solver.tfeti.subdomain.kernels import rigid_motions
+from solver.rigid_motions import rigid_motions
 from tests import meshfiles, scenes
 from tests.comparison import certified_in_and_slid
 from tests.scenes import Config

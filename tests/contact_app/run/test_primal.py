@@ -18,6 +18,7 @@ from contact_app.scene.configuration import load
 from solver.backend import Turn
 from solver.contact.options import SolverOptions
 from solver.contact.stopping import StoppingRule
+from solver.distributed import local_rows
 from solver.driver import solve as solve_problem
 from solver.primal import by_active_sets
 from solver.primal.backend import IterationOptions
@@ -33,7 +34,6 @@ from solver.primal.products import multiply, vectors_of
 from solver.primal.projector import Projector
 from solver.primal.vertices import vertex_level
 from solver.qp.mprgp import MPRGP
-from solver.tfeti.constraints.matrix import local_rows
 from solver.tfeti.methods.task import Task
 from solver.vectors import Array
 from tests import scenes
@@ -463,7 +463,7 @@ from contact_app.scene.build import build_scene
 from contact_app.scene.configuration import load
 from solver.primal.merged import merge
 from solver.primal.vertices import vertex_level
-from solver.tfeti.constraints.matrix import local_rows
+from solver.distributed import local_rows
 from tests.contact_app.run.test_primal import CONFIGS
 comm = MPI.COMM_WORLD
 scene = build_scene(load(CONFIGS / "hub_on_shaft.yaml", ["solver.method=primal"]), comm=comm)

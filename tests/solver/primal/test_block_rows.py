@@ -5,9 +5,9 @@ import pytest
 from mpi4py import MPI
 from scipy import sparse
 
+from solver.distributed import local_rows
 from solver.primal.aggregation import coarsened
 from solver.primal.block_rows import BlockRows
-from solver.tfeti.constraints.matrix import local_rows
 from tests.ranks import execute
 
 CODE = """

@@ -8,11 +8,11 @@ from mpi4py import MPI
 from scipy import sparse
 from scipy.sparse.linalg import spsolve
 
+from solver.distributed import petsc_rows
 from solver.primal.block_rows import BlockRows
 from solver.primal.friction_springs import FrictionSprings
 from solver.primal.hierarchy import Hierarchy, MultigridOptions
 from solver.primal.spring_levels import CycleLevel, DenseLevel, FirstSetOptions, Rows
-from solver.tfeti.constraints.matrix import petsc_rows
 
 NO_POINTS, NO_VALUES = np.zeros(0, np.int64), np.zeros(0)
 

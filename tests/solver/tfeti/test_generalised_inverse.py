@@ -4,18 +4,13 @@ import numpy as np
 import pytest
 from scipy import sparse
 
+from solver.rigid_motions import MOTIONS, rigid_motions
 from solver.tfeti.subdomain.generalised_inverse import (
     CholeskyFactor,
     DenseFactor,
     GeneralisedInverse,
 )
-from solver.tfeti.subdomain.kernels import (
-    MOTIONS,
-    check_kernel,
-    fixing_nodes,
-    orthonormal_kernel,
-    rigid_motions,
-)
+from solver.tfeti.subdomain.kernels import check_kernel, fixing_nodes, orthonormal_kernel
 
 
 def truss(dimension: int, seed: int = 0) -> tuple[np.ndarray, sparse.csr_matrix]:

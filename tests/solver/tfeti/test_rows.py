@@ -7,8 +7,8 @@ from hypothesis import strategies as st
 from mpi4py import MPI
 
 from solver.contact.row_kinds import RowKind
+from solver.exchange import NodeExchange
 from solver.tfeti.constraints.conditions import ContradictionError, NodeConditions
-from solver.tfeti.constraints.exchange import NodeExchange
 from solver.tfeti.constraints.merge import merge_contact, merge_held
 from solver.tfeti.constraints.rows import SharedRows, write_rows
 
