@@ -14,7 +14,7 @@ from meshes.unstructured import CellMesh
 
 
 class BoxCells:
-    """Cells of a box, numbered brick by brick with x fastest (`meshes.cells.Cells`)."""
+    """Cells of a box, numbered brick by brick with x fastest."""
 
     def __init__(self, box: BoxShape) -> None:
         self.box = box
@@ -147,3 +147,7 @@ class BoxCells:
             np.concatenate(cells)[order],
             {name: side == number for number, (name, _, _) in enumerate(SIDES[: 2 * d])},
         )
+
+
+Cells = BoxCells | CellMesh
+"""The cells of a body that is cut into subdomains: those of a box, or a list."""

@@ -14,8 +14,7 @@ from mpi4py import MPI
 from numpy.typing import NDArray
 
 from meshes.box import BoxShape, split_regularly
-from meshes.box_cells import BoxCells
-from meshes.cells import Cells
+from meshes.box_cells import BoxCells, Cells
 from meshes.graph import (
     Piece,
     Rows,

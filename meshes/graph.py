@@ -23,7 +23,7 @@ from scipy.sparse.csgraph import connected_components
 
 from meshes import dolfinx_compat
 from meshes.arrays import Array, Ints, Mask, distinct_numbers, in_order
-from meshes.cells import Cells
+from meshes.box_cells import Cells
 from meshes.quadratic import STRAIGHT, VERTICES, bulges
 from meshes.subdomains import VTK_ORDER, Reference, Subdomain, vtk_order
 from meshes.unstructured import matching_rows

@@ -4,83 +4,18 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from types import MappingProxyType
-from typing import Any, ClassVar, Protocol
+from typing import TYPE_CHECKING, Any, ClassVar, TypeAlias
 
 from contact_app.scene.expressions import Expression
 from contact_app.scene.material import Material
+
+if TYPE_CHECKING:
+    from meshes import CellMesh  # imports dolfinx
 
 FACES = ("x-", "x+", "y-", "y+", "z-", "z+")
 CELLS = {2: ("quadrilateral", "triangle"), 3: ("hexahedron", "tetrahedron")}
 MOTION_NAMES = {2: ("x", "y", "rz"), 3: ("x", "y", "z", "rx", "ry", "rz")}
 CELLS_PER_CUBE = {"tetrahedron": 6, "triangle": 2}
-
-
-class BodyMesh(Protocol):
-    """The interface of a body's mesh, from a box or a file."""
-
-    @property
-    def dimension(self) -> int:
-        """Number of axes."""
-
-    @property
-    def cell(self) -> str:
-        """Cell type: triangle, quadrilateral, tetrahedron or hexahedron."""
-
-    @property
-    def lower(self) -> tuple[float, ...]:
-        """Smallest coordinates."""
-
-    @property
-    def upper(self) -> tuple[float, ...]:
-        """Largest coordinates."""
-
-    @property
-    def size(self) -> float:
-        """Area or volume."""
-
-    @property
-    def nodes(self) -> int:
-        """Number of nodes."""
-
-    @property
-    def total_cells(self) -> int:
-        """Number of cells."""
-
-    @property
-    def boundaries(self) -> tuple[str, ...]:
-        """Names of the boundaries defined in the mesh."""
-
-    @property
-    def congruent(self) -> bool:
-        """Whether `decomposition: auto` cuts it into congruent parts, which share one factor."""
-
-    @property
-    def notes(self) -> tuple[str, ...]:
-        """Notes on repaired or dropped data of the mesh, one sentence each."""
-
-    @property
-    def groups(self) -> Mapping[str, Any]:
-        """Cells of each group that the mesh names."""
-
-    @property
-    def inner(self) -> Mapping[str, Any]:
-        """Cells on one side of each inner surface that the mesh names."""
-
-    @property
-    def fingerprint(self) -> str:
-        """A text that meshes with other nodes, cells or boundaries do not have."""
-
-    def nodes_of(self, degree: int) -> int:
-        """Number of nodes of a displacement of a degree."""
-
-    def shape(self, degree: int) -> Any:
-        """The mesh that `meshes.decompose` cuts, with the nodes of a degree."""
-
-    def describe(self) -> str:
-        """A phrase for reports."""
-
-    def uncuttable(self, parts: tuple[int, ...], name: str) -> str:
-        """Message why the body of this name cannot be cut into so many parts; empty if it can."""
 
 
 @dataclass(frozen=True)
@@ -151,6 +86,10 @@ class Box:
                 where = f"along {'xyz'[axis]}, where {name} has {cells} cells"
                 return f"requests {part} sub-boxes {where}"
         return ""
+
+
+BodyMesh: TypeAlias = "Box | CellMesh"
+"""The mesh of a body, of a box or from a file."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -201,7 +201,7 @@ def _materials(
 
     materials = tuple(_material(keys, m, (*path, name)) for name, m in materials_by_group.items())
     try:
-        return materials, mesh.tagged(tuple(materials_by_group))  # type: ignore[attr-defined]
+        return materials, mesh.tagged(tuple(materials_by_group))  # type: ignore[union-attr]
     except MeshError as error:
         keys.fail(path, str(error))
 

@@ -7,8 +7,7 @@ import pytest
 from mpi4py import MPI
 
 from meshes import BoxShape, Partition, decompose, dolfinx_compat, graph
-from meshes.box_cells import BoxCells
-from meshes.cells import Cells
+from meshes.box_cells import BoxCells, Cells
 from meshes.load_balance import balanced_runs
 from meshes.unstructured import CellMesh, Topology
 from tests.ranks import execute
