@@ -201,6 +201,26 @@ class ConstraintHierarchy:
         return replace(self, coarse=self.coarse[1:])
 
 
+class SharedPlace:
+    """A place for the matrices of a backend that problems under other loads share.
+
+    It is state of a run, no record: a solve takes the matrices out and leaves its own, so that
+    matrices that do not fit are freed before new ones are made.
+    """
+
+    def __init__(self) -> None:
+        self._content: object = None
+
+    def take(self) -> object:
+        """The matrices of the last solve, which are no longer here; None before the first one."""
+        content, self._content = self._content, None
+        return content
+
+    def leave(self, content: object) -> None:
+        """Put matrices in place of those of the last solve."""
+        self._content = content
+
+
 class Backend(Protocol[Out]):
     """A discrete contact problem and a way to solve it on given statuses."""
 

@@ -131,6 +131,16 @@ MANY |= dict.fromkeys(
 """Functions with more parameters, with the reason."""
 
 
+CHANGING = {
+    "Counts": "the tally of a solve while it runs",
+    "Agreement": "the levels of a run so far",
+    "Calibration": "the levels of a run so far",
+    "_Coarser": "the part of a step that is solved at the moment",
+    "_Draw": "a scene while it is drawn",
+}
+"""Dataclasses that are state and no records."""
+
+
 def modules() -> dict[str, Path]:
     """All modules by name."""
     found = {}
@@ -511,11 +521,36 @@ def definitions() -> Iterator[tuple[Path, ast.ClassDef | ast.FunctionDef]]:
                     yield path, node
 
 
+def called(decorator: ast.expr) -> str:
+    """Name of a decorator without its arguments."""
+    return ast.unparse(decorator.func if isinstance(decorator, ast.Call) else decorator)
+
+
+def test_records_are_immutable() -> None:
+    changing = {
+        node.name
+        for _, node in definitions()
+        for decorator in node.decorator_list
+        if called(decorator) == "dataclass" and "frozen=True" not in ast.unparse(decorator)
+    }
+    assert changing == set(CHANGING)
+
+
 def test_documented_parameters_exist() -> None:
     wrong = [
         f"{path.relative_to(ROOT)}:{node.lineno} {name}"
         for path, node in definitions()
         for name in set(documented(node)) - documentable(node)
+    ]
+    assert not wrong
+
+
+def test_records_describe_their_fields_below_each() -> None:
+    wrong = [
+        f"{path.relative_to(ROOT)}:{node.lineno} {node.name}"
+        for path, node in definitions()
+        if isinstance(node, ast.ClassDef) and "dataclass" in map(called, node.decorator_list)
+        if "\nAttributes\n" in (ast.get_docstring(node) or "")
     ]
     assert not wrong
 

@@ -34,6 +34,7 @@ from meshes import dolfinx_compat
 from meshes.arrays import Array, Ints, Mask
 from meshes.contact_surface import Surface
 from meshes.ties import MeanJumps
+from solver.backend import SharedPlace
 from solver.exchange import NodeExchange
 from solver.rigid_motions import MOTIONS
 from solver.tfeti.build import CongruentSubdomains, ConstraintRows, build_system
@@ -41,7 +42,6 @@ from solver.tfeti.constraints.conditions import ContactRows, HeldRows
 from solver.tfeti.constraints.options import TotalFetiOptions
 from solver.tfeti.constraints.rows import SharedRows, write_rows
 from solver.tfeti.constraints.supports import SupportRows
-from solver.tfeti.decomposed import SharedPlace
 from solver.tfeti.dual import DualProblem
 from solver.tfeti.subdomain.kernels import fixing_nodes
 from solver.tfeti.system import NodePlaces

@@ -25,9 +25,9 @@ from contact_app.model.outline import Outline, Report, outline_of_case, outline_
 from contact_app.run.step_equilibrium import leaving_in_step
 from contact_app.scene.scene import Scene
 from meshes.arrays import Array
+from solver.backend import SharedPlace
 from solver.contact.solution import Guess, Solution
 from solver.tfeti.constraints.matrix import ConstraintMatrix
-from solver.tfeti.decomposed import SharedPlace
 
 FAR = 0.7
 """‖d - Σ a_k d_k‖ over ‖d‖ above which no earlier case is used as initial guess."""

@@ -44,24 +44,16 @@ log = logging.getLogger("contact_app")
 
 @dataclass(frozen=True)
 class Place:
-    """A place in a load history.
-
-    Attributes
-    ----------
-    step
-        From one.
-    share
-        Share of the step, in (0, 1]: its factor.
-    number
-        Number of the increment that ends here, from one, over all steps.
-    halved
-        Number of halvings of the requested increment for the part of it that ends here.
-    """
+    """A place in a load history."""
 
     step: int
+    """Number of the step, from one."""
     share: Fraction
+    """Share of the step, in (0, 1]: its factor."""
     number: int
+    """Number of the increment that ends here, from one, over all steps."""
     halved: int = 0
+    """Number of halvings of the requested increment for the part of it that ends here."""
 
     @property
     def time(self) -> float:
@@ -71,40 +63,27 @@ class Place:
 
 @dataclass(frozen=True, eq=False)
 class SolvedIncrement:
-    """An increment with its answer.
-
-    Attributes
-    ----------
-    factors
-        Factors of named conditions at the end of the increment.
-    dissipated
-        Work of friction up to the end of the increment, an energy.
-    """
+    """An increment with its answer."""
 
     place: Place
     factors: dict[str, float]
+    """Factors of named conditions at the end of the increment."""
     solved: SolvedScene
     dissipated: float
+    """Work of friction up to the end of the increment, an energy."""
 
 
 @dataclass(frozen=True)
 class Position:
-    """Position in a load history.
-
-    Attributes
-    ----------
-    step, share
-        The step, from one, and its finished share.
-    number
-        Number of finished increments.
-    dissipated
-        Work of friction so far, an energy.
-    """
+    """Position in a load history."""
 
     step: int = 1
     share: Fraction = Fraction(0)
+    """The step, from one, and its finished share."""
     number: int = 0
+    """Number of finished increments."""
     dissipated: float = 0.0
+    """Work of friction so far, an energy."""
 
 
 def solved_increments(

@@ -13,14 +13,13 @@ SMALBE-M.
 """
 
 from dataclasses import dataclass, field, replace
-from enum import Enum
 from typing import Any, Generic
 
 import numpy as np
 from mpi4py import MPI
 
 from solver.backend import Backend, S, Statuses
-from solver.contact.active_set_options import ActiveSetOptions, Turnover
+from solver.contact.active_set_options import ActiveSetOptions, Failure, Turnover
 from solver.contact.active_set_update import ActiveSetUpdate, EarlyReleases, SetRules, changed_rows
 from solver.contact.law import ContactLaw, Frictionless
 from solver.contact.loop_state import LoopState
@@ -79,16 +78,6 @@ class ActiveSetMethod(Generic[S]):
         return replace(self, options=replace(self.options, **options))
 
 
-class Failure(Enum):
-    """Why sets did not settle."""
-
-    AHEAD = "points were released ahead of a state"
-    UNSETTLED = "with friction each set has other contact"
-    PEELS = "with friction contact peels off row by row"
-    VANISHED = "forces that only cause each other fell to zero"
-    OTHER = "other reasons"
-
-
 def active_set_loop(method: ActiveSetMethod[S], start: Start) -> tuple[Outcome[S], Failure | None]:
     """Solve on active sets, one after another, until an answer is accepted (collective).
 
@@ -104,7 +93,7 @@ def active_set_loop(method: ActiveSetMethod[S], start: Start) -> tuple[Outcome[S
         if solved is None or solved.released is None:  # a body is not held, or no row changes
             return loop.result, _failure_at_end(method, start, loop)
         loop = _with_changes(method, loop, solved)
-        failure = _failure(method, start, loop)
+        failure = method.law.failure(method.options, loop.history, start.multiplier is None)
         if failure is not None:
             return loop.result, failure
         loop = _update_set(method, start, loop, solved)
@@ -135,16 +124,16 @@ def _with_rules(method: ActiveSetMethod[S], loop: LoopState[S]) -> LoopState[S]:
 
     Sliding points yield where all points slide and many stuck again after two such sets.
     """
-    rules, statuses = loop.rules.for_set(loop.number, loop.statuses, loop.turnovers)
+    rules, statuses = loop.rules.for_set(loop.number, loop.statuses, loop.history.turnovers)
     loop = replace(loop, rules=rules, statuses=statuses)
     law, backend, state = method.law, method.backend, loop.outcome.state
-    if law.settles or state is None:
+    if state is None:
         return loop
     tangential, share = ~backend.contact_rows, method.options.stuck_again
     loop = replace(loop, sliding=loop.sliding.after(backend.comm, statuses, tangential, share))
     if not loop.sliding.yielded:
         return loop
-    return replace(loop, statuses=law.yielding(statuses, state.jumps))
+    return replace(loop, statuses=law.yielding(statuses, state.jumps) or statuses)
 
 
 def _solve_and_evaluate_kkt(
@@ -160,11 +149,13 @@ def _solve_and_evaluate_kkt(
     The state after the solve, and the outcome on the set; None where the set leaves a body unheld.
     """
     outcome, unheld = _outcome_on_set(method, loop), loop.unheld
-    if outcome is None and loop.outcome.state is not None and not method.law.settles:
+    state, statuses = loop.outcome.state, None
+    if outcome is None and state is not None:
+        statuses = method.law.yielding(loop.statuses, state.jumps)
+    if statuses is not None:
         unheld += 1
         if unheld == method.options.sliding:
             return replace(loop, outcome=replace(loop.outcome, reason=Reason.SLIDES)), None
-        statuses = method.law.yielding(loop.statuses, loop.outcome.state.jumps)
         loop = replace(loop, statuses=statuses)
         outcome = _outcome_on_set(method, loop)
     elif outcome is not None:
@@ -211,32 +202,12 @@ def _with_changes(
     assert solved.released is not None
     assert solved.hierarchy is not None
     turnover = _turnover(method.backend, loop.statuses, solved.following)
-    on_all_rows = loop.on_all_rows
-    if solved.hierarchy.finest:
-        on_all_rows = (*on_all_rows, turnover)
     return replace(
         loop,
         rules=loop.rules.on_level(solved.hierarchy),
-        turnovers=(*loop.turnovers, turnover),
-        on_all_rows=on_all_rows,
-        strained=(*loop.strained, solved.state.strained),
+        history=loop.history.after(turnover, solved.hierarchy.finest, solved.state.strained),
         early=loop.early.after(solved.following.active, solved.released),
     )
-
-
-def _failure(method: ActiveSetMethod[S], start: Start, loop: LoopState[S]) -> Failure | None:
-    """The reason why the sets do not settle, by their history; None while they may."""
-    options, law = method.options, method.law
-    if law.settles:
-        sets = loop.on_all_rows
-        peels = not options.may_peel and options.peels_on(sets)
-        return Failure.OTHER if peels or options.jumps(sets) else None
-    if options.vanish(loop.strained) and not law.may_vanish:
-        return Failure.VANISHED
-    first = start.multiplier is None and options.settling > 0
-    if first and not options.may_peel and options.loses_rows(loop.turnovers):
-        return Failure.PEELS
-    return Failure.UNSETTLED if first and options.is_unsettled(loop.turnovers) else None
 
 
 def _failure_at_end(method: ActiveSetMethod[S], start: Start, loop: LoopState[S]) -> Failure | None:
@@ -266,21 +237,21 @@ def _update_set(
     backend, options = method.backend, method.options
     assert solved.state is not None
     rules = loop.rules.with_early_release(loop.early.are_right(backend.comm, options.returning))
-    statuses, strained = solved.following, loop.strained
+    statuses, history, turnovers = solved.following, loop.history, loop.history.turnovers
     multiplier: Array | None = solved.state.multiplier
-    if start.is_flat and len(loop.turnovers) == 2 and options.all_peel(loop.turnovers):
+    if start.is_flat and len(turnovers) == 2 and options.all_peel(turnovers):
         statuses = _with_contact(method, statuses, backend.estimated_contact())
-    elif method.law.settles and rules.update.hierarchy.finest and options.drops(loop.turnovers[-1]):
+    elif method.law.settles and rules.update.hierarchy.finest and options.drops(turnovers[-1]):
         corrected = backend.corrected_contact(solved.state.multiplier)
         if corrected is not None:
             active = np.where(backend.contact_rows, corrected, statuses.active)
             statuses = replace(statuses, active=active)
-    if not method.law.settles and options.vanish(strained):
+    if method.law.may_vanish and options.vanish(history.strained):
         statuses = _with_contact(method, statuses, np.zeros_like(statuses.active))
-        multiplier, strained = None, ()
+        multiplier, history = None, replace(history, strained=())
     return replace(
         loop, number=loop.number + 1, rules=rules, statuses=statuses, multiplier=multiplier,
-        strained=strained,
+        history=history,
     )  # fmt: skip
 
 

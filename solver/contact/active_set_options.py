@@ -1,8 +1,9 @@
-"""The tuned numbers of the active-set loop."""
+"""The history of the active-set loop, and the tuned numbers by which it is judged."""
 
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from enum import Enum
 from typing import Self
 
 
@@ -20,6 +21,33 @@ class Turnover:
     def peeled(self) -> int:
         """Rows that leave; zero if any joins."""
         return 0 if self.joined else self.left
+
+
+@dataclass(frozen=True)
+class SetHistory:
+    """The sets of a loop."""
+
+    turnovers: tuple[Turnover, ...] = ()
+    """Changes of contact rows from set to set."""
+    on_all_rows: tuple[Turnover, ...] = ()
+    """The changes on the finest level of the constraint hierarchy."""
+    strained: tuple[float, ...] = ()
+    """a(u, u) of each set."""
+
+    def after(self, turnover: Turnover, finest: bool, strained: float) -> "SetHistory":
+        """The history with one set more."""
+        on_all_rows = (*self.on_all_rows, turnover) if finest else self.on_all_rows
+        return SetHistory((*self.turnovers, turnover), on_all_rows, (*self.strained, strained))
+
+
+class Failure(Enum):
+    """Why sets did not settle."""
+
+    AHEAD = "points were released ahead of a state"
+    UNSETTLED = "with friction each set has other contact"
+    PEELS = "with friction contact peels off row by row"
+    VANISHED = "forces that only cause each other fell to zero"
+    OTHER = "other reasons"
 
 
 @dataclass(frozen=True)

@@ -32,6 +32,7 @@ import numpy as np
 from mpi4py import MPI
 
 from solver.backend import Relaxation, SetState, Statuses, Turn
+from solver.contact.active_set_options import ActiveSetOptions, Failure, SetHistory
 from solver.contact.friction_points import AT_LIMIT, FrictionPoints
 from solver.contact.law import Frictionless, StateError
 from solver.contact.slip_front import SlipFront
@@ -109,9 +110,26 @@ class Friction(Frictionless):
     them."""
     options: FrictionOptions = FrictionOptions()
 
+    def failure(
+        self, options: ActiveSetOptions, history: SetHistory, first: bool
+    ) -> Failure | None:
+        """Forces that vanish though a body needs them, and contact that peels off or changes."""
+        if options.vanish(history.strained) and not self.may_vanish:
+            return Failure.VANISHED
+        first = first and options.settling > 0
+        if first and not options.may_peel and options.loses_rows(history.turnovers):
+            return Failure.PEELS
+        return Failure.UNSETTLED if first and options.is_unsettled(history.turnovers) else None
+
     def locking(self) -> "Friction":
         """The law with `locks`."""
         return replace(self, locks=True)
+
+    def with_limits(self, limits: Array) -> "Friction":
+        """Tresca's law with these limits."""
+        none = np.zeros_like(limits)
+        points = replace(self.points, coefficients=none, limits=limits)
+        return replace(self, points=points, front=None)
 
     def initial(
         self, active: Mask, multiplier: Array | None, ahead: bool, jumps: Array | None = None

@@ -15,6 +15,7 @@ import numpy as np
 from mpi4py import MPI
 
 from solver.backend import SetState, Statuses
+from solver.contact.active_set_options import ActiveSetOptions, Failure, SetHistory
 from solver.vectors import Array, Mask, largest_magnitude
 
 
@@ -62,8 +63,22 @@ class ContactLaw(Protocol):
     def may_vanish(self) -> bool:
         """Whether no body needs contact forces, so that they may fall to zero from set to set."""
 
+    def failure(
+        self, options: ActiveSetOptions, history: SetHistory, first: bool
+    ) -> Failure | None:
+        """The reason why the sets do not settle, by their history; None while they may.
+
+        Parameters
+        ----------
+        first
+            Whether they began without the multiplier of a similar problem.
+        """
+
     def locking(self) -> "ContactLaw":
         """The law with springs at points that lock."""
+
+    def with_limits(self, limits: Array) -> "ContactLaw":
+        """The law with given slip limits (points,), whose sets do not run ahead of their states."""
 
     def may_stay_active(self, multiplier: Array, tolerance: float) -> Mask:
         """Active rows whose multiplier the law admits, to a tolerance."""
@@ -87,8 +102,10 @@ class ContactLaw(Protocol):
     def consistent(self, statuses: Statuses) -> Statuses:
         """The statuses after normal rows were taken out of the active set (collective)."""
 
-    def yielding(self, statuses: Statuses, jumps: Array) -> Statuses:
+    def yielding(self, statuses: Statuses, jumps: Array) -> Statuses | None:
         """Statuses near statuses that leave a body unheld, but which hold it (collective).
+
+        None on all ranks for a law without such statuses.
 
         Parameters
         ----------
@@ -122,8 +139,20 @@ class Frictionless:
     settles: bool = True
     may_vanish: bool = False
 
+    def failure(
+        self, options: ActiveSetOptions, history: SetHistory, first: bool
+    ) -> Failure | None:
+        """Contact that peels off row by row, or rows that join in set after set."""
+        sets = history.on_all_rows
+        peels = not options.may_peel and options.peels_on(sets)
+        return Failure.OTHER if peels or options.jumps(sets) else None
+
     def locking(self) -> ContactLaw:
         """The same: no point locks without friction."""
+        return self
+
+    def with_limits(self, limits: Array) -> ContactLaw:
+        """The same."""
         return self
 
     def may_stay_active(self, multiplier: Array, tolerance: float) -> Mask:
@@ -144,9 +173,8 @@ class Frictionless:
         """The statuses, unchanged."""
         return statuses
 
-    def yielding(self, statuses: Statuses, jumps: Array) -> Statuses:
-        """The statuses, unchanged."""
-        return statuses
+    def yielding(self, statuses: Statuses, jumps: Array) -> Statuses | None:
+        """None: normal rows do not yield."""
 
     def following(
         self, normals: Mask, state: SetState, error: StateError, before: Statuses, ahead: bool

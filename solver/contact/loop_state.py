@@ -11,7 +11,7 @@ import numpy as np
 from mpi4py import MPI
 
 from solver.backend import S, Statuses
-from solver.contact.active_set_options import Turnover
+from solver.contact.active_set_options import SetHistory
 from solver.contact.active_set_update import EarlyReleases, SetRules
 from solver.contact.solve_on_set import Outcome
 from solver.qp.result import Counts
@@ -82,12 +82,8 @@ class LoopState(Generic[S]):
     """Number of sets in a row that left a body unheld."""
     sliding: SlidingSets = SlidingSets()
     """Sets on which no point sticks."""
-    turnovers: tuple[Turnover, ...] = ()
-    """Changes of contact rows from set to set."""
-    on_all_rows: tuple[Turnover, ...] = ()
-    """The changes on the finest level of the constraint hierarchy."""
-    strained: tuple[float, ...] = ()
-    """a(u, u) of each set."""
+    history: SetHistory = SetHistory()
+    """The sets before."""
 
     @property
     def result(self) -> Outcome[S]:

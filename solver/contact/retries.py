@@ -9,7 +9,8 @@ again without such releases.
 from dataclasses import replace
 
 from solver.backend import S, Statuses
-from solver.contact.active_set import ActiveSetMethod, Failure, Start, active_set_loop
+from solver.contact.active_set import ActiveSetMethod, Start, active_set_loop
+from solver.contact.active_set_options import Failure
 from solver.contact.law import Frictionless, StateError
 from solver.contact.solve_on_set import Outcome, StoppingTest
 from solver.qp.result import Reason

@@ -15,12 +15,10 @@ value, and then by Anderson's acceleration (`solver.contact.slip_limits`).
 """
 
 from collections.abc import Callable
-from dataclasses import replace
 
 import numpy as np
 
 from solver.backend import Turn
-from solver.contact.friction_law import Friction
 from solver.contact.friction_points import AT_LIMIT
 from solver.contact.law import ContactLaw
 from solver.contact.slip_limits import SlipLimits
@@ -86,13 +84,10 @@ class OneSidedRows:
 class FrictionRows(OneSidedRows):
     """Contact rows and the tangential rows of points with friction."""
 
-    law: Friction
-
-    def __init__(self, system: MergedSystem, stiffness: Array, law: Friction) -> None:
+    def __init__(self, system: MergedSystem, stiffness: Array, law: ContactLaw) -> None:
         super().__init__(system, stiffness, law)
         springs = FrictionSprings.of(system, stiffness)
-        assert springs is not None
-        self._law, self._points = law, law.points
+        self._points = system.problem.friction
         self._tangential, self._point = springs.rows, springs.point
         count = np.bincount(self._point, minlength=len(self._points.first))
         mean = np.bincount(self._point, springs.sticking, len(count)) / np.maximum(count, 1)
@@ -124,9 +119,7 @@ class FrictionRows(OneSidedRows):
     def _change(self, limits: SlipLimits) -> None:
         points = self._points
         self._limits, self._largest = limits, limits.values / points.spread[points.first]
-        none = np.zeros_like(points.coefficients)
-        fixed = replace(points, coefficients=none, limits=limits.values)
-        self.law = replace(self._law, points=fixed, front=None)
+        self.law = self.law.with_limits(limits.values)
 
     def forces(self, p: Array) -> Array:
         """Forces of the springs, in contact rows and in tangential rows."""
@@ -192,7 +185,6 @@ class FrictionRows(OneSidedRows):
 
 
 def rows_of(system: MergedSystem, stiffness: Array, law: ContactLaw) -> OneSidedRows:
-    """The rows of a law, with springs of a stiffness (rows,)."""
-    if isinstance(law, Friction):
-        return FrictionRows(system, stiffness, law)
-    return OneSidedRows(system, stiffness, law)
+    """The rows of a system under a law, with springs of a stiffness (rows,)."""
+    made = FrictionRows if system.problem.friction.acts else OneSidedRows
+    return made(system, stiffness, law)

@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from solver.backend import ConstraintHierarchy, Statuses
+from solver.backend import ConstraintHierarchy, SharedPlace, Statuses
 from solver.contact.bodies import body_lengths, largest
 from solver.errors import QPError
 from solver.primal.blocks import in_blocks
@@ -35,7 +35,7 @@ from solver.qp.iterate import Iterate, Watch
 from solver.qp.mprgp import MPRGP
 from solver.qp.result import Counts, Monitor, Reason
 from solver.tfeti.constraint_hierarchy import constraint_hierarchy
-from solver.tfeti.decomposed import DecomposedProblem, SharedPlace
+from solver.tfeti.decomposed import DecomposedProblem
 from solver.vectors import Array, Mask
 
 
@@ -198,7 +198,7 @@ class Multigrid:
         soft = springs.softened(projector)
         lifts = lifts_of_means(self.cycle(soft), soft.narrow)
         self.motions = self.motions.with_lifts(self.system, lifts)
-        self._place.content = replace(self.matrices, floating=self.motions)
+        self._place.leave(replace(self.matrices, floating=self.motions))
         return means
 
     def give_up_multigrid(self) -> bool:

@@ -6,7 +6,7 @@ from functools import partial
 import numpy as np
 from petsc4py import PETSc
 
-from solver.backend import Statuses
+from solver.backend import SharedPlace, Statuses
 from solver.contact.active_set import Start
 from solver.contact.active_set_options import ActiveSetOptions
 from solver.contact.checkpoint import Saver
@@ -27,7 +27,6 @@ from solver.qp.outer_state import Restart
 from solver.qp.result import Counts, Reason
 from solver.tfeti.certify import certify, friction_residual
 from solver.tfeti.contact_law import SURE
-from solver.tfeti.decomposed import SharedPlace
 from solver.tfeti.dual import DualProblem
 from solver.tfeti.methods.answers import without_rounded_forces
 from solver.tfeti.methods.task import Task, saved_by
@@ -153,7 +152,7 @@ def _solve(
     method = task.active_set_method(backend, test, saved_by(Saver(task.checkpoint, before)))
     options = MultigridSetOptions().of(method.options, backend, task.rule.tolerance)
     method = replace(method, options=options, law=method.law.locking())
-    frictionless = method.law.settles
+    frictionless = not problem.friction.acts
     peeling = backend.matrices.peeling(backend.factors.slow_seconds) if frictionless else None
     statuses = None
     if restart is not None:
@@ -172,7 +171,7 @@ def _solve(
     start = Start(active, None if frictionless else near, statuses=statuses, jumps=jumps)
     outcome = solve_with_retries(method, start)
     if outcome.reason is None and peeling is not None:
-        place.content = peeling  # also for other loads
+        place.leave(peeling)  # also for other loads
         backend = Multigrid(problem, factors, place)
         method = replace(method.after(outcome), backend=backend).with_options(may_peel=True)
         outcome = solve_with_retries(method, Start(backend.estimated_contact()))
@@ -199,7 +198,7 @@ def _statuses_of(
     active : (dual,)
         Its contact rows.
     """
-    if first.multiplier is None or law.settles:
+    if first.multiplier is None or not backend.problem.friction.acts:
         return None
     system = backend.system
     jumps = system.on_all_rows(multiply(system.C, first.u) - system.c)

@@ -7,11 +7,12 @@ from dataclasses import dataclass, replace
 from mpi4py import MPI
 from petsc4py import PETSc
 
+from solver.backend import SharedPlace
 from solver.primal.factor import FactorOptions, predicted_seconds, thinness
 from solver.primal.hierarchy import Hierarchy, build_hierarchy, no_hierarchy
 from solver.primal.merged import MergedSystem, merge
 from solver.primal.rigid_space import FloatingMotions
-from solver.tfeti.decomposed import DecomposedProblem, SharedPlace
+from solver.tfeti.decomposed import DecomposedProblem
 
 
 def free_matrices(comm: MPI.Intracomm) -> None:
@@ -91,13 +92,13 @@ class Matrices:
 
         Otherwise new ones, which are left there; the others are freed before.
         """
-        matrices, place.content = place.content, None
+        matrices = place.take()
         if isinstance(matrices, cls) and matrices.fit(problem):
             matrices = replace(matrices, system=matrices.system.under(problem))
         else:
             del matrices
             matrices = cls.of(problem, factors)
-        place.content = matrices
+        place.leave(matrices)
         return matrices
 
     def fit(self, problem: DecomposedProblem) -> bool:

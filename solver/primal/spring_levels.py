@@ -90,20 +90,16 @@ class FirstSetOptions:
 
 @dataclass(frozen=True, eq=False)
 class Rows:
-    """The contact and tied rows of a problem.
-
-    Attributes
-    ----------
-    c, stiffness : (rows,)
-        Right-hand side, and stiffness of the springs.
-    """
+    """The contact and tied rows of a problem."""
 
     comm: MPI.Intracomm
-    c: Array
+    c: Array  # (rows,)
+    """Right-hand side."""
     normal: Mask
     equality: Mask
     """Masks of the contact rows, and of the rows that hold with equality. Shape (rows,)."""
-    stiffness: Array
+    stiffness: Array  # (rows,)
+    """Stiffness of the springs."""
     friction: FrictionSprings
     """Points with friction."""
 

@@ -92,13 +92,7 @@ Monitor = Callable[[Step], Any]
 
 @dataclass(frozen=True)
 class Result:
-    """Outcome of a solve.
-
-    Attributes
-    ----------
-    projected_gradient_norm, equality_residual : float
-        ||g^P|| and ||C x - c||, over all ranks.
-    """
+    """Outcome of a solve."""
 
     x: Any  # ndarray (local part) or PETSc.Vec, the kind of the problem's b
     """Last iterate; always within the bounds."""
@@ -109,9 +103,11 @@ class Result:
     """Gradient of the cost; in SMALBE of the augmented Lagrangian, which at the end is ``A x - b +
     C^T multiplier``."""
     projected_gradient_norm: float
+    """||g^P||, over all ranks."""
     multiplier: Any = None  # ndarray (local rows of C) or None
     """Multiplier of the equalities C x = c."""
     equality_residual: float = 0.0
+    """||C x - c||, over all ranks."""
     history: list[Step] = field(default_factory=list, repr=False)
 
     @property

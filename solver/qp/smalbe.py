@@ -135,22 +135,18 @@ class SMALBE:
 
 @dataclass(frozen=True, eq=False)
 class _Problem:
-    """Cost and feasible set, equalities Cx = c, and norms.
-
-    Attributes
-    ----------
-    norm, C_norm
-        ‖A‖ and ‖C‖.
-    """
+    """Cost and feasible set, equalities Cx = c, and norms."""
 
     qp: SeparableQP
     equalities: Equalities
     right: Vector  # (rows,)
     """c, local part."""
     norm: float
+    """‖A‖."""
     multiplications: int
     """Hessian multiplications spent on ‖A‖."""
     C_norm: float
+    """‖C‖."""
 
 
 class OuterIterations:

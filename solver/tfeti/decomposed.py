@@ -41,14 +41,6 @@ displacement is a rounding error of gaps from which the given motion is subtract
 """
 
 
-@dataclass(eq=False)
-class SharedPlace:
-    """A place for the matrices of a backend that problems under other loads share."""
-
-    content: object = None
-    """Matrices of the last solve; None before the first."""
-
-
 @dataclass(frozen=True, eq=False)
 class DecomposedProblem:
     """The contact problem as methods use it, whether they solve for forces or displacements."""

@@ -14,7 +14,8 @@ from functools import cached_property
 
 import numpy as np
 
-from solver.tfeti.decomposed import DecomposedProblem, SharedPlace
+from solver.backend import SharedPlace
+from solver.tfeti.decomposed import DecomposedProblem
 from solver.tfeti.dual_operator import DualOperator, FreeSolution, solve_free
 from solver.tfeti.projected import ProjectedOperator
 from solver.vectors import Array, largest_magnitude

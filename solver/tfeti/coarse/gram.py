@@ -25,13 +25,7 @@ from solver.vectors import Array, Ints, runs
 
 @dataclass(frozen=True, eq=False)
 class RowGroups:
-    """Groups of n local rows of Gᵀ; the rows of a group have entries on the same m subdomains.
-
-    Attributes
-    ----------
-    pattern : (groups,)
-        Row pattern of each group: its place in `values`.
-    """
+    """Groups of n local rows of Gᵀ; the rows of a group have entries on the same m subdomains."""
 
     rows: Ints  # (groups, n)
     """Local numbers."""
@@ -41,7 +35,8 @@ class RowGroups:
     unknowns. Shape (groups, m)."""
     values: Array  # (patterns, n, m · motions)
     """Entries, for each subdomain as many as rigid motions, zero beyond its width."""
-    pattern: Ints
+    pattern: Ints  # (groups,)
+    """Row pattern of each group: its place in `values`."""
 
 
 @dataclass(frozen=True, eq=False)

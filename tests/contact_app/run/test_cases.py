@@ -204,9 +204,10 @@ def test_cases_by_multigrid_share_its_matrices(made: Config) -> None:
         assert solved.solution.method == "primal"
         place = solved.model.problem.reused.place
         assert place is not None
-        matrices.append(place.content.system.K)
+        matrices.append(place.take())
+        place.leave(matrices[-1])
         same_alone(solved, made, solved.model.scene.case)
-    assert all(K is matrices[0] for K in matrices)
+    assert all(shared.system.K is matrices[0].system.K for shared in matrices)
 
 
 @pytest.mark.ratchet

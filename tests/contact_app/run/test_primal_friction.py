@@ -9,7 +9,7 @@ from mpi4py import MPI
 from contact_app.model.model import build_model
 from contact_app.run.increments import solved_increments
 from contact_app.run.solve import solve_scene
-from solver.backend import Statuses
+from solver.backend import SharedPlace, Statuses
 from solver.contact.stopping import StoppingRule
 from solver.primal.backend import Multigrid
 from solver.primal.by_active_sets import solve_by_multigrid
@@ -20,7 +20,6 @@ from solver.primal.matrices import Matrices
 from solver.primal.merged import merge
 from solver.primal.products import multiply
 from solver.qp.mprgp import MPRGP
-from solver.tfeti.decomposed import SharedPlace
 from solver.tfeti.methods.task import Task
 from tests import scenes
 from tests.comparison import solve
