@@ -46,7 +46,7 @@ FACET_CORNERS = {
 }  # fmt: skip
 """Corners of the cells that can be facets."""
 
-NUMBERED = ("gmsh:physical", "medit:ref", "cell_tags")
+NUMBERED = ("gmsh:physical", "medit:ref", "nastran:ref", "CellEntityIds", "cell_tags")
 """Names of meshio's cell data that hold the numbers of groups."""
 
 LARGEST_COORDINATE = 1e50

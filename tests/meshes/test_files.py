@@ -101,6 +101,17 @@ def test_other_formats_are_read(name: str, options: dict, tmp_path: Path) -> Non
         assert len(read.sides["FOOT"]) == 8
 
 
+@pytest.mark.parametrize(("name", "key"), [("a.bdf", "nastran:ref"), ("a.vtk", "CellEntityIds")])
+def test_numbers_of_cells_name_their_groups(name: str, key: str, tmp_path: Path) -> None:
+    """Property numbers of Nastran and entities of Gmsh's VTK files: a file holds several bodies."""
+    given = meshfiles.block("tetrahedron", 2)
+    numbers = [np.repeat([3, 7], 24), np.full(len(given.cells[1].data), 5)]
+    mesh = meshio.Mesh(given.points, given.cells[:2], cell_data={key: numbers})
+    read = load_mesh(meshfiles.write(mesh, tmp_path / name, None), 3)
+    np.testing.assert_array_equal(read.groups["7"], np.arange(24, 48))
+    assert len(read.sides["5"]) > 0
+
+
 def test_groups_of_med_have_their_names(tmp_path: Path) -> None:
     """MED gives each cell and node one family, which belongs to several groups."""
     given = meshfiles.block("tetrahedron", 2)
