@@ -14,6 +14,8 @@ import ufl
 from dolfinx import fem
 from mpi4py import MPI
 
+from contact_app.accuracy.hertz import thickness_at
+from contact_app.forms.boundary import exterior_facets
 from contact_app.forms.locking import Moduli
 from contact_app.forms.model import FormModel
 from contact_app.forms.results import Owners
@@ -28,14 +30,15 @@ STRAIN = np.array([[1.0, 0.3, 0.5], [0.3, -0.7, 0.2], [0.5, 0.2, 0.4]])
 
 
 def half_spaces(
-    model: FormModel, owners: Owners, number: int, normal: Array
+    model: FormModel, owners: Owners, number: int, middle: Array, normal: Array
 ) -> tuple[float, float] | None:
-    """E* of the bodies of a contact, and the least of their thicknesses along its normal (d,).
+    """E* of the bodies of a contact, and the least of their thicknesses behind its middle (3,).
 
     None if one is not of one isotropic material (collective).
     """
     parts, d = model.parts, model.parts.dimension
-    body = owners.copies(model.bodies.of_node.astype(float))[parts.cells[:, 0]].astype(np.int64)
+    of_copies = owners.copies(model.bodies.of_node.astype(float)).astype(np.int64)
+    body = of_copies[parts.cells[:, 0]]
     moduli = model.moduli or Moduli.of(parts, model.form)
     strain = np.tile(STRAIN[:d, :d], (len(body), 1, 1))
     middle = parts.points[parts.cells].mean(axis=1)[:, :d]
@@ -47,10 +50,12 @@ def half_spaces(
     part = K + (1.0 - 2.0 / d) * G
     isotropic = np.abs(moduli.energy(strain[None]) - energies) <= EQUAL * energies
     compliance = np.where(isotropic, (part + G) / (4.0 * G * part), np.inf)
-    total, thickness = 0.0, np.inf
+    total, thickness, outside = 0.0, np.inf, exterior_facets(parts)
+    body_of_facet = of_copies[outside.copies[:, 0]]
     for side in model.sides[number].surfaces:
         bodies = sorted(model.bodies_at(side))
-        thickness = min(thickness, *(2.0 * model.bodies.halves[bodies, :d] @ np.abs(normal)))
+        on = np.isin(body_of_facet, bodies)
+        thickness = min(thickness, thickness_at(parts.comm, [outside.points[on]], middle, normal))
         of_side = compliance[np.isin(body, bodies)]
         least = parts.comm.allreduce(float(of_side.min(initial=np.inf)), op=MPI.MIN)
         most = parts.comm.allreduce(float(of_side.max(initial=0.0)), op=MPI.MAX)

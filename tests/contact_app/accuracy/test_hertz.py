@@ -1,13 +1,16 @@
 """Hertz's contact by force, curvatures of the gap, and its observed size."""
 
 import warnings
+from pathlib import Path
 
+import meshio
 import numpy as np
 import pytest
+from mpi4py import MPI
 
 import contact_app
-from contact_app.accuracy.hertz import FREE, peak_of
-from tests import scenes
+from contact_app.accuracy.hertz import FREE, peak_of, thickness_at
+from tests import meshfiles, scenes
 
 MODULUS, FORCE, RADIUS = 1000.0, 2.0, 3.0
 ROOM = np.full(3, np.inf)
@@ -44,6 +47,45 @@ def test_the_end_of_a_boundary_and_thin_bodies_give_no_peak(place: int) -> None:
         lengths = np.full(2, HALF / np.sqrt(5.0))
         found.append(peak_of(FORCE, MODULUS, np.full(2, 0.5 / RADIUS), lengths, 0.02, room))
     assert found == [pytest.approx(1.5 * FORCE / (np.pi * HALF**2), rel=1e-5), None]
+
+
+@pytest.mark.parametrize("thickness", [0.05, 0.2])
+@pytest.mark.parametrize("angle", [0.0, 0.7])
+def test_a_thin_strip_of_any_direction_has_no_peak(
+    thickness: float, angle: float, tmp_path: Path
+) -> None:
+    """The contact is 0.05 wide. The box about an inclined strip is not thin."""
+    along, up = np.array([np.cos(angle), np.sin(angle)]), np.array([-np.sin(angle), np.cos(angle)])
+    x, y = np.meshgrid(np.linspace(-1.0, 1.0, 41), np.linspace(-thickness, 0.0, 3))
+    first = (np.arange(2)[:, None] * 41 + np.arange(40)).ravel()
+    cells = [("quad", first[:, None] + [0, 1, 42, 41])]
+    points = x.reshape(-1, 1) * along + y.reshape(-1, 1) * up
+    file = meshfiles.write(meshio.Mesh(np.pad(points, ((0, 0), (0, 1))), cells), tmp_path / "a.msh")
+    height = f"({float(up[0])!r} * x + {float(up[1])!r} * y)"
+    sides = {"top": f"{height} > -1e-9", "foot": f"{height} < {1e-9 - thickness}"}
+    strip = {
+        "name": "strip",
+        "mesh": {"file": str(file)},
+        "material": {"young": 1e5, "poisson": 0.3},
+        "boundaries": {name: {"where": where} for name, where in sides.items()},
+    }
+    circle = {"sphere": {"center": (1.9996 * up).tolist(), "radius": 2.0}}
+    held = {"on": "strip.foot", "displacement": [0, 0]}
+    contact = {"on": "strip.top", "obstacle": circle}
+    scene = scenes.config("quadrilateral", [strip], [held], [contact])
+    (warning,) = [w for w in contact_app.solve(scene).certificate.warnings if "within single" in w]
+    assert ("Hertz's theory" in warning) == (thickness > 0.1)
+
+
+def test_a_wall_is_as_thick_as_it_is() -> None:
+    """A line through a tube ends in its bore; one along a face counts its edges."""
+    outer = np.array([[0, 0], [4, 0], [4, 4], [0, 4], [0, 0]], float)
+    surface = [np.stack([loop[:-1], loop[1:]], axis=1) for loop in (outer, 1.0 + 0.5 * outer)]
+    comm = MPI.COMM_WORLD
+    for middle, thickness in (([2.1, 0.01], 1.0), ([0.0, 0.0], 4.0), ([3.5, 0.0], 4.0)):
+        assert thickness_at(comm, surface, np.array(middle), np.array([0.0, -1.0])) == (
+            pytest.approx(thickness)
+        )
 
 
 @pytest.mark.parametrize("force", [1e-165, 1e-300])
