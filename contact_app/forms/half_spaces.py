@@ -41,8 +41,8 @@ def half_spaces(
     body = of_copies[parts.cells[:, 0]]
     moduli = model.moduli or Moduli.of(parts, model.form)
     strain = np.tile(STRAIN[:d, :d], (len(body), 1, 1))
-    middle = parts.points[parts.cells].mean(axis=1)[:, :d]
-    energies = moduli.energies.of_affine(strain, middle, np.zeros_like(middle))
+    middles = parts.points[parts.cells].mean(axis=1)[:, :d]
+    energies = moduli.energies.of_affine(strain, middles, np.zeros_like(middles))
     cells = dolfinx_compat.cellwise_scalars(parts.space.mesh)
     integral = dolfinx_compat.compile_form(ufl.TestFunction(cells) * ufl.dx)
     size = fem.assemble_vector(integral).array[dolfinx_compat.dof_nodes(cells)[: len(body), 0]]
