@@ -142,7 +142,7 @@ def thickness_at(
     normal : (d,)
         Direction of the line; its sign does not matter.
     """
-    d, crossings = len(normal), [np.zeros(0)]
+    d, parts = len(normal), [np.zeros(0)]
     along = np.linalg.svd(normal[None])[2][1:]
     for points in surface:
         if not points.size:
@@ -160,8 +160,8 @@ def thickness_at(
         right = np.broadcast_to(np.append(np.zeros(d - 1), 1.0)[:, None], (across.sum(), d, 1))
         shares = np.linalg.solve(system[across].transpose(0, 2, 1), right)[..., 0]
         places = (shares * (simplices[across] @ normal)).sum(axis=1)
-        crossings.append(places[shares.min(axis=1, initial=1.0) >= -EDGE])
-    at = np.sort(np.concatenate(comm.allgather(np.concatenate(crossings))))
+        parts.append(places[shares.min(axis=1, initial=1.0) >= -EDGE])
+    at = np.sort(np.concatenate(comm.allgather(np.concatenate(parts))))
     if not len(at):
         return np.inf
     distances = np.abs(at - at[np.abs(at).argmin()])
