@@ -20,6 +20,7 @@ from contact_app.errors import ConfigurationError
 from contact_app.model.averaged_rows import GapAndNormal, has_averaged_rows
 from contact_app.model.boundaries import boundary_nodes, surface_facets
 from contact_app.model.facets import moments, shapes_on_lattice
+from contact_app.model.geometry import Geometry
 from contact_app.model.model import Model
 from contact_app.results.fields import NodeFields
 from contact_app.results.percent import percent
@@ -102,7 +103,7 @@ def entered_beside(model: Model, solution: Solution, number: int, other: int) ->
         as_drawn = [Placement()] * len(scene.rigid.bodies)
         drawn, now = (
             scene.placed(places).contacts[number]
-            for places in (as_drawn, placements_of(model, solution))
+            for places in (as_drawn, placements_of(model.geometry, model.problem, solution))
         )
     moved = solution.measures.deformations[[contact.body, other]].max()
     size = float(np.subtract(body.mesh.upper, body.mesh.lower).max())
@@ -226,7 +227,7 @@ def coarse_contact(model: Model, solution: Solution, nodes: NodeFields) -> float
         round_obstacle = contact.obstacle.curvature_radius is not None
         depth = entered_between(model, solution, number) if round_obstacle else 0.0
         young = scene.bodies[contact.body].softest
-        width = np.pi / 8.0 if scene.dimension == 2 else _facet_size(model, contact)
+        width = np.pi / 8.0 if scene.dimension == 2 else _facet_size(model.geometry, contact)
         square += forces[number] * depth / max(across[number], 1.0) ** 2
         square += young * width * depth**2
         if pressed[number] <= LIMITS.concentrated[scene.dimension]:
@@ -234,15 +235,15 @@ def coarse_contact(model: Model, solution: Solution, nodes: NodeFields) -> float
     return float(square)
 
 
-def _facet_size(model: Model, contact: Contact) -> float:
+def _facet_size(geometry: Geometry, contact: Contact) -> float:
     """Root of the mean area of the facets of a contact boundary (collective)."""
-    chosen = model.geometry.facets_of(contact.body, contact.boundary)
+    chosen = geometry.facets_of(contact.body, contact.boundary)
     sums = np.zeros(2)
-    for s, rows in zip(model.partition.subdomains, chosen, strict=True):
+    for s, rows in zip(geometry.partition.subdomains, chosen, strict=True):
         if len(rows):
             points = s.points()[s.reference.facets[rows]]
-            sums += [moments(points, model.scene.dimension).sum(), len(rows)]
-    area, facets = model.comm.allreduce(sums)
+            sums += [moments(points, geometry.dimension).sum(), len(rows)]
+    area, facets = geometry.comm.allreduce(sums)
     return float(np.sqrt(area / facets))
 
 
@@ -362,12 +363,12 @@ def carries_force(comm: MPI.Intracomm, pressure: Array, shares: Array, least: fl
     return bool(comm.allreduce(float(pressure @ shares)) > least)
 
 
-def pressed_contacts(model: Model, solution: Solution, nodes: NodeFields) -> list[bool]:
+def pressed_contacts(geometry: Geometry, solution: Solution, nodes: NodeFields) -> list[bool]:
     """Whether each contact of a scene carries a force above the solver's error (collective)."""
     loads = solution.tolerance * solution.measures.loads
     return [
-        carries_force(model.comm, at_nodes.pressure, at_nodes.shares, loads[item.body])
-        for item, at_nodes in zip(model.scene.touching, nodes.contacts, strict=True)
+        carries_force(geometry.comm, at_nodes.pressure, at_nodes.shares, loads[item.body])
+        for item, at_nodes in zip(geometry.touching, nodes.contacts, strict=True)
     ]
 
 
@@ -382,7 +383,7 @@ def pressed_facets(model: Model, nodes: NodeFields) -> list[PressedFacets]:
         owned[at_nodes.nodes - nodes.first] = at_nodes.pressure
         pressure = exchange.from_owners(owned[exchange.nodes - exchange.first])
         chosen = model.geometry.facets_of(contact.body, contact.boundary)
-        planes = symmetry_planes(model, number)
+        planes = symmetry_planes(model.geometry, scene.displacements, number)
         places, at = [], []
         for start, s, rows in zip(starts, subdomains, chosen, strict=False):
             facets = s.reference.facets[rows]

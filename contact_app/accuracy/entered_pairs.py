@@ -15,6 +15,7 @@ from mpi4py import MPI
 
 from contact_app.accuracy.contact_limits import entered_beside
 from contact_app.model.boundaries import surface_facets
+from contact_app.model.geometry import Geometry
 from contact_app.model.model import Model
 from contact_app.model.pairs import sides_of
 from contact_app.results.fields import NodeFields
@@ -64,7 +65,7 @@ def entered_without_contact(model: Model, solution: Solution, nodes: NodeFields)
         if (lower.max(axis=0) > upper.min(axis=0) + reach).any():
             continue
         joined = [entry for entry in entries if {entry.body, entry.other} == {a, b}]
-        parts = _part_near(model, a, b, reach), _part_near(model, b, a, reach)
+        parts = _part_near(model.geometry, a, b, reach), _part_near(model.geometry, b, a, reach)
         depth = 0.0
         if parts[0] is not None and parts[1] is not None:
             surfaces = near_each_other(parts[0], parts[1], reach)
@@ -152,19 +153,19 @@ def _some(surface: Surface, facets: Mask) -> Surface:
     return Surface(surface.dimension, *parts)
 
 
-def _part_near(model: Model, body: int, other: int, reach: float) -> Surface | None:
+def _part_near(geometry: Geometry, body: int, other: int, reach: float) -> Surface | None:
     """Outer facets of a body in its subdomains near the box about another one, on all ranks.
 
     Collective. All outer facets in a scene with planes of symmetry; parameters of
     `near_each_other`.
     """
     chosen, sizes = [], dict[Reference, tuple[Array, Array, float]]()
-    box, every = model.scene.bodies[other].mesh, bool(model.scene.mirrors)
-    for s in model.partition.subdomains:
+    box, every = geometry.bodies[other].mesh, bool(geometry.mirrors)
+    for s in geometry.partition.subdomains:
         rows = np.zeros(0, np.int32)
         if s.body == body:
             if s.reference not in sizes:
-                points = s.reference.points[:, : model.scene.dimension]
+                points = s.reference.points[:, : geometry.dimension]
                 edges = np.ptp(points[s.reference.facets], axis=1)
                 largest = float(np.linalg.norm(edges, axis=1).max(initial=0.0))
                 sizes[s.reference] = points.min(axis=0), points.max(axis=0), largest
@@ -172,9 +173,9 @@ def _part_near(model: Model, body: int, other: int, reach: float) -> Surface | N
             offset = s.translation[: len(lower)]
             away = np.maximum(lower + offset - box.upper, box.lower - upper - offset)
             if every or (away <= np.sqrt(3.0) * reach + size).all():
-                rows = surface_facets(s, model.scene.bodies[body])
+                rows = surface_facets(s, geometry.bodies[body])
         chosen.append(rows)
-    return model.geometry.surface_of(chosen)
+    return geometry.surface_of(chosen)
 
 
 def entering_each_other(names: str, depth: float, moved: float) -> str:

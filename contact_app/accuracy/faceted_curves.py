@@ -14,6 +14,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.spatial import cKDTree
 
+from contact_app.model.geometry import Geometry
 from contact_app.model.model import Model
 from contact_app.model.pairs import sides_of
 from contact_app.results.fields import NodeFields
@@ -69,35 +70,34 @@ class Distances(NamedTuple):
         return Distances(*map(max, self, other))
 
 
-def sagittas(model: Model, nodes: NodeFields) -> list[float]:
+def sagittas(geometry: Geometry, nodes: NodeFields) -> list[float]:
     """Largest sagitta near each obstacle of a body with straight edges (collective).
 
     Zero for boxes, for bodies with curved edges, and for bodies of degree 1 without halved edges.
     """
-    scene = model.scene
-    straight = {c.body for c in scene.contacts if _straight(scene.bodies[c.body])}
+    straight = {c.body for c in geometry.contacts if _straight(geometry.bodies[c.body])}
     if not straight:
-        return [0.0] * len(scene.contacts)
+        return [0.0] * len(geometry.contacts)
     has_gap = np.isfinite(nodes.gap)
-    parts = model.comm.allgather((nodes.points[has_gap], nodes.gap[has_gap]))
+    parts = geometry.comm.allgather((nodes.points[has_gap], nodes.gap[has_gap]))
     points, gaps = (np.concatenate(part) for part in zip(*parts, strict=True))
     return [
-        _distances(scene.bodies[c.body], c.boundary, (points, gaps), False).facets
+        _distances(geometry.bodies[c.body], c.boundary, (points, gaps), False).facets
         if c.body in straight
         else 0.0
-        for c in scene.contacts
+        for c in geometry.contacts
     ]
 
 
-def polygon_solved(model: Model, solution: Solution, nodes: NodeFields) -> str:
+def polygon_solved(geometry: Geometry, solution: Solution, nodes: NodeFields) -> str:
     """The reason why finer cells do not converge for round bodies that touch each other.
 
     Empty if they do converge. Halved edges stay on the original straight edges: the bodies remain
     polygons whose corners press into flat facets, however fine the cells. With `round: true` they
     lie on the curve (collective).
     """
-    scene, moved = model.scene, solution.measures.deformations
-    for pair, distances in zip(scene.pairs, pair_distances(model, nodes), strict=True):
+    moved = solution.measures.deformations
+    for pair, distances in zip(geometry.pairs, pair_distances(geometry, nodes), strict=True):
         largest, sagitta = max(moved[pair.body], moved[pair.other]), distances.facets
         if sagitta > LARGE_SAGITTA * largest > 0.0 and not pair.round:
             return (
@@ -142,32 +142,32 @@ def compared(sagitta: float, moved: float, gap: float, fitted: float = FITTED) -
     return ""
 
 
-def pair_distances(model: Model, nodes: NodeFields) -> list[Distances]:
+def pair_distances(geometry: Geometry, nodes: NodeFields) -> list[Distances]:
     """Distances of straight facets that meet in each pair of bodies (collective).
 
     Both sides count at any degree: facets of one surface press into facets of the other. It is zero
     if the facets of both sides match, since flat facets that coincide have a constant gap.
     """
-    scene = model.scene
+    bodies = geometry.bodies
     sides = [
-        [(scene.bodies[pair.body], pair.boundary), (scene.bodies[pair.other], pair.other_boundary)]
-        for pair in scene.pairs
+        [(bodies[pair.body], pair.boundary), (bodies[pair.other], pair.other_boundary)]
+        for pair in geometry.pairs
     ]
     sides = [[side for side in both if _has_straight_facets(side[0])] for both in sides]
     if not any(sides):
         return [Distances()] * len(sides)
     of_pairs = []
-    contacts = nodes.contacts[len(scene.contacts) :]
-    for pair, both, contact in zip(scene.pairs, sides, contacts, strict=True):
+    contacts = nodes.contacts[len(geometry.contacts) :]
+    for pair, both, contact in zip(geometry.pairs, sides, contacts, strict=True):
         at = contact.nodes - nodes.first
         with_gap = at[np.isfinite(nodes.gap[at])]
-        parts = model.comm.allgather((nodes.points[with_gap], nodes.gap[with_gap]))
+        parts = geometry.comm.allgather((nodes.points[with_gap], nodes.gap[with_gap]))
         points, gaps = (np.concatenate(part) for part in zip(*parts, strict=True))
         distances = Distances()
         for side in both:
             distances = distances.or_larger(_distances(*side, (points, gaps), pair.round))
         if distances.facets > 0.0:
-            surfaces = sides_of(model.geometry, pair)
+            surfaces = sides_of(geometry, pair)
             if facets_match(*surfaces, points[gaps <= distances.facets]):
                 distances = Distances()
         of_pairs.append(distances)

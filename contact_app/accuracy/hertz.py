@@ -34,6 +34,7 @@ from contact_app.accuracy.contact_limits import (
     middle_and_moments,
     pressed_facets,
 )
+from contact_app.model.geometry import Geometry
 from contact_app.model.model import Model
 from contact_app.results.fields import NodeFields
 from contact_app.scene.conditions import BodyContact
@@ -97,33 +98,34 @@ def coarse_pressures(
     for i, facets in enumerate(pressed_facets(model, nodes)):
         contact = nodes.contacts[i]
         at = nodes.points[contact.nodes - nodes.first], contact.forces, contact.smoothed
-        of_contact = model.problem, i, at, facets, partial(_half_spaces, model, i)
+        half_spaces = partial(_half_spaces, model.geometry, model.scene.plane, i)
+        of_contact = model.problem, i, at, facets, half_spaces
         every.append(coarse_pressure(*of_contact) if pressed[i] else None)
     return every
 
 
 def _half_spaces(
-    model: Model, number: int, middle: Array, normal: Array
+    geometry: Geometry, plane: str | None, number: int, middle: Array, normal: Array
 ) -> tuple[float, float] | None:
     """E* of the bodies of a contact, and the least of their thicknesses behind its middle (3,).
 
     None if one has several materials (collective). The normal has shape (d,).
     """
-    scene, touching = model.scene, model.scene.touching[number]
+    touching = geometry.touching[number]
     bodies = [touching.body, *([touching.other] if isinstance(touching, BodyContact) else [])]
-    materials = [set(scene.bodies[b].materials) for b in bodies]
+    materials = [set(geometry.bodies[b].materials) for b in bodies]
     if any(len(of_body) > 1 for of_body in materials):
         return None
-    across = 0.0 if scene.plane == "stress" else 1.0
+    across = 0.0 if plane == "stress" else 1.0
     surfaces = [
         [
             s.points()[s.reference.facets[s.exterior]]
-            for s in model.partition.subdomains
+            for s in geometry.partition.subdomains
             if s.body == b
         ]
         for b in bodies
     ]
-    thickness = min(thickness_at(model.comm, facets, middle, normal) for facets in surfaces)
+    thickness = min(thickness_at(geometry.comm, facets, middle, normal) for facets in surfaces)
     modulus = 1.0 / sum((1.0 - across * m.poisson**2) / m.young for (m,) in materials)
     return modulus, thickness
 

@@ -12,6 +12,8 @@ from contact_app.model.model import Model
 from contact_app.results.fields import CellFields, NodeFields
 from contact_app.results.output import Fields
 from contact_app.results.overcome_friction import overcome_friction
+from contact_app.results.rigid import placements_of
+from contact_app.scene.rigid import Placement
 from meshes.arrays import Array
 from solver.contact.solution import Accuracy, Solution
 from solver.qp.result import Reason
@@ -72,7 +74,12 @@ class SolvedScene:
     @cached_property
     def pressed(self) -> list[bool]:
         """Whether each contact carries a force above the solver's error (collective)."""
-        return pressed_contacts(self.model, self.solution, self.nodes)
+        return pressed_contacts(self.model.geometry, self.solution, self.nodes)
+
+    @property
+    def placements(self) -> list[Placement]:
+        """Placement of each rigid body after its displacement by the answer (collective)."""
+        return placements_of(self.model.geometry, self.model.problem, self.solution)
 
     @cached_property
     def estimator(self) -> ErrorEstimator:

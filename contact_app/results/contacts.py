@@ -19,6 +19,7 @@ from typing import Any
 import numpy as np
 from mpi4py import MPI
 
+from contact_app.model.geometry import Geometry
 from contact_app.model.model import Model
 from contact_app.model.planes import on_planes
 from contact_app.results.fields import NodeFields
@@ -49,8 +50,8 @@ def contact_records(
     peaks
         The largest smoothed pressures of contacts where they are not those at nodes.
     """
-    contacts = ContactsOfWhole(model, nodes, full_mesh(model, nodes))
-    of_solved_part = _resultants(model, nodes, peaks)
+    contacts = ContactsOfWhole(model, nodes, full_mesh(model.geometry, nodes))
+    of_solved_part = _resultants(model.geometry, nodes, peaks)
     records = []
     for number, (name, counts) in enumerate(
         zip(model.scene.contact_names, contacts.counts(), strict=True)
@@ -71,11 +72,13 @@ def contact_records(
     return records
 
 
-def _resultants(model: Model, nodes: NodeFields, peaks: Sequence[float | None]) -> list[_Contact]:
+def _resultants(
+    geometry: Geometry, nodes: NodeFields, peaks: Sequence[float | None]
+) -> list[_Contact]:
     """Sums over the nodes of each contact of the solved part (collective)."""
-    scene, comm, resultants = model.scene, model.comm, []
-    for touching, contact, peak in zip(scene.touching, nodes.contacts, peaks, strict=True):
-        centre, on = _middle(scene.bodies[touching.body].mesh), np.ones(len(contact.nodes), bool)
+    comm, resultants = geometry.comm, []
+    for touching, contact, peak in zip(geometry.touching, nodes.contacts, peaks, strict=True):
+        centre, on = _middle(geometry.bodies[touching.body].mesh), np.ones(len(contact.nodes), bool)
         arm = nodes.points[contact.nodes - nodes.first] - centre
         whole = summed(comm, arm, on, contact.forces, contact.shares, contact.moments)
         largest = largest_magnitude(comm, contact.pressure)

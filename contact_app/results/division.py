@@ -24,6 +24,7 @@ from numpy.typing import NDArray
 
 from contact_app.model.averaged_rows import has_averaged_rows
 from contact_app.model.candidates import NEARLY_PARALLEL
+from contact_app.model.geometry import Geometry
 from contact_app.model.model import Model
 from contact_app.results.seams import smooth_forces
 from contact_app.results.surface_nodes import SurfaceNodes
@@ -95,9 +96,9 @@ def contact_loads(model: Model, solution: Solution, surface: SurfaceNodes) -> Co
         padded(loads.sticks), padded(loads.rubs), rows,
     )  # fmt: skip
     tied = TIED * model.geometry.length
-    label = _together(rows, touches, loads.force, tied, _rigid_bodies(model, rows))
+    label = _together(rows, touches, loads.force, tied, _rigid_bodies(model.geometry, rows))
     if model.comm.allreduce(int((label >= 0).sum())):
-        loads = _divided(model, surface, loads, label)
+        loads = _divided(model.geometry, surface, loads, label)
     members = touches | (loads.force > 0.0)
     fields = {name: values[members] for name, values in loads.__dict__.items() if name != "rows"}
     return ContactLoads(**fields, rows=rows.of(members))
@@ -137,11 +138,11 @@ def loads_of_rows(problem: DualProblem, solution: Solution, force: Array) -> Con
     )  # fmt: skip
 
 
-def _rigid_bodies(model: Model, rows: ContactRows) -> Ints:
+def _rigid_bodies(geometry: Geometry, rows: ContactRows) -> Ints:
     """The moving rigid body of each row, -1 for none, (rows,)."""
-    scene = model.scene
-    of_contact = [getattr(item, "rigid", None) for item in scene.touching]
-    number = np.array([-1 if k not in scene.moving else int(k) for k in of_contact], np.int64)
+    of_contact = [getattr(item, "rigid", None) for item in geometry.touching]
+    moving = geometry.rigid.moving
+    number = np.array([-1 if k not in moving else int(k) for k in of_contact], np.int64)
     return number[rows.sources]
 
 
@@ -186,11 +187,13 @@ def _together(rows: ContactRows, touches: Mask, force: Array, tied: float, rigid
     return label
 
 
-def _divided(model: Model, surface: SurfaceNodes, loads: ContactLoads, label: Ints) -> ContactLoads:
+def _divided(
+    geometry: Geometry, surface: SurfaceNodes, loads: ContactLoads, label: Ints
+) -> ContactLoads:
     """Divide the sum of each group of rows by their areas (collective)."""
     grouped = np.flatnonzero(label >= 0)
     group = label[grouped]
-    weight = _weights(model, surface, loads, grouped, group)
+    weight = _weights(geometry, surface, loads, grouped, group)
     total = np.bincount(group, weight)
     has_weight = total[group] > 0.0
     grouped, group = grouped[has_weight], group[has_weight]
@@ -210,18 +213,18 @@ def _divided(model: Model, surface: SurfaceNodes, loads: ContactLoads, label: In
 
 
 def _weights(
-    model: Model, surface: SurfaceNodes, loads: ContactLoads, grouped: Ints, group: Ints
+    geometry: Geometry, surface: SurfaceNodes, loads: ContactLoads, grouped: Ints, group: Ints
 ) -> Array:
     """Area of the contact of each grouped row about its node, (grouped,) (collective)."""
     weight, sources = loads.areas[grouped].copy(), loads.sources[grouped]
-    shared = np.flatnonzero(sources < len(model.scene.contacts))
+    shared = np.flatnonzero(sources < len(geometry.contacts))
     weight[shared] = 0.0
     at = np.searchsorted(surface.owned, loads.nodes[grouped])
     members, which = _members(sources[shared], group[shared])
-    every = sorted({m for rank in model.comm.allgather(members) for m in rank})
+    every = sorted({m for rank in geometry.comm.allgather(members) for m in rank})
     for these in every:
         of_set = shared[which == members.index(these)] if these in members else shared[:0]
-        for source, shares in _shares_in_turn(model, surface, these):
+        for source, shares in _shares_in_turn(geometry, surface, these):
             of_source = of_set[sources[of_set] == source]
             weight[of_source] = shares[at[of_source]]
     return weight
@@ -245,19 +248,19 @@ def _members(sources: Ints, group: Ints) -> tuple[list[tuple[int, ...]], Ints]:
 
 
 def _shares_in_turn(
-    model: Model, surface: SurfaceNodes, sources: tuple[int, ...]
+    geometry: Geometry, surface: SurfaceNodes, sources: tuple[int, ...]
 ) -> Iterator[tuple[int, Array]]:
     """∫ φ_k over the facets of each contact with an obstacle that no earlier contact has, (owned,).
 
     For rows on averages about vertices, the integrals of linear shape functions. Collective.
     """
-    chosen_before = [np.zeros(0, np.int32) for _ in model.partition.subdomains]
+    chosen_before = [np.zeros(0, np.int32) for _ in geometry.partition.subdomains]
     for source in sources:
-        touching = model.scene.touching[source]
-        chosen = model.geometry.facets_of(touching.body, touching.boundary)
+        touching = geometry.touching[source]
+        chosen = geometry.facets_of(touching.body, touching.boundary)
         left = [np.setdiff1d(group, t) for group, t in zip(chosen, chosen_before, strict=True)]
-        means = has_averaged_rows(model.scene.bodies[touching.body])
-        yield source, surface.shares(model, left, hats=means)
+        means = has_averaged_rows(geometry.bodies[touching.body])
+        yield source, surface.shares(geometry.partition, left, hats=means)
         chosen_before = [
             np.union1d(group, t) for group, t in zip(chosen, chosen_before, strict=True)
         ]

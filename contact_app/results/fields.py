@@ -88,7 +88,7 @@ def node_fields(model: Model, solution: Solution) -> NodeFields:
     located = np.zeros((size, 3))
     located[place] = points
 
-    surface = SurfaceNodes.of(model)
+    surface = SurfaceNodes.of(model.partition)
     forces = contact_forces(model, solution, surface)
     pressure, smoothed = np.zeros((2, size))
     pressure[forces.nodes - exchange.first] = forces.pressure

@@ -15,7 +15,7 @@ from collections.abc import Iterable
 
 import numpy as np
 
-from contact_app.model.model import Model
+from contact_app.model.geometry import Geometry
 from contact_app.model.normal_forces import NormalForces
 from contact_app.model.rigid import RigidUnknowns, slips_of_held
 from contact_app.scene.rigid import RigidBodies
@@ -78,7 +78,7 @@ def _works(problem: DualProblem, solution: Solution) -> Array:
     return points.dots(points.forces(solution.multiplier), points.slips(residual))
 
 
-def approach_of_held(model: Model, before: RigidBodies | None) -> Array:
+def approach_of_held(geometry: Geometry, problem: DualProblem, before: RigidBodies | None) -> Array:
     """Sum (dual,) with which penetrations are those before held rigid bodies moved, zero elsewhere.
 
     Parameters
@@ -86,10 +86,10 @@ def approach_of_held(model: Model, before: RigidBodies | None) -> Array:
     before
         The rigid bodies as they were loaded before; None without load.
     """
-    problem, added = model.problem, np.zeros(model.problem.size)
-    if model.scene.rigid.bodies:
-        unknowns = RigidUnknowns.of(model.geometry)
-        of_rows = slips_of_held(problem.contact, unknowns, model.scene.contacts, before)
+    added = np.zeros(problem.size)
+    if geometry.rigid.bodies:
+        unknowns = RigidUnknowns.of(geometry)
+        of_rows = slips_of_held(problem.contact, unknowns, geometry.contacts, before)
         added[problem.inequality] = of_rows * problem.spread[problem.inequality]
     return added
 

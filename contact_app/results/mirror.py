@@ -13,7 +13,7 @@ import numpy as np
 from mpi4py import MPI
 from numpy.typing import NDArray
 
-from contact_app.model.model import Model
+from contact_app.model.geometry import Geometry
 from contact_app.model.planes import on_planes, subsets
 from contact_app.results.fields import NodeFields
 from contact_app.scene.obstacles import SHAPES
@@ -86,10 +86,10 @@ class FullMesh:
     """Number of nodes of the whole for each node that this rank owns."""
 
 
-def full_mesh(model: Model, nodes: NodeFields) -> FullMesh:
+def full_mesh(geometry: Geometry, nodes: NodeFields) -> FullMesh:
     """Number the nodes of the whole (collective)."""
-    comm, mirrors = model.comm, model.scene.mirrors
-    on = on_planes(model.scene.bodies, model.scene.mirrors, nodes.points)
+    comm, mirrors = geometry.comm, geometry.mirrors
+    on = on_planes(geometry.bodies, geometry.mirrors, nodes.points)
     images: dict[tuple[int, ...], Image] = {}
     total = 0
     for subset in subsets(len(mirrors)):
@@ -105,7 +105,7 @@ def full_mesh(model: Model, nodes: NodeFields) -> FullMesh:
         images[subset] = Image(chosen, numbers, new, first)
         total += comm.allreduce(count, op=MPI.SUM)
     weight = np.sum([image.new for image in images.values()], axis=0)
-    cells = model.partition.cells * len(images)
+    cells = geometry.partition.cells * len(images)
     return FullMesh(tuple(images.values()), total, cells, weight)
 
 
@@ -119,25 +119,25 @@ def _turned(cell: str, degree: int) -> list[int]:
     return [nodes.index(frozenset(vertices[v] for v in on)) for on in nodes]
 
 
-def whole_summary(summary: dict[str, Any], model: Model, nodes: NodeFields) -> dict[str, Any]:
+def whole_summary(summary: dict[str, Any], geometry: Geometry, nodes: NodeFields) -> dict[str, Any]:
     """`summary.json` of the whole, from that of the solved part (collective).
 
     `decomposition` and `active_contacts` are those of the solved part.
     """
-    comm, d, whole = model.comm, model.scene.dimension, full_mesh(model, nodes)
+    comm, d, whole = geometry.comm, geometry.dimension, full_mesh(geometry, nodes)
     copies = len(whole.images)
     magnitude = np.linalg.norm(nodes.displacement, axis=1)
     mean = comm.allreduce(float(whole.weight @ magnitude)) / whole.nodes
     factor = np.full(3, float(copies))
-    factor[[m.axis for m in model.scene.mirrors]] = 0.0
+    factor[[m.axis for m in geometry.mirrors]] = 0.0
     solution = {
         **summary["solution"],
         "energy": copies * summary["solution"]["energy"],
         "mean_displacement": mean,
         "contact_force": _times(summary["solution"]["contact_force"], factor),
-        "pair_forces": _pair_forces(summary["solution"]["pair_forces"], model.scene.mirrors),
+        "pair_forces": _pair_forces(summary["solution"]["pair_forces"], geometry.mirrors),
     }
-    planes = [f"{'xyz'[m.axis]} = {m.at:g}" for m in model.scene.mirrors]
+    planes = [f"{'xyz'[m.axis]} = {m.at:g}" for m in geometry.mirrors]
     return {
         **summary,
         "mesh": {"cells": whole.cells, "nodes": whole.nodes, "dofs": whole.nodes * d},

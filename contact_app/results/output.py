@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from contact_app.model.geometry import Geometry
 from contact_app.model.model import Model
 from contact_app.results.contacts import ContactsOfWhole
 from contact_app.results.fields import CELL_FIELDS, POINT_FIELDS, CellFields, NodeFields, slabs
@@ -47,7 +48,7 @@ def write_fields(
     files = [directory / name for name in file_names(model.scene.output)]
     if not files:
         return files
-    nodes, cells, whole = fields.nodes, fields.cells, full_mesh(model, fields.nodes)
+    nodes, cells, whole = fields.nodes, fields.cells, full_mesh(model.geometry, fields.nodes)
     wanted = wanted_fields(model.scene.output, model.scene.has_friction)
     point_fields = {name: getattr(nodes, name) for name in POINT_FIELDS if name in wanted}
     point_fields |= fields.nodal
@@ -93,7 +94,7 @@ def write_grid(
     series
         As in `write_fields`.
     """
-    partition, comm, whole = model.partition, model.comm, full_mesh(model, nodes)
+    partition, comm, whole = model.partition, model.comm, full_mesh(model.geometry, nodes)
     first_cell = int(partition.cell_starts[0]) if len(partition.cell_starts) else 0
     with ExitStack() as stack:
         writers: list[XDMFWriter | VTUWriter] = []
@@ -101,7 +102,7 @@ def write_grid(
             of_image = {name: values[image.new] for name, values in at_nodes(image).items()}
             if comm.rank == 0 and not writers:
                 names = tuple(of_image), tuple(cell_fields)
-                for opened in _writers(model, files, whole, names, size, series):
+                for opened in _writers(model.geometry, files, whole, names, size, series):
                     stack.enter_context(opened)
                     writers.append(opened)
             points = image.points(nodes.points)[image.new]
@@ -122,7 +123,7 @@ def write_grid(
 
 
 def _writers(
-    model: Model,
+    geometry: Geometry,
     files: Sequence[Path],
     whole: FullMesh,
     names: tuple[tuple[str, ...], tuple[str, ...]],
@@ -130,10 +131,10 @@ def _writers(
     series: Series | None,
 ) -> "Iterator[XDMFWriter | VTUWriter]":
     """The writer of each file; `names` has the fields at nodes and in cells."""
-    counts = np.diff(model.partition.first_cell)
+    counts = np.diff(geometry.partition.first_cell)
     runs = [
         (cell_type_name(b.mesh.cell, b.degree), int(n))
-        for b, n in zip(model.scene.bodies, counts, strict=True)
+        for b, n in zip(geometry.bodies, counts, strict=True)
     ] * len(whole.images)
     for path in files:
         if path.suffix == ".xdmf":

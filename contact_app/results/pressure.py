@@ -11,11 +11,12 @@ from numpy.typing import NDArray
 
 from contact_app.model.averaged_rows import has_averaged_rows
 from contact_app.model.boundaries import boundary_nodes
+from contact_app.model.geometry import Geometry
 from contact_app.model.model import Model
 from contact_app.model.planes import on_planes
 from contact_app.results.contact_side import ContactSide
 from contact_app.results.division import ContactLoads, contact_loads
-from contact_app.results.smoothed_pressure import smoothed_pressure
+from contact_app.results.smoothed_pressure import smoothed_pressure, symmetry_planes
 from contact_app.results.surface_nodes import SurfaceNodes, facet_shares
 from contact_app.scene.conditions import BodyContact, Contact, RigidTie, Tie
 from meshes.arrays import Array, Ints, Mask
@@ -101,20 +102,20 @@ def _in_contact(
     model: Model, surface: SurfaceNodes, loads: ContactLoads, number: int
 ) -> tuple[NodesInContact, int]:
     """One contact at its nodes, and the number of its rows with force but no area (collective)."""
-    touching = model.scene.touching[number]
-    at_nodes = isinstance(touching, Contact) and not has_averaged_rows(
-        model.scene.bodies[touching.body]
-    )
-    side = side_of(model, surface, touching)
-    on = _on_boundary(model, surface, touching, side) if at_nodes else side.facets_of_node > 0.0
+    geometry, touching = model.geometry, model.geometry.touching[number]
+    body = geometry.bodies[touching.body]
+    at_nodes = isinstance(touching, Contact) and not has_averaged_rows(body)
+    side = side_of(geometry, surface, touching)
+    on = _on_boundary(geometry, surface, touching, side) if at_nodes else side.facets_of_node > 0.0
     carriers = on if at_nodes else side.areas > 0.0
-    between, folded = isinstance(touching, BodyContact), _folded(model, touching, side.points)
+    between, folded = isinstance(touching, BodyContact), _folded(geometry, touching, side.points)
     of_owned, covered, lost = nodes_of_side(
         side, loads, number, (at_nodes, between, folded), carriers
     )
     nodes = NodesInContact(**{name: values[on] for name, values in vars(of_owned).items()})
     fitted = nodes.pressure, nodes.shares, covered[on]
-    smoothed = smoothed_pressure(model, number, nodes.nodes, fitted)
+    planes = symmetry_planes(geometry, model.scene.displacements, number)
+    smoothed = smoothed_pressure(geometry, number, planes, nodes.nodes, fitted)
     return replace(nodes, smoothed=smoothed), lost
 
 
@@ -196,41 +197,41 @@ def node_gaps(model: Model, solution: Solution, surface: SurfaceNodes, far: Arra
         np.fmin.at(part, at[of_contact], distance[of_contact])
         at_nodes = model.comm.allreduce(int(np.isnan(areas[of_contact]).sum()))
         if scene.bodies[touching.body].degree == 2 and not at_nodes:
-            part = side_of(model, surface, touching).at_all_nodes(part)
+            part = side_of(model.geometry, surface, touching).at_all_nodes(part)
         gap = np.fmin(gap, part)
     return gap
 
 
 def boundary_shares(
-    model: Model, surface: SurfaceNodes, touching: Contact | BodyContact | RigidTie
+    geometry: Geometry, surface: SurfaceNodes, touching: Contact | BodyContact | RigidTie
 ) -> Array:
     """∫ φ_k over the boundary of a contact at the owned surface nodes, (owned,) (collective)."""
-    chosen = model.geometry.facets_of(touching.body, touching.boundary)
-    return surface.shares(model, chosen)
+    chosen = geometry.facets_of(touching.body, touching.boundary)
+    return surface.shares(geometry.partition, chosen)
 
 
 def side_of(
-    model: Model, surface: SurfaceNodes, touching: Contact | BodyContact | Tie
+    geometry: Geometry, surface: SurfaceNodes, touching: Contact | BodyContact | Tie
 ) -> ContactSide:
     """The `on` side of a contact or of a tie of two bodies (collective)."""
     points, facets = np.zeros((surface.starts[-1], 3)), []
-    chosen = model.geometry.facets_of(touching.body, touching.boundary)
-    for s, rows, nodes, share in facet_shares(model, surface, chosen):
+    chosen = geometry.facets_of(touching.body, touching.boundary)
+    for s, rows, nodes, share in facet_shares(geometry.partition, surface, chosen):
         points[nodes] = s.points()[s.reference.facets[rows]]
         facets.append((nodes, share))
     return ContactSide(
-        model.scene.bodies[touching.body].degree, model.scene.dimension, facets, points,
+        geometry.bodies[touching.body].degree, geometry.dimension, facets, points,
         surface.owned, surface.exchange, surface.sums, surface.copies,
     )  # fmt: skip
 
 
 def _on_boundary(
-    model: Model, surface: SurfaceNodes, touching: Contact | BodyContact, side: ContactSide
+    geometry: Geometry, surface: SurfaceNodes, touching: Contact | BodyContact, side: ContactSide
 ) -> Mask:
     """Mask (owned,) of the nodes on a boundary, with those on no whole facet of it (collective)."""
-    body, marks = model.scene.bodies[touching.body], np.zeros(surface.starts[-1])
+    body, marks = geometry.bodies[touching.body], np.zeros(surface.starts[-1])
     for start, s, local in zip(
-        surface.starts, model.partition.subdomains, surface.local, strict=False
+        surface.starts, geometry.partition.subdomains, surface.local, strict=False
     ):
         if s.body == touching.body:
             chosen = boundary_nodes(s, body, touching.boundary)
@@ -238,12 +239,11 @@ def _on_boundary(
     return (side.facets_of_node > 0.0) | (surface.sums(marks) > 0.0)
 
 
-def _folded(model: Model, touching: Contact | BodyContact, points: Array) -> Mask:
+def _folded(geometry: Geometry, touching: Contact | BodyContact, points: Array) -> Mask:
     """Mask (3, n) of points on planes of symmetry at which a boundary goes on in its image."""
     folded = np.zeros((3, len(points)), bool)
-    scene = model.scene
-    planes = on_planes(scene.bodies, scene.mirrors, points)
-    for mirror, on in zip(scene.mirrors, planes, strict=True):
+    planes = on_planes(geometry.bodies, geometry.mirrors, points)
+    for mirror, on in zip(geometry.mirrors, planes, strict=True):
         if touching.source not in dict(mirror.partners):  # else it ends at the plane
             folded[mirror.axis] = on
     return folded

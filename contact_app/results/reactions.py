@@ -40,7 +40,7 @@ def reaction_records(model: Model, solution: Solution, nodes: NodeFields) -> lis
     of_solved_part = dict(zip(
         (c.source for c in scene.displacements), _reactions(model, solution, nodes), strict=True
     ))  # fmt: skip
-    images, records = full_mesh(model, nodes).images, []
+    images, records = full_mesh(model.geometry, nodes).images, []
     for source, on in scene.condition_names:
         pieces = [
             of_solved_part[origin].image(image)

@@ -9,26 +9,28 @@ from typing import Any
 
 import numpy as np
 
+from contact_app.model.geometry import Geometry
 from contact_app.model.model import Model
 from contact_app.model.rigid import RigidUnknowns
 from contact_app.results.fields import NodeFields
 from contact_app.scene.rigid import Placement, RigidBodies, RigidMotion
 from meshes.arrays import Array
 from solver.contact.solution import Solution
+from solver.tfeti.dual import DualProblem
 
 
-def placements_of(model: Model, solution: Solution) -> list[Placement]:
+def placements_of(geometry: Geometry, problem: DualProblem, solution: Solution) -> list[Placement]:
     """Placement of each rigid body after its displacement by an answer (collective)."""
-    scene, comm, d = model.scene, model.comm, model.scene.dimension
-    unknowns = RigidUnknowns.of(model.geometry)
+    comm, rigid, unknowns = geometry.comm, geometry.rigid, RigidUnknowns.of(geometry)
     on_rank = [
         u[: len(unknowns.units), 0] / unknowns.units
-        for cls, u in zip(model.problem.classes, solution.displacements, strict=True)
+        for cls, u in zip(problem.classes, solution.displacements, strict=True)
         if cls.rigid
     ]
     moved: list[Array] = comm.bcast(on_rank, root=comm.size - 1)
-    motions = dict(zip(scene.moving, moved, strict=True))
-    held = [scene.rigid.held(k)[1] for k in range(len(scene.rigid.bodies))]
+    motions = dict(zip(rigid.moving, moved, strict=True))
+    held = [rigid.held(k)[1] for k in range(len(rigid.bodies))]
+    d = geometry.dimension
     return [Placement.of(motions.get(k, values), d) for k, values in enumerate(held)]
 
 
@@ -49,7 +51,7 @@ def rigid_records(
         Records of the tied boundaries, as `tie_records` makes them.
     """
     scene, d = model.scene, model.scene.dimension
-    places = placements_of(model, solution)
+    places = placements_of(model.geometry, model.problem, solution)
     records = {}
     for body, place in zip(scene.rigid.bodies, places, strict=True):
         records[body.name] = {
@@ -60,7 +62,7 @@ def rigid_records(
         np.array(body.center) + np.array(place.displacement)
         for body, place in zip(scene.rigid.bodies, places, strict=True)
     ]
-    forces = [_on_rigid(model, nodes, k, point) for k, point in enumerate(points)]
+    forces = [_on_rigid(model.geometry, nodes, k, point) for k, point in enumerate(points)]
     for tie, record in zip(scene.rigid_ties, ties[len(scene.ties) :], strict=True):
         forces[tie.rigid] -= _about(record, points[tie.rigid])
     moved = {
@@ -86,15 +88,15 @@ def _about(record: dict[str, Any], point: Array) -> Array:
     return np.concatenate([force, moment + np.cross(np.array(record["point"]) - point, force)])
 
 
-def _on_rigid(model: Model, nodes: NodeFields, number: int, point: Array) -> Array:
+def _on_rigid(geometry: Geometry, nodes: NodeFields, number: int, point: Array) -> Array:
     """Force, and moment about a point, of all contacts on a rigid body, (6,) (collective)."""
     total = np.zeros(6)
-    for touching, contact in zip(model.scene.touching, nodes.contacts, strict=True):
+    for touching, contact in zip(geometry.touching, nodes.contacts, strict=True):
         if getattr(touching, "rigid", None) == number:
             arm = nodes.points[contact.nodes - nodes.first] - point
             turned = np.cross(arm, contact.forces) + contact.moments
             total -= np.concatenate([contact.forces.sum(axis=0), turned.sum(axis=0)])
-    return np.asarray(model.comm.allreduce(total))
+    return np.asarray(geometry.comm.allreduce(total))
 
 
 def _reaction(

@@ -41,7 +41,7 @@ from solver.contact.solution import Solution
 
 def section_records(model: Model, solution: Solution, nodes: NodeFields) -> dict[str, Any]:
     """`sections` of ``summary.json``, by name (collective)."""
-    images = {image.mirrors: image for image in full_mesh(model, nodes).images}
+    images = {image.mirrors: image for image in full_mesh(model.geometry, nodes).images}
     outer = _outer_forces(model, solution, nodes)
     pieces: dict[str, list[Resultant]] = {}
     for piece in model.sections:

@@ -51,10 +51,10 @@ from scipy.spatial import cKDTree
 
 from contact_app.model.averaged_rows import has_averaged_rows
 from contact_app.model.boundaries import boundary_nodes
-from contact_app.model.model import Model
+from contact_app.model.geometry import Geometry
 from contact_app.model.planes import ON_PLANE
 from contact_app.scene.bodies import Body
-from contact_app.scene.conditions import BodyContact, Contact, RigidTie, Tie
+from contact_app.scene.conditions import BodyContact, Contact, DisplacementCondition, RigidTie, Tie
 from meshes.arrays import Array, Ints
 from meshes.contact_surface import Surface
 from meshes.pseudo_inverses import pseudo_inverses
@@ -89,7 +89,11 @@ out of the surface. One-sided neighbourhoods, at the ends, have a quarter of the
 
 
 def smoothed_pressure(
-    model: Model, number: int, nodes: Ints, samples: tuple[Array, Array, Array]
+    geometry: Geometry,
+    number: int,
+    planes: Sequence[tuple[int, float]],
+    nodes: Ints,
+    samples: tuple[Array, Array, Array],
 ) -> Array:
     """The smoothed pressure of a contact of a scene at its nodes that this rank owns, (n,).
 
@@ -98,34 +102,37 @@ def smoothed_pressure(
     Parameters
     ----------
     number
-        As `Scene.touching` counts.
+        As `Geometry.touching` counts.
+    planes
+        As `symmetry_planes` finds them.
     samples : (n,), (n,), (n,)
         Pressure at these nodes, integrals of their shape functions, and covered shares.
     """
-    touching = model.scene.touching[number]
-    surface, planes = model.geometry.boundary_surface, symmetry_planes(model, number)
+    touching, surface = geometry.touching[number], geometry.boundary_surface
     sides = [surface(touching.body, touching.boundary)]
     if isinstance(touching, BodyContact):
         sides.append(surface(touching.other, touching.other_boundary))
     at_nodes = isinstance(touching, Contact) and not has_averaged_rows(
-        model.scene.bodies[touching.body]
+        geometry.bodies[touching.body]
     )
-    total = model.partition.nodes
-    stiff = any(_has_stiff_corners(model.scene.bodies[k]) for k in _bodies(touching))
+    total = geometry.partition.nodes
+    stiff = any(_has_stiff_corners(geometry.bodies[k]) for k in _bodies(touching))
     weighted = [(*plane, AT_PLANE if stiff else 1.0) for plane in planes]
-    return smoothed_on(model.comm, sides, (nodes, *samples), total, at_nodes, weighted)
+    return smoothed_on(geometry.comm, sides, (nodes, *samples), total, at_nodes, weighted)
 
 
-def symmetry_planes(model: Model, number: int) -> list[tuple[int, float]]:
+def symmetry_planes(
+    geometry: Geometry, displacements: Sequence[DisplacementCondition], number: int
+) -> list[tuple[int, float]]:
     """Axis and place of the planes along which the bodies of a contact slide (collective).
 
     Parameters
     ----------
     number
-        As `Scene.touching` counts.
+        As `Geometry.touching` counts.
     """
-    planes = [_planes(model, body) for body in _bodies(model.scene.touching[number])]
-    return sorted(set.intersection(*planes))
+    bodies = _bodies(geometry.touching[number])
+    return sorted(set.intersection(*(_planes(geometry, displacements, k) for k in bodies)))
 
 
 def _bodies(touching: Contact | BodyContact) -> list[int]:
@@ -184,7 +191,9 @@ def smoothed_on(
     return result * (before / after) if after > 0.0 else pressure
 
 
-def smoothed_tractions(model: Model, tie: Tie | RigidTie, nodes: Ints, tractions: Array) -> Array:
+def smoothed_tractions(
+    geometry: Geometry, tie: Tie | RigidTie, nodes: Ints, tractions: Array
+) -> Array:
     """Quadratics fitted to the tractions of a tied boundary, (n, 3) (collective).
 
     A scene with tied boundaries is not cut at planes of symmetry, so there are no images.
@@ -194,9 +203,9 @@ def smoothed_tractions(model: Model, tie: Tie | RigidTie, nodes: Ints, tractions
     nodes, tractions : (n,), (n, 3)
         Nodes with a traction that this rank owns.
     """
-    surface = model.geometry.boundary_surface
+    surface = geometry.boundary_surface
     side = surface(tie.body, tie.boundary)
-    parts = model.comm.allgather((nodes, tractions))
+    parts = geometry.comm.allgather((nodes, tractions))
     at, values = (np.concatenate(part) for part in zip(*parts, strict=True))
     if side is None or len(at) == 0:
         return tractions
@@ -217,22 +226,24 @@ def _places(numbers: Ints, wanted: Ints) -> Ints:
     return np.where(numbers[order][place] == wanted, order[place], -1)
 
 
-def _planes(model: Model, body: int) -> set[tuple[int, float]]:
+def _planes(
+    geometry: Geometry, displacements: Sequence[DisplacementCondition], body: int
+) -> set[tuple[int, float]]:
     """Axis and place of planes along which a body slides by its displacement conditions.
 
     Collective.
     """
-    scene, planes, size = model.scene, set(), model.geometry.length
-    for condition in scene.displacements:
+    planes, size = set(), geometry.length
+    for condition in displacements:
         held = [axis for axis, value in enumerate(condition.values) if value is not None]
         if condition.body != body or len(held) != 1 or condition.values[held[0]] != 0.0:
             continue
         places = [
-            s.points()[boundary_nodes(s, scene.bodies[body], condition.boundary), held[0]]
-            for s in model.partition.subdomains
+            s.points()[boundary_nodes(s, geometry.bodies[body], condition.boundary), held[0]]
+            for s in geometry.partition.subdomains
             if s.body == body
         ]
-        gathered = np.concatenate(model.comm.allgather(np.concatenate([np.zeros(0), *places])))
+        gathered = np.concatenate(geometry.comm.allgather(np.concatenate([np.zeros(0), *places])))
         if len(gathered) and np.ptp(gathered) <= ON_PLANE * size:
             planes.add((held[0], round(float(gathered[0]) / size, 9) * size))
     return planes

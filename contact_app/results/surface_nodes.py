@@ -11,8 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from contact_app.model.facets import hats_at_nodes, moments
-from contact_app.model.model import Model
-from meshes import Subdomain
+from meshes import Partition, Subdomain
 from meshes.arrays import Array, Ints
 from solver.exchange import NodeExchange
 
@@ -31,12 +30,12 @@ class SurfaceNodes:
     """Row in `owned` of each copy that arrives."""
 
     @classmethod
-    def of(cls, model: Model) -> "SurfaceNodes":
+    def of(cls, partition: Partition) -> "SurfaceNodes":
         """Find them (collective)."""
-        subdomains = model.partition.subdomains
+        subdomains = partition.subdomains
         local = [np.unique(s.reference.facets[s.exterior]).astype(np.int64) for s in subdomains]
         numbers = [s.nodes[nodes] for s, nodes in zip(subdomains, local, strict=True)]
-        exchange = NodeExchange(model.comm, np.concatenate(numbers), model.partition.nodes)
+        exchange = NodeExchange(partition.comm, np.concatenate(numbers), partition.nodes)
         owned, place = np.unique(exchange.nodes, return_inverse=True)
         return cls(local, exchange, owned, place.reshape(-1))
 
@@ -55,7 +54,7 @@ class SurfaceNodes:
         return self.exchange.from_owners(values[self.place])
 
     def shares(
-        self, model: Model, chosen: Sequence[NDArray[np.int32]], hats: bool = False
+        self, partition: Partition, chosen: Sequence[NDArray[np.int32]], hats: bool = False
     ) -> Array:
         """∫ φ_k over chosen facets, (owned,) (collective).
 
@@ -67,16 +66,16 @@ class SurfaceNodes:
             Whether the integrals are those of the hat functions of vertices.
         """
         sums = np.zeros(self.starts[-1])
-        for _, _, nodes, share in facet_shares(model, self, chosen):
+        for _, _, nodes, share in facet_shares(partition, self, chosen):
             if hats:
-                share = share @ hats_at_nodes(model.scene.dimension, nodes.shape[1]).T
+                share = share @ hats_at_nodes(partition.dimension, nodes.shape[1]).T
                 nodes = nodes[:, : share.shape[1]]
             np.add.at(sums, nodes, share)
         return self.sums(sums)
 
 
 def facet_shares(
-    model: Model, surface: SurfaceNodes, chosen: Sequence[NDArray[np.int32]]
+    partition: Partition, surface: SurfaceNodes, chosen: Sequence[NDArray[np.int32]]
 ) -> Iterator[tuple[Subdomain, NDArray[np.int32], Ints, Array]]:
     """Nodes of some facets and the integrals of their shape functions, subdomain by subdomain.
 
@@ -95,12 +94,12 @@ def facet_shares(
     """
     cache: dict[tuple[int, bytes], Array] = {}
     starts = surface.starts
-    for local, (s, rows) in enumerate(zip(model.partition.subdomains, chosen, strict=True)):
+    for local, (s, rows) in enumerate(zip(partition.subdomains, chosen, strict=True)):
         if len(rows) == 0:
             continue
         facets = s.reference.facets[rows]
         key = (id(s.reference), rows.tobytes())
         if key not in cache:
             x = s.reference.points[facets]
-            cache[key] = moments(x, model.scene.dimension).sum(axis=1)
+            cache[key] = moments(x, partition.dimension).sum(axis=1)
         yield s, rows, starts[local] + np.searchsorted(surface.local[local], facets), cache[key]

@@ -52,7 +52,7 @@ def tie_records(model: Model, solution: Solution, surface: SurfaceNodes) -> list
         of_tie = np.flatnonzero(rows.sources == number)
         x, f, area = rows.points[of_tie], force[of_tie], rows.areas[of_tie]
         if isinstance(tie, RigidTie):
-            shares = boundary_shares(model, surface, tie)
+            shares = boundary_shares(model.geometry, surface, tie)
             area = np.maximum(shares[np.searchsorted(surface.owned, rows.nodes[of_tie])], 0.0)
         # each node has a row for each component, of one area unless its function was given away
         nodes, at = np.unique(rows.nodes[of_tie], return_inverse=True)
@@ -61,13 +61,13 @@ def tie_records(model: Model, solution: Solution, surface: SurfaceNodes) -> list
         tractions = np.zeros((len(nodes), 3))
         np.add.at(tractions, at.reshape(-1), f / np.maximum(area, 1e-300)[:, None])
         if isinstance(tie, Tie):
-            side = side_of(model, surface, tie)
+            side = side_of(model.geometry, surface, tie)
             tractions = _over_covered(side, rows.of(rows.sources == number), f, (nodes, tractions))
         some = size > WITHOUT * size.max(initial=0.0)
         if isinstance(tie, Tie) and side.degree == 1:
             some &= _is_covered(side, nodes, size)
         tractions = tractions[some]
-        smoothed = smoothed_tractions(model, tie, nodes[some], tractions)
+        smoothed = smoothed_tractions(model.geometry, tie, nodes[some], tractions)
         peaks = [float(np.linalg.norm(t, axis=1).max(initial=0.0)) for t in (tractions, smoothed)]
         sums = np.concatenate([
             [area.sum(), size.sum(), len(nodes)], area @ x, f.sum(axis=0),

@@ -27,7 +27,7 @@ from contact_app.model.equilibrium import (
     motion_size,
     upward,
 )
-from contact_app.model.model import Model
+from contact_app.model.geometry import Geometry
 from solver.contact.equilibrium import undetermined_motions
 from solver.contact.solution import Solution
 from solver.rigid_motions import MOTIONS
@@ -88,10 +88,12 @@ def play_warnings(motions: list[Undetermined], remedy: str) -> list[str]:
     ]
 
 
-def undetermined(model: Model, solution: Solution) -> list[Undetermined]:
+def undetermined(
+    geometry: Geometry, problem: DualProblem, solution: Solution
+) -> list[Undetermined]:
     """The motions that an answer leaves open (collective)."""
-    motions_of = partial(contact_motions, model.geometry)
-    return undetermined_of(model.problem, solution, motions_of, Movable.of(model))
+    motions_of = partial(contact_motions, geometry)
+    return undetermined_of(problem, solution, motions_of, Movable.of(geometry))
 
 
 @dataclass(frozen=True, eq=False)
@@ -105,9 +107,8 @@ class Movable:
     """Largest displacement of a body, by its number, in a rigid motion (motions,)."""
 
     @classmethod
-    def of(cls, model: Model) -> "Movable":
+    def of(cls, geometry: Geometry) -> "Movable":
         """The bodies of a scene."""
-        geometry = model.geometry
         size_of = partial(motion_size, geometry.bodies)
         return cls(groups_in_contact(geometry), geometry.body_names, size_of)
 

@@ -257,7 +257,7 @@ def _answer(solved: SolvedScene, summary: dict[str, Any]) -> Answer:
     """The answer with the arrays of all mirror images."""
     nodes, cells, model = solved.nodes, solved.cells, solved.model
     nodal = solved.nodal or nodal_stresses(model, solved.solution, ErrorEstimator(model))
-    images, rough = full_mesh(model, nodes).images, model.scene.has_friction
+    images, rough = full_mesh(model.geometry, nodes).images, model.scene.has_friction
 
     def at_nodes(values: Array, name: str = "") -> Array:
         """Values at the nodes of all images; a vector or stress is reflected, given its name."""

@@ -28,6 +28,7 @@ from meshes.arrays import Array
 from solver.backend import SharedPlace
 from solver.contact.solution import Guess, Solution
 from solver.tfeti.constraints.matrix import ConstraintMatrix
+from solver.tfeti.dual import DualProblem
 
 FAR = 0.7
 """‖d - Σ a_k d_k‖ over ‖d‖ above which no earlier case is used as initial guess."""
@@ -189,31 +190,30 @@ class CaseModels:
             self._patches = Patches.of(self._model)
         return ErrorEstimator(model, self._patches)
 
-    def add(self, model: Model, solution: Solution) -> None:
+    def add(self, problem: DualProblem, solution: Solution) -> None:
         """Store the answer of a case as initial guess for later ones."""
-        problem = model.problem
         self._earlier.append(
             _Earlier(problem.B, problem.effect_of_loads, solution.multiplier, problem.c)
         )
 
-    def is_near_last(self, model: Model) -> bool:
+    def is_near_last(self, problem: DualProblem) -> bool:
         """Whether the loads are near those of the last answer, by `FAR` (collective)."""
-        if not self._earlier or self._earlier[-1].B is not model.problem.B:
+        if not self._earlier or self._earlier[-1].B is not problem.B:
             return False
-        effect, last = model.problem.effect_of_loads, self._earlier[-1].effect
+        effect, last = problem.effect_of_loads, self._earlier[-1].effect
         vectors = effect - last, effect, last
         change, *squares = self._comm.allreduce(np.array([v @ v for v in vectors]))
         return bool(change <= FAR**2 * max(squares))
 
-    def change_of_loads(self, model: Model) -> float | None:
+    def change_of_loads(self, problem: DualProblem) -> float | None:
         """Change of the loads since the last answer, over the change before (collective).
 
         None if it is not along that change.
         """
         earlier = self._earlier[-2:]
-        if len(earlier) < 2 or any(e.B is not model.problem.B for e in earlier):
+        if len(earlier) < 2 or any(e.B is not problem.B for e in earlier):
             return None
-        before, change = earlier[1].effect - earlier[0].effect, model.problem.effect_of_loads
+        before, change = earlier[1].effect - earlier[0].effect, problem.effect_of_loads
         change = change - earlier[1].effect
         vectors = np.array([before, change])
         (old, inner), (_, new) = self._comm.allreduce(vectors @ vectors.T)

@@ -67,7 +67,7 @@ def solved_cases(
             start=models,
             cases=models,
         )
-        models.add(solved.model, solved.solution)
+        models.add(solved.model.problem, solved.solution)
         yield solved
 
 

@@ -16,13 +16,13 @@ from mpi4py import MPI
 
 from contact_app.errors import CouldNotRunError
 from contact_app.machine.memory import available_bytes, needed_bytes
-from contact_app.model.model import Model
 from contact_app.scene.bodies import Body
 from contact_app.scene.scene import Decomposition
 from solver import Counts, Reason
 from solver.contact.solution import Solution
 from solver.driver import ROUNDED_AWAY
 from solver.errors import QPError, UnboundedError
+from solver.tfeti.dual import DualProblem
 from solver.tfeti.friction_share import may_hold
 
 STEPS = 10
@@ -79,7 +79,7 @@ def failure_text(error: Exception) -> str:
     return ROUNDED_AWAY if isinstance(error, UnboundedError) else f"{error}."
 
 
-def is_final(model: Model, solution: Solution, max_iterations: int) -> bool:
+def is_final(problem: DualProblem, solution: Solution, max_iterations: int) -> bool:
     """Whether to try no other method (collective).
 
     This holds if the answer is certified, if friction at its contact forces does not hold a body,
@@ -90,8 +90,8 @@ def is_final(model: Model, solution: Solution, max_iterations: int) -> bool:
     if solution.converged or solution.reason is Reason.STOPPED:
         return True
     if solution.reason is Reason.SLIDES:
-        return not may_hold(model.problem, solution)
-    rows = model.comm.allreduce(model.problem.size)
+        return not may_hold(problem, solution)
+    rows = problem.comm.allreduce(problem.size)
     return solution.reason is Reason.MAX_ITERATIONS and max_iterations < STEPS * rows
 
 

@@ -16,6 +16,7 @@ from contact_app.accuracy.estimate.error_estimate import ErrorEstimator
 from contact_app.accuracy.solved_scene import SolvedScene
 from contact_app.machine.timings import Timings
 from contact_app.model.candidates import Needed
+from contact_app.model.geometry import Geometry
 from contact_app.model.method import is_undecomposed, with_chosen_method
 from contact_app.model.model import Model
 from contact_app.model.normal_forces import NormalForces
@@ -31,6 +32,7 @@ from meshes.arrays import Array
 from solver.contact.options import SolverOptions
 from solver.contact.solution import Guess
 from solver.tfeti.derived import beside_moved
+from solver.tfeti.dual import DualProblem
 
 Displacements = list[Array]
 """One (n, members) array per class."""
@@ -107,7 +109,7 @@ class IncrementModels:
             problem = problem.with_least_motion_from(begin)
         if self._rough and begin is not None:
             problem = problem.with_slip_from(begin)
-            moved = self._moved(model)
+            moved = self._moved(model.geometry, problem)
             problem = problem if moved is None else beside_moved(problem, moved)
         return replace(model, problem=problem, pressed_before=self._pressed)
 
@@ -116,19 +118,19 @@ class IncrementModels:
         """The rigid bodies under the loads of the last increment; None before the first."""
         return None if self._last is None else self._last.rigid
 
-    def _moved(self, model: Model) -> Array | None:
+    def _moved(self, geometry: Geometry, problem: DualProblem) -> Array | None:
         """Slips (dual,) from held components of rigid bodies in this increment."""
-        problem, friction = model.problem, model.problem.shared.friction
-        if not model.scene.rigid.bodies:
+        rows, before = problem.shared.friction.rows, self._rigid_before
+        if not geometry.rigid.bodies:
             return None
-        unknowns, moved = RigidUnknowns.of(model.geometry), np.zeros(problem.size)
-        added = slips_of_held(friction.rows, unknowns, model.scene.contacts, self._rigid_before)
+        unknowns, moved = RigidUnknowns.of(geometry), np.zeros(problem.size)
+        added = slips_of_held(rows, unknowns, geometry.contacts, before)
         moved[problem.tangential] = added * problem.spread[problem.tangential]
         return moved
 
     def approach(self, model: Model) -> Array:
         """Penetrations (dual,) that held components of rigid bodies add in the increment."""
-        return approach_of_held(model, self._rigid_before)
+        return approach_of_held(model.geometry, model.problem, self._rigid_before)
 
     def estimator(self, model: Model) -> ErrorEstimator:
         """The estimator of errors of answers to a model."""
@@ -179,7 +181,7 @@ class IncrementModels:
         self._pressed = NormalForces.of(problem, solved.solution)
         self._jumps = problem.jumps(displacements)
         self._store_order(solved.model, solved.solution.displacements)
-        self._models.add(solved.model, solved.solution)
+        self._models.add(problem, solved.solution)
 
     def _store_order(self, model: Model, displacements: Displacements) -> None:
         """Store the displacements of the nodes that this rank owns, and the order of classes."""
@@ -207,7 +209,8 @@ class IncrementModels:
         go on in the direction of the last increment, so does the answer. Slips are taken to be as
         long as in the last increment.
         """
-        follows = self._rough and not model.problem.factored and self._models.is_near_last(model)
+        problem = model.problem
+        follows = self._rough and not problem.factored and self._models.is_near_last(problem)
         near = self._extrapolated(model) if follows else self._models.on(model)
         if near is None and self._rows is not None:
             near = self._rows.on(model)
@@ -220,7 +223,7 @@ class IncrementModels:
 
         None if the loads change otherwise than before.
         """
-        share = self._models.change_of_loads(model)
+        share = self._models.change_of_loads(model.problem)
         if share is None or self._before is None or self._rows is None:
             return None
         last, before = self._rows.on(model), self._before.on(model)

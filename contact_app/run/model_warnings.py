@@ -101,7 +101,7 @@ def _large_deformations(answer: SolvedScene) -> list[str]:
 def _straight_edges(answer: SolvedScene) -> Iterator[str]:
     """Round boundaries whose straight edges are coarse beside displacements or gaps."""
     scene, moved = answer.model.scene, answer.solution.measures.deformations
-    distances = sagittas(answer.model, answer.nodes)
+    distances = sagittas(answer.model.geometry, answer.nodes)
     gaps = median_gaps(answer.model) if any(distances) else []
     for contact, sagitta, gap in zip(scene.contacts, distances, gaps, strict=False):
         body = scene.bodies[contact.body]
@@ -112,7 +112,7 @@ def _straight_edges(answer: SolvedScene) -> Iterator[str]:
 def _straight_facets(answer: SolvedScene) -> Iterator[str]:
     """Round bodies in contact through flat facets that are coarse for displacements or gaps."""
     scene, moved = answer.model.scene, answer.solution.measures.deformations
-    every = pair_distances(answer.model, answer.nodes)
+    every = pair_distances(answer.model.geometry, answer.nodes)
     is_off = any(distances.facets for distances in every)
     gaps = median_gaps(answer.model)[len(scene.contacts) :] if is_off else []
     for pair, distances, gap in zip(scene.pairs, every, gaps, strict=False):
@@ -294,7 +294,7 @@ def _closes_at_once(answer: SolvedScene) -> Iterator[str]:
     model = answer.model
     if not model.scene.has_friction or model.scene.in_step:
         return
-    approach = approach_of_held(model, None)
+    approach = approach_of_held(model.geometry, model.problem, None)
     changed = closing_points(model.problem, answer.solution, None, approach)
     remedy = "`steps` with several increments show how much this matters"
     yield texts.closing_at_once(*changed, "the unloaded state", remedy)
@@ -332,7 +332,9 @@ def _loaded_holds(answer: SolvedScene) -> Iterator[str]:
 def _plays(answer: SolvedScene) -> list[str]:
     """Bodies that can be moved without any change of energy and forces (collective)."""
     remedy = "a displacement condition, `hold` or friction"
-    return play_warnings(undetermined(answer.model, answer.solution), remedy)
+    model = answer.model
+    motions = undetermined(model.geometry, model.problem, answer.solution)
+    return play_warnings(motions, remedy)
 
 
 def _carried(answer: SolvedScene) -> Iterable[str]:
@@ -341,7 +343,7 @@ def _carried(answer: SolvedScene) -> Iterable[str]:
     if not solution.converged:
         return []
     motions_of = partial(contact_motions, model.geometry)
-    return carried(model.problem, solution, motions_of, Movable.of(model))
+    return carried(model.problem, solution, motions_of, Movable.of(model.geometry))
 
 
 def _yielding(answer: SolvedScene) -> list[str]:

@@ -20,7 +20,6 @@ from contact_app.accuracy.solved_scene import SolvedScene
 from contact_app.errors import NoEquilibriumError
 from contact_app.model.equilibrium import directions_in_words
 from contact_app.model.model import Model
-from contact_app.results.rigid import placements_of
 from contact_app.run.summary import warned
 from contact_app.scene.conditions import Contact
 from contact_app.scene.rigid import Placement, RigidBody
@@ -115,9 +114,7 @@ def placed_anew(solved: SolvedScene) -> list[Placement] | None:
         return None
     places = [
         replace(place, rotation=before.rotation)
-        for place, before in zip(
-            placements_of(solved.model, solved.solution), scene.rigid.placements, strict=True
-        )
+        for place, before in zip(solved.placements, scene.rigid.placements, strict=True)
     ]
     allowed = MISPLACED * solved.solution.tolerance
     return places if _misplaced(solved, places) > allowed else None
@@ -198,7 +195,8 @@ def moves_away(solved: SolvedScene) -> NoEquilibriumError:
 def never_placed(solved: SolvedScene) -> SolvedScene:
     """The last answer of rigid bodies whose positions still change; it is not certified."""
     certificate = replace(solved.solution.certificate, passed=False)
-    solved = replace(solved, solution=replace(solved.solution, certificate=certificate))
+    solution = replace(solved.solution, certificate=certificate)
+    solved = replace(solved, solution=solution, summary={})  # of the changed verdict
     text = (
         f"the positions of the rigid bodies still change after {2 * PLACINGS} solves, each from "
         f"the positions of the last answer; the last one moves {_last_moves(solved)}: the bodies "
@@ -211,7 +209,7 @@ def never_placed(solved: SolvedScene) -> SolvedScene:
 def _last_moves(solved: SolvedScene, verb: str = "") -> str:
     """Phrase with the rigid bodies that an answer moves, and their directions (collective)."""
     scene, d = solved.model.scene, solved.model.scene.dimension
-    after, before = placements_of(solved.model, solved.solution), scene.rigid.placements
+    after, before = solved.placements, scene.rigid.placements
     moved = np.array([after[k].components(d) - before[k].components(d) for k in scene.moving])
     largest = np.abs(moved).max()
     return " and ".join(

@@ -20,7 +20,6 @@ from contact_app.model.model import Model, build_model
 from contact_app.model.outline import Report
 from contact_app.results.fields import cell_fields, node_fields
 from contact_app.results.report import log
-from contact_app.results.rigid import placements_of
 from contact_app.run.communication import Communication
 from contact_app.run.fallback import FAILURES, NoAnswerError, failure_text
 from contact_app.run.model_warnings import model_warnings
@@ -255,9 +254,8 @@ def _solve_once(request: _Request) -> SolvedScene:
         nodal = nodal_stresses(model, solution, estimator) if output.xdmf or output.vtu else {}
         solved = SolvedScene(model, solution, nodes, cells, accuracy, timings, nodal, record)
         warnings = model_warnings(solved)
-        warnings += rotation_warnings(
-            model.scene.rigid.placements, model.scene.rigid.bodies, placements_of(model, solution)
-        )
+        rigid = model.scene.rigid
+        warnings += rotation_warnings(rigid.placements, rigid.bodies, solved.placements)
         warnings += filter(None, [slow_blas_warning()])
     return warned(solved, warnings)
 

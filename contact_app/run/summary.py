@@ -60,16 +60,18 @@ def summary_of(solved: SolvedScene) -> dict[str, Any]:
     if solved.communication is not None:
         summary["solver"]["communication_per_multiplication"] = solved.communication
     if solved.model.scene.mirrors:
-        return whole_summary(summary, solved.model, nodes)
+        return whole_summary(summary, solved.model.geometry, nodes)
     return summary
 
 
 def warned(solved: SolvedScene, texts: list[str]) -> SolvedScene:
-    """The answer with more warnings."""
+    """The answer with more warnings, in its summary, too; this is made once."""
+    summary = solved.summary or summary_of(solved)
     certificate = solved.solution.certificate
     certificate = replace(certificate, warnings=(*certificate.warnings, *texts))
-    solved = replace(solved, solution=replace(solved.solution, certificate=certificate))
-    return replace(solved, summary=summary_of(solved))
+    of_summary = {**summary["certificate"], "warnings": list(certificate.warnings)}
+    solution = replace(solved.solution, certificate=certificate)
+    return replace(solved, solution=solution, summary={**summary, "certificate": of_summary})
 
 
 def summary_of_solution(model: Model, solution: Solution) -> dict[str, Any]:

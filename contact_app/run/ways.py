@@ -197,4 +197,4 @@ def _ends(way: Way, answer: SolvedScene, limit: int) -> bool:
     impatient = way.patience is not None and way.patience < limit
     if impatient and answer.solution.reason is Reason.MAX_ITERATIONS:
         return answer.solution.converged
-    return is_final(answer.model, answer.solution, limit)
+    return is_final(answer.model.problem, answer.solution, limit)

@@ -262,7 +262,7 @@ class _Levels:
             return "the solver did not reach its tolerance"
         if self._files and len(self.levels) > 1:
             solved = assessed.solved
-            polygon = polygon_solved(solved.model, solution, solved.nodes)
+            polygon = polygon_solved(solved.model.geometry, solution, solved.nodes)
             if polygon:
                 return polygon
         if len(self.levels) >= self._most:

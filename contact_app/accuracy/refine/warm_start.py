@@ -88,11 +88,11 @@ def _interpolated(points: Array, values: Array, at: Array) -> Array:
 
 def _areas(model: Model) -> Array:
     """Area of each contact row on which its pressure acts: its own, or the share of its node."""
-    contact, surface = model.problem.contact, SurfaceNodes.of(model)
+    contact, surface = model.problem.contact, SurfaceNodes.of(model.partition)
     at = np.searchsorted(surface.owned, contact.nodes)
     areas = contact.areas.copy()
     for i, touching in enumerate(model.scene.touching):
-        shares = boundary_shares(model, surface, touching)
+        shares = boundary_shares(model.geometry, surface, touching)
         unknown = (contact.sources == i) & np.isnan(contact.areas)
         areas[unknown] = shares[at[unknown]]
     return areas

@@ -395,7 +395,7 @@ def test_undecomposed_bodies_give_the_same_answer(factors: str) -> None:
             task = Task(model.problem, StoppingRule(1e-9), inner)
             found = solve_by_multigrid(task, None, None, FACTORS[factors])
         assert found.converged, found.certificate
-        answers.append((found.measures.energy, placements_of(model, found)))
+        answers.append((found.measures.energy, placements_of(model.geometry, model.problem, found)))
     (energy, known), (ours, places) = answers
     assert ours == pytest.approx(energy, rel=1e-8)
     for place, other in zip(places, known, strict=True):
