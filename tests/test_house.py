@@ -123,7 +123,7 @@ MANY |= dict.fromkeys(
     (
         "solver.tfeti.constraints.rows:_Part.of", "meshes.box:split_regularly",
         "meshes.overlap:refuse_overlaps", "contact_app.forms.model:build_model",
-        "contact_app.forms.model:_subdomain", "contact_app.results.output:write_grid",
+        "contact_app.forms.model:_subdomain",
         "contact_app.studies.undecomposed:_contact_rows",
     ),
     "seven, which share no record yet",

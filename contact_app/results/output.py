@@ -7,7 +7,6 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -16,13 +15,11 @@ from contact_app.model.model import Model
 from contact_app.results.contacts import ContactsOfWhole
 from contact_app.results.fields import CELL_FIELDS, POINT_FIELDS, CellFields, NodeFields, slabs
 from contact_app.results.mirror import FullMesh, Image, full_mesh
-from contact_app.results.result_size import components, file_names, result_bytes, wanted_fields
+from contact_app.results.result_size import components, file_names, wanted_fields
 from contact_app.results.series import Series
-from contact_app.results.xdmf import XDMFWriter, cell_type_name
+from contact_app.results.vtu import VTUWriter
+from contact_app.results.xdmf import GridWriter, XDMFWriter, cell_type_name
 from meshes.arrays import Array, Ints
-
-if TYPE_CHECKING:
-    from contact_app.results.vtu import VTUWriter
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,8 +58,7 @@ def write_fields(
         of_image = {name: image.field(name, values) for name, values in point_fields.items()}
         return of_image | {f"contact_pressure_{k + 1}": contacts.pressure(image, k) for k in alone}
 
-    size = result_bytes(model.scene.bodies, wanted, len(alone), whole.nodes, whole.cells)["xdmf"]
-    write_grid(model, nodes, files, at_nodes, cell_fields, size, series)
+    write_grid(model, nodes, files, at_nodes, cell_fields, series)
     collections = [path.with_suffix(".pvd") for path in files if path.suffix == ".vtu" and series]
     for path in collections if model.comm.rank == 0 else ():
         assert series is not None
@@ -76,7 +72,6 @@ def write_grid(
     files: Sequence[Path],
     at_nodes: Callable[[Image], Mapping[str, Array]],
     cell_fields: Mapping[str, Array],
-    size: int = 0,
     series: Series | None = None,
 ) -> None:
     """Write the mesh of the whole with fields (collective).
@@ -89,22 +84,19 @@ def write_grid(
         Function that returns the fields of an image at its nodes, (nodes, components).
     cell_fields
         Fields in this rank's cells of the solved part.
-    size
-        Bytes of the numbers of an XDMF file, if known.
     series
         As in `write_fields`.
     """
     partition, comm, whole = model.partition, model.comm, full_mesh(model.geometry, nodes)
     first_cell = int(partition.cell_starts[0]) if len(partition.cell_starts) else 0
     with ExitStack() as stack:
-        writers: list[XDMFWriter | VTUWriter] = []
+        writers: list[GridWriter] = []
         for number, image in enumerate(whole.images):
             of_image = {name: values[image.new] for name, values in at_nodes(image).items()}
             if comm.rank == 0 and not writers:
                 names = tuple(of_image), tuple(cell_fields)
-                for opened in _writers(model.geometry, files, whole, names, size, series):
-                    stack.enter_context(opened)
-                    writers.append(opened)
+                opened = _writers(model.geometry, files, whole, names, series)
+                writers = [stack.enter_context(writer) for writer in opened]
             points = image.points(nodes.points)[image.new]
             for start, (located, fields) in slabs(comm, image.first, points, of_image):
                 for writer in writers:
@@ -127,23 +119,20 @@ def _writers(
     files: Sequence[Path],
     whole: FullMesh,
     names: tuple[tuple[str, ...], tuple[str, ...]],
-    size: int,
     series: Series | None,
-) -> "Iterator[XDMFWriter | VTUWriter]":
+) -> Iterator[GridWriter]:
     """The writer of each file; `names` has the fields at nodes and in cells."""
     counts = np.diff(geometry.partition.first_cell)
     runs = [
         (cell_type_name(b.mesh.cell, b.degree), int(n))
         for b, n in zip(geometry.bodies, counts, strict=True)
     ] * len(whole.images)
+    at_nodes, at_cells = ({name: components(name) for name in part} for part in names)
     for path in files:
         if path.suffix == ".xdmf":
-            yield XDMFWriter(path, runs, whole.nodes, whole.cells, size, series)
+            yield XDMFWriter(path, runs, whole.nodes, at_nodes, at_cells, series)
         else:
-            from contact_app.results.vtu import VTUWriter
-
             grid = series.grid_of(path) if series else path
-            at_nodes, at_cells = ({name: components(name) for name in part} for part in names)
             yield VTUWriter(grid, runs, whole.nodes, at_nodes, at_cells)
 
 

@@ -13,10 +13,12 @@ Format: the XDMF model and format, version 3 (www.xdmf.org).
 """
 
 import math
-from collections.abc import Sequence
+from abc import ABC, abstractmethod
+from collections.abc import Mapping, Sequence
+from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, Self
 from xml.sax.saxutils import quoteattr
 
 import h5py
@@ -40,24 +42,25 @@ class XDMFError(ContactError):
 
 @dataclass(frozen=True)
 class CellType:
-    """A cell type of XDMF: name of its topology, number in mixed grids, number of nodes."""
+    """A cell type: its topology and number in mixed grids of XDMF, VTK's number, and its nodes."""
 
     topology: str
     number: int
+    vtk: int
     vertices: int
 
 
 #: Names as dolfinx and the configuration use them, and of cells of second order with the number of
 #: their nodes; nodes in VTK's order.
 CELL_TYPES = {
-    "triangle": CellType("Triangle", 4, 3),
-    "quadrilateral": CellType("Quadrilateral", 5, 4),
-    "tetrahedron": CellType("Tetrahedron", 6, 4),
-    "hexahedron": CellType("Hexahedron", 9, 8),
-    "triangle6": CellType("Triangle_6", 36, 6),
-    "quadrilateral9": CellType("Quadrilateral_9", 35, 9),
-    "tetrahedron10": CellType("Tetrahedron_10", 38, 10),
-    "hexahedron27": CellType("Hexahedron_27", 50, 27),
+    "triangle": CellType("Triangle", 4, 5, 3),
+    "quadrilateral": CellType("Quadrilateral", 5, 9, 4),
+    "tetrahedron": CellType("Tetrahedron", 6, 10, 4),
+    "hexahedron": CellType("Hexahedron", 9, 12, 8),
+    "triangle6": CellType("Triangle_6", 36, 22, 6),
+    "quadrilateral9": CellType("Quadrilateral_9", 35, 28, 9),
+    "tetrahedron10": CellType("Tetrahedron_10", 38, 24, 10),
+    "hexahedron27": CellType("Hexahedron_27", 50, 29, 27),
 }
 
 #: XDMF's word for a value of so many components.
@@ -73,7 +76,7 @@ def cell_type_name(cell: str, degree: int) -> str:
     return cell if degree == 1 else f"{cell}{len(node_vertices(cell))}"
 
 
-class XDMFWriter:
+class GridWriter(ABC):
     """One unstructured grid with fields on points and cells, written in slabs.
 
     Used as a context manager; leaving it by an exception leaves no new file behind.
@@ -81,114 +84,59 @@ class XDMFWriter:
     Parameters
     ----------
     path
-        ``….xdmf``; the numbers go to ``….h5`` beside it.
-    cell_type
-        A name in `CELL_TYPES`; or, for a grid of several types, ``[(name, number of cells), …]``,
-        one pair for each run of consecutive cells of one type.
-    n_nodes, n_cells
-        Size of the whole grid. Points and cells must be complete in the end; a point or cell
-        that a field is never written for reads as NaN.
-    expected
-        Size of the file (`grid_bytes`), where it is known beforehand: as much room is made at once.
-    series
-        The frames before this one, which joins them: the mesh is that of the first, and points and
-        cells of later ones are not written.
+        File of the grid.
+    runs
+        Type (a name in `CELL_TYPES`) and number of the cells of each run of consecutive ones.
+    n_nodes
+        Points of the whole grid.
+    point_fields, cell_fields
+        Components of each field: 1, 3 or 9.
 
     Raises
     ------
     CouldNotRunError
-        There is no room on the disk; also when a field is first written.
+        There is no room on the disk, when the context is entered.
     """
 
     def __init__(
         self,
         path: Path | str,
-        cell_type: str | Sequence[tuple[str, int]],
+        runs: Sequence[tuple[str, int]],
         n_nodes: int,
-        n_cells: int,
-        expected: int = 0,
-        series: Series | None = None,
+        point_fields: Mapping[str, int],
+        cell_fields: Mapping[str, int],
     ) -> None:
-        self.path, self._series = Path(path), series
-        runs = [(cell_type, n_cells)] if isinstance(cell_type, str) else list(cell_type)
-        self.n_nodes, self.n_cells = n_nodes, n_cells
-        self._runs = _Runs([(CELL_TYPES[name], count) for name, count in runs])
-        self._attributes: dict[tuple[str, str], int] = {}  # (centre, name) -> components
-        self._missing = {"points": n_nodes, "cells": n_cells}
-        self._mesh = self._data = self.path.with_suffix(".h5")
-        if series is not None:
-            self._data = series.numbers_of(self.path)
-        self._part = part_of(self._data)
+        self.path = Path(path)
+        self._runs = [(CELL_TYPES[name], count) for name, count in runs]
+        self._counts = n_nodes, sum(count for _, count in runs)
+        self._fields = {f"node/{name}": k for name, k in point_fields.items()}
+        self._fields |= {f"cell/{name}": k for name, k in cell_fields.items()}
+        self._stack = ExitStack()
+
+    def __enter__(self) -> Self:
         self.path.parent.mkdir(parents=True, exist_ok=True)
-        self._needed, self._expected = DIRECTORY_BYTES, expected
-        self._file: h5py.File | None = None
-        self._begin()
-        if self._later:
-            self._missing.clear()
-            return
-        self._make("points", (n_nodes, 3), "f8")
-        self._make("cells", self._runs.shape, "i4" if n_nodes < 2**31 else "i8")
-
-    @property
-    def _later(self) -> bool:
-        """Whether the mesh is that of an earlier frame."""
-        return self._data != self._mesh
-
-    def _begin(self) -> None:
-        """Make the file, with room for what is expected."""
-        self._room = self._part.open("wb", buffering=0)
-        try:
-            self._reserve(0)
-            self._room.write(_empty_file())
-            self._file = h5py.File(self._part, "r+")
-        except BaseException:
-            self.discard()
-            raise
-
-    def _make(self, key: str, shape: tuple[int, ...], number: str, fill: Any = None) -> None:
-        """Make an array, with room for it."""
-        try:
-            self._reserve(math.prod(shape) * int(number[1:]))
-            self._arrays.create_dataset(key, shape, number, fillvalue=fill)
-        except BaseException:
-            self.discard()
-            raise
-
-    def _reserve(self, count: int) -> None:
-        """Take room for so many bytes more, and for all that are expected."""
-        self._needed += count
-        reserve_for(self._data, self._room.fileno(), max(self._needed, self._expected))
-
-    def __enter__(self) -> "XDMFWriter":
+        with ExitStack() as stack:
+            self._begin(stack)
+            self._stack = stack.pop_all()
         return self
 
-    def __exit__(self, kind: object, *ended: object) -> None:
-        if kind is None:
-            self.close()
-        else:
-            self.discard()
+    def __exit__(self, kind: Any, error: Any, trace: Any) -> None:
+        if kind is not None:
+            self._stack.__exit__(kind, error, trace)
+            return
+        with self._stack:
+            self._finish()
 
     def points(self, start: int, values: ArrayLike) -> None:
         """Write the coordinates (k, 2 or 3) of nodes `start` to `start` + k."""
-        array = three_columns(np.asarray(values, dtype=np.float64))
-        if self._later:
-            return
-        self._write("points", start, array, self.n_nodes)
-        self._missing["points"] -= len(array)
+        self._write("points", start, three_columns(np.asarray(values, dtype=np.float64)))
 
     def cells(self, start: int, values: ArrayLike) -> None:
         """Write the node numbers (k, vertices) of cells `start` to `start` + k, in VTK's order.
 
-        In a grid of several types the cells of one call are of one run.
+        The cells of one call are of one run.
         """
-        array = np.asarray(values)
-        kind, row = self._runs.find(start, len(array))
-        if self._later:
-            return
-        self._missing["cells"] -= len(array)
-        if self._runs.mixed:
-            array = np.insert(array, 0, kind.number, axis=1).ravel()
-        self._arrays["cells"][row : row + len(array)] = array
+        self._write("cells", start, np.asarray(values))
 
     def point_data(self, name: str, start: int, values: ArrayLike) -> None:
         """Write a field's values at nodes `start` to `start` + k.
@@ -199,65 +147,125 @@ class XDMFWriter:
             Scalars; vectors, whose third component is 0 where not given; symmetric tensors as
             xx, yy, zz, xy, yz, xz; tensors.
         """
-        self._field("Node", name, start, values, self.n_nodes)
+        array = as_components(name, np.asarray(values, dtype=np.float64))
+        self._write(f"node/{name}", start, array)
 
     def cell_data(self, name: str, start: int, values: ArrayLike) -> None:
         """Write a field's values in cells `start` to `start` + k; shapes as in `point_data`."""
-        self._field("Cell", name, start, values, self.n_cells)
+        array = as_components(name, np.asarray(values, dtype=np.float64))
+        self._write(f"cell/{name}", start, array)
 
-    def close(self) -> None:
-        """Finish both files and give them their names."""
+    def _size(self, key: str) -> int:
+        """Rows of a field."""
+        return self._counts[0 if key.startswith("node/") else 1]
+
+    @abstractmethod
+    def _begin(self, stack: ExitStack) -> None:
+        """Make the file, with room for all of it; it is closed with the stack."""
+
+    @abstractmethod
+    def _write(self, key: str, start: int, array: NDArray[Any]) -> None:
+        """Write rows of an array: ``points``, ``cells``, or a field at nodes or in cells."""
+
+    @abstractmethod
+    def _finish(self) -> None:
+        """Complete the file and give it its name."""
+
+
+class XDMFWriter(GridWriter):
+    """A grid as ``….xdmf``; the numbers go to ``….h5`` beside it.
+
+    Points and cells must be complete in the end; a point or cell that a field is never written for
+    reads as NaN. Parameters as of `GridWriter`.
+
+    Parameters
+    ----------
+    series
+        The frames before this one, which joins them: the mesh is that of the first, and points and
+        cells of later ones are not written.
+    """
+
+    def __init__(
+        self,
+        path: Path | str,
+        runs: Sequence[tuple[str, int]],
+        n_nodes: int,
+        point_fields: Mapping[str, int],
+        cell_fields: Mapping[str, int],
+        series: Series | None = None,
+    ) -> None:
+        super().__init__(path, runs, n_nodes, point_fields, cell_fields)
+        self._series, self._places = series, _Runs(self._runs)
+        self._mesh = self._data = self.path.with_suffix(".h5")
+        if series is not None:
+            self._data = series.numbers_of(self.path)
+        self._part = part_of(self._data)
+        self._later = self._data != self._mesh  # the mesh is that of an earlier frame
+        self._missing = dict.fromkeys(("points", "cells"), 0)
+        if not self._later:
+            self._missing = dict(zip(("points", "cells"), self._counts, strict=True))
+
+    def cells(self, start: int, values: ArrayLike) -> None:
+        """Write cells; in a grid of several types each begins with the number of its type."""
+        array = np.asarray(values)
+        kind, row = self._places.find(start, len(array))
+        if not self._later:
+            self._missing["cells"] -= len(array)
+        if self._places.mixed:
+            array = np.insert(array, 0, kind.number, axis=1).ravel()
+        self._write("cells", row, array)
+
+    def _begin(self, stack: ExitStack) -> None:
+        """Make the HDF5 file under a temporary name, with all its arrays."""
+        n = self._counts[0]
+        arrays: dict[str, tuple[tuple[int, ...], str]] = {}
+        if not self._later:
+            arrays["points"] = (n, 3), "f8"
+            arrays["cells"] = self._places.shape, "i4" if n < 2**31 else "i8"
+        for key, k in self._fields.items():
+            arrays[key] = (self._size(key), k)[: 1 + (k > 1)], "f8"
+        sizes = (math.prod(shape) * int(number[1:]) for shape, number in arrays.values())
+        stack.callback(self._part.unlink, missing_ok=True)
+        room = stack.enter_context(self._part.open("wb", buffering=0))
+        reserve_for(self._data, room.fileno(), DIRECTORY_BYTES + sum(sizes))
+        room.write(_empty_file())
+        self._file = stack.enter_context(h5py.File(self._part, "r+"))
+        for key, (shape, number) in arrays.items():
+            self._file.create_dataset(
+                key, shape, number, fillvalue=np.nan if key in self._fields else None
+            )
+
+    def _write(self, key: str, start: int, array: NDArray[Any]) -> None:
+        if self._later and key in self._missing:
+            return
+        size = len(self._file[key])
+        if not 0 <= start <= start + len(array) <= size:
+            raise XDMFError(f"rows {start} to {start + len(array)} of {key} are outside 0 … {size}")
+        self._file[key][start : start + len(array)] = array
+        if key == "points":
+            self._missing[key] -= len(array)
+
+    def _finish(self) -> None:
+        """Give both files their names, unless points or cells are missing."""
         for what, count in self._missing.items():
             if count:
-                self.discard()
                 raise XDMFError(
                     f"{self.path.name}: {abs(count)} {what} were "
                     f"{'never written' if count > 0 else 'written twice'}"
                 )
-        try:
-            self._arrays.close()
-            self._room.close()
-            grids = [*(self._series.grids if self._series else []), self._grid()]
-            with atomic(self.path) as text:
-                text.write_text(xdmf_text(grids), encoding="utf-8")
-                if not self._later:
-                    # An older text must not stand beside newer numbers, even for a moment.
-                    self.path.unlink(missing_ok=True)
-                self._part.replace(self._data)
-            if self._series is not None:
-                self._series.grids.append(grids[-1])
-        except BaseException:
-            self.discard()
-            raise
-
-    def discard(self) -> None:
-        """Remove the incomplete files."""
-        if self._file is not None:
-            self._file.close()
-        self._room.close()
-        self._part.unlink(missing_ok=True)
-
-    @property
-    def _arrays(self) -> h5py.File:
-        assert self._file is not None
-        return self._file
-
-    def _field(self, centre: str, name: str, start: int, values: ArrayLike, size: int) -> None:
-        array = as_components(name, np.asarray(values, dtype=np.float64))
-        components = 1 if array.ndim == 1 else array.shape[1]
-        key = f"{centre.lower()}/{name}"
-        self._attributes[centre, name] = components
-        if key not in self._arrays:
-            self._make(key, (size,) if components == 1 else (size, components), "f8", np.nan)
-        self._write(key, start, array, size)
-
-    def _write(self, key: str, start: int, array: NDArray[Any], size: int) -> None:
-        if not 0 <= start <= start + len(array) <= size:
-            raise XDMFError(f"rows {start} to {start + len(array)} of {key} are outside 0 … {size}")
-        self._arrays[key][start : start + len(array)] = array
+        self._file.close()
+        grids = [*(self._series.grids if self._series else []), self._grid()]
+        with atomic(self.path) as text:
+            text.write_text(xdmf_text(grids), encoding="utf-8")
+            if not self._later:
+                # An older text must not stand beside newer numbers, even for a moment.
+                self.path.unlink(missing_ok=True)
+            self._part.replace(self._data)
+        if self._series is not None:
+            self._series.grids.append(grids[-1])
 
     def _item(self, key: str, shape: tuple[int, ...], number: str, size: int) -> str:
-        file = self._mesh if key in ("points", "cells") else self._data
+        file = self._mesh if key in self._missing else self._data
         return (
             f'<DataItem Dimensions="{" ".join(map(str, shape))}" NumberType="{number}" '
             f'Precision="{size}" Format="HDF">{_escape(file.name)}:/{_escape(key)}</DataItem>'
@@ -265,24 +273,24 @@ class XDMFWriter:
 
     def _grid(self) -> str:
         """The XML text of the last time: mesh and fields, with their places in the HDF5 file."""
-        wide = 4 if self.n_nodes < 2**31 else 8
+        n_nodes, n_cells = self._counts
         time = self._series.times[-1] if self._series else 0
         lines = [
             '<Grid Name="solution" GridType="Uniform">',
             f'<Time Value="{time:.12g}"/>',
-            f'<Topology {self._runs.attributes} NumberOfElements="{self.n_cells}">',
-            self._item("cells", self._runs.shape, "Int", wide),
+            f'<Topology {self._places.attributes} NumberOfElements="{n_cells}">',
+            self._item("cells", self._places.shape, "Int", 4 if n_nodes < 2**31 else 8),
             "</Topology>",
             '<Geometry GeometryType="XYZ">',
-            self._item("points", (self.n_nodes, 3), "Float", 8),
+            self._item("points", (n_nodes, 3), "Float", 8),
             "</Geometry>",
         ]
-        for (centre, name), components in self._attributes.items():
-            size = self.n_nodes if centre == "Node" else self.n_cells
+        for key, components in self._fields.items():
+            centre, name = key.split("/", 1)
             lines += [
                 f"<Attribute Name={quoteattr(name)} "
-                f'AttributeType="{_ATTRIBUTES[components]}" Center="{centre}">',
-                self._item(f"{centre.lower()}/{name}", (size, components), "Float", 8),
+                f'AttributeType="{_ATTRIBUTES[components]}" Center="{centre.title()}">',
+                self._item(key, (self._size(key), components), "Float", 8),
                 "</Attribute>",
             ]
         lines.append("</Grid>")

@@ -15,8 +15,8 @@ from typer.testing import CliRunner
 from contact_app.cli import app
 from contact_app.results.plot import friction_picture, picture
 from contact_app.results.plot.stored import read
-from contact_app.results.xdmf import XDMFWriter
 from solver.vectors import Ints
+from tests.stored_results import write_result
 
 SCENE = """
 title: a block pressed and pushed
@@ -66,12 +66,9 @@ def test_the_strip_shows_the_last_increment(tmp_path: Path) -> None:
 def block(tmp_path: Path) -> Path:
     """A cube on a floor: two nodes of its foot are open, one sticks, one slips."""
     points = np.array([[x, y, z] for z in (0, 1) for y in (0, 1) for x in (0, 1)], dtype=float)
-    with XDMFWriter(tmp_path / "solution.xdmf", "hexahedron", 8, 1) as file:
-        file.points(0, points)
-        file.cells(0, [[0, 1, 3, 2, 4, 5, 7, 6]])
-        file.point_data("displacement", 0, 0.0 * points)
-        file.point_data("gap", 0, np.where(points[:, 2] == 0.0, 0.0, np.nan))
-        file.point_data("contact_status", 0, [0.0, 1.0, 2.0, 0.0, 0.0, 0.0, 0.0, 0.0])
+    at_nodes = {"displacement": 0.0 * points, "gap": np.where(points[:, 2] == 0.0, 0.0, np.nan),
+                "contact_status": [0.0, 1.0, 2.0, 0.0, 0.0, 0.0, 0.0, 0.0]}  # fmt: skip
+    write_result(tmp_path, "hexahedron", points, [[0, 1, 3, 2, 4, 5, 7, 6]], at_nodes)
     return tmp_path
 
 
@@ -87,11 +84,8 @@ def test_nodes_colour_their_parts_of_a_face(block: Path) -> None:
 def square(directory: Path) -> None:
     """A square of the plane with the status of its nodes and nothing else of contact."""
     points = np.array([[0, 0], [1, 0], [1, 1], [0, 1]], dtype=float)
-    with XDMFWriter(directory / "solution.xdmf", "quadrilateral", 4, 1) as file:
-        file.points(0, points)
-        file.cells(0, [[0, 1, 2, 3]])
-        file.point_data("displacement", 0, 0.0 * points)
-        file.point_data("contact_status", 0, [1.0, 2.0, 0.0, 0.0])
+    at_nodes = {"displacement": 0.0 * points, "contact_status": [1.0, 2.0, 0.0, 0.0]}
+    write_result(directory, "quadrilateral", points, [[0, 1, 2, 3]], at_nodes)
 
 
 def test_the_status_alone_is_drawn(tmp_path: Path) -> None:

@@ -23,8 +23,9 @@ from contact_app.results.plot.contact_picture import (
 from contact_app.results.plot.curved import finer
 from contact_app.results.plot.stored import Stored, StoredError, read
 from contact_app.results.report import write_summary
-from contact_app.results.xdmf import XDMFWriter, cell_type_name
+from contact_app.results.xdmf import cell_type_name
 from meshes.quadratic import EDGES, node_vertices
+from tests.stored_results import write_result
 
 
 def test_a_directory_without_result_is_named(tmp_path: Path) -> None:
@@ -57,13 +58,11 @@ def triangle(points: np.ndarray, moves: np.ndarray) -> Stored:
 def square(directory: Path, fields: bool = True, upper: tuple[float, float] = (1.0, 1.0)) -> None:
     """A rectangle of two triangles, pressed at its foot."""
     points = np.array([[0, 0], [1, 0], [1, 1], [0, 1]], dtype=float) * upper
-    with XDMFWriter(directory / "solution.xdmf", "triangle", 4, 2) as file:
-        file.points(0, points)
-        file.cells(0, [[0, 1, 2], [0, 2, 3]])
-        file.point_data("displacement", 0, -0.01 * points)
-        if fields:
-            file.cell_data("von_mises", 0, [1.0, 2.0])
-            file.point_data("contact_pressure", 0, [5.0, 3.0, 0.0, 0.0])
+    at_nodes, in_cells = {"displacement": -0.01 * points}, {}
+    if fields:
+        at_nodes["contact_pressure"] = np.array([5.0, 3.0, 0.0, 0.0])
+        in_cells = {"von_mises": [1.0, 2.0]}
+    write_result(directory, "triangle", points, [[0, 1, 2], [0, 2, 3]], at_nodes, in_cells)
     write_summary(directory / "summary.json", {"scene": {"title": "a square"}})
 
 
@@ -72,13 +71,11 @@ def block(directory: Path) -> None:
     axes = np.meshgrid([0.0, 1.0], [0.0, 1.0], [0.0, 1.0, 2.0], indexing="ij")
     points = np.stack([axes[2], axes[1], axes[0]], axis=-1).reshape(-1, 3)
     low = np.array([0, 1, 4, 3, 6, 7, 10, 9])
-    with XDMFWriter(directory / "solution.xdmf", "hexahedron", 12, 2) as file:
-        file.points(0, points)
-        file.cells(0, [low, low + 1])
-        file.point_data("displacement", 0, -0.01 * points)
-        file.point_data("contact_pressure", 0, np.where(points[:, 0] > 1.5, 3.0, 0.0))
-        file.point_data("gap", 0, np.where(points[:, 0] > 1.5, 0.0, np.nan))
-        file.cell_data("von_mises", 0, [1.0, 2.0])
+    pressed = points[:, 0] > 1.5
+    at_nodes = {"displacement": -0.01 * points, "contact_pressure": np.where(pressed, 3.0, 0.0),
+                "gap": np.where(pressed, 0.0, np.nan)}  # fmt: skip
+    in_cells = {"von_mises": [1.0, 2.0]}
+    write_result(directory, "hexahedron", points, [low, low + 1], at_nodes, in_cells)
     write_summary(directory / "summary.json", {"scene": {"title": "a block"}})
 
 
@@ -170,10 +167,9 @@ def plain(picture: Path) -> bool:
 def test_a_field_of_the_boundary_alone_colours_its_sides(tmp_path: Path) -> None:
     """The gap has values at the foot of quadrilaterals, so that no triangle has three."""
     points = np.array([[0, 0], [1, 0], [0, 1], [1, 1], [0, 2], [1, 2]], dtype=float)
-    with XDMFWriter(tmp_path / "solution.xdmf", "quadrilateral", 6, 2) as file:
-        file.points(0, points)
-        file.cells(0, [[0, 1, 3, 2], [2, 3, 5, 4]])
-        file.point_data("gap", 0, [0.0, 0.5, *[np.nan] * 4])
+    gap = [0.0, 0.5, *[np.nan] * 4]
+    cells = [[0, 1, 3, 2], [2, 3, 5, 4]]
+    write_result(tmp_path, "quadrilateral", points, cells, {"gap": gap})
     (bodies, *_), _ = picture.plot(tmp_path, fields=("gap",))
     assert not plain(bodies)
 
@@ -214,11 +210,10 @@ def test_a_missing_field_is_reported(tmp_path: Path) -> None:
 def test_pressure_lines_go_along_the_boundary(tmp_path: Path) -> None:
     """From the left end, in arc length of the undeformed sides, numbers of nodes in any order."""
     points = np.array([[2, 0], [0, 0], [1, 1], [3, 1], [1, 0], [3, 0]], dtype=float)
-    with XDMFWriter(tmp_path / "solution.xdmf", "triangle", 6, 4) as file:
-        file.points(0, points)
-        file.cells(0, [[1, 4, 2], [4, 0, 2], [0, 3, 2], [0, 5, 3]])
-        file.point_data("contact_pressure", 0, [3.0, 1.0, 0.0, 0.0, 2.0, 4.0])
-        file.point_data("gap", 0, [0.0, 0.0, np.nan, np.nan, 0.0, 0.0])
+    cells = [[1, 4, 2], [4, 0, 2], [0, 3, 2], [0, 5, 3]]
+    at_nodes = {"contact_pressure": [3.0, 1.0, 0.0, 0.0, 2.0, 4.0],
+                "gap": [0.0, 0.0, np.nan, np.nan, 0.0, 0.0]}  # fmt: skip
+    write_result(tmp_path, "triangle", points, cells, at_nodes)
     stored = read(tmp_path)
     ((nodes, position),) = profiles(stored, stored.point_data["contact_pressure"])
     assert nodes.tolist() == [1, 4, 0, 5]
@@ -227,10 +222,8 @@ def test_pressure_lines_go_along_the_boundary(tmp_path: Path) -> None:
 
 def test_a_closed_contact_is_opened_where_it_presses_least(tmp_path: Path) -> None:
     points = np.array([[0, 0], [1, 0], [1, 1], [0, 1]], dtype=float)
-    with XDMFWriter(tmp_path / "solution.xdmf", "quadrilateral", 4, 1) as file:
-        file.points(0, points)
-        file.cells(0, [[0, 1, 2, 3]])
-        file.point_data("contact_pressure", 0, [5.0, 1.0, 6.0, 7.0])
+    pressure = {"contact_pressure": [5.0, 1.0, 6.0, 7.0]}
+    write_result(tmp_path, "quadrilateral", points, [[0, 1, 2, 3]], pressure)
     stored = read(tmp_path)
     ((nodes, position),) = profiles(stored, stored.point_data["contact_pressure"])
     assert nodes[0] == 1
@@ -253,11 +246,8 @@ def test_the_surface_of_a_cell(
     corners = np.array(points, dtype=float)
     if degree == 2:
         corners = np.array([corners[list(on)].mean(axis=0) for on in node_vertices(cell)])
-    with XDMFWriter(
-        tmp_path / "solution.xdmf", cell_type_name(cell, degree), len(corners), 1
-    ) as file:
-        file.points(0, corners)
-        file.cells(0, [np.arange(len(corners))])
+    kind = cell_type_name(cell, degree)
+    write_result(tmp_path, kind, corners, [np.arange(len(corners))], {})
     (found,) = read(tmp_path).boundary()
     assert len(found) == sides * (1 if degree == 1 else 4)
     a, b, c = (corners[found[:, i]] for i in range(3))
@@ -269,10 +259,8 @@ def test_the_surface_of_a_cell(
 
 def test_bodies_in_space_without_displacement_or_gap(tmp_path: Path) -> None:
     points = np.array([[x, y, z] for z in (0, 1) for x, y in ((0, 0), (1, 0), (1, 1), (0, 1))])
-    with XDMFWriter(tmp_path / "solution.xdmf", "hexahedron", 8, 1) as file:
-        file.points(0, points)
-        file.cells(0, [np.arange(8)])
-        file.point_data("contact_pressure", 0, [1.0, 2.0, 3.0, 4.0, 0, 0, 0, 0])
+    pressure = {"contact_pressure": [1.0, 2.0, 3.0, 4.0, 0, 0, 0, 0]}
+    write_result(tmp_path, "hexahedron", points, [np.arange(8)], pressure)
     made, remarks = picture.plot(tmp_path, fields=("contact_pressure",))
     assert [path.name for path in made] == ["bodies.png", "contact_pressure.png"]
     assert all("without VTK" in remark for remark in remarks)

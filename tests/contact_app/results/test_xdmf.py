@@ -9,6 +9,7 @@ import pytest
 
 from contact_app.results.xdmf import CELL_TYPES, XDMFError, XDMFWriter
 from meshes.quadratic import node_vertices
+from tests.stored_results import write_result
 
 SHAPES = {
     "triangle": [[0, 0], [1, 0], [0, 1]],
@@ -59,7 +60,8 @@ def test_read_back_equals_the_written_values(kind: str, slab: int, tmp_path: Pat
     stress = rng.normal(size=(5, 6))
     von_mises = rng.random(5)
     path = tmp_path / "solution.xdmf"
-    with XDMFWriter(path, kind, len(points), len(cells)) as file:
+    at_nodes, in_cells = {"displacement": 3, "gap": 1}, {"stress": 9, "von_mises": 1}
+    with XDMFWriter(path, [(kind, len(cells))], len(points), at_nodes, in_cells) as file:
         for at in range(0, len(points), slab):
             rows = slice(at, at + slab)
             file.points(at, points[rows])
@@ -96,7 +98,7 @@ def test_bodies_of_different_cells_are_one_grid(tmp_path: Path) -> None:
     points = np.concatenate([first, second])
     path = tmp_path / "solution.xdmf"
     runs = [("hexahedron", 3), ("tetrahedron", 2)]
-    with XDMFWriter(path, runs, len(points), 5) as file:
+    with XDMFWriter(path, runs, len(points), {}, {"von_mises": 1}) as file:
         file.points(0, points)
         file.cells(3, tetrahedra)
         file.cells(1, hexahedra[1:])
@@ -109,7 +111,10 @@ def test_bodies_of_different_cells_are_one_grid(tmp_path: Path) -> None:
     np.testing.assert_array_equal(read_cells[1].data, tetrahedra)
     flat = np.concatenate([np.ravel(part) for part in cell_data["von_mises"]])
     np.testing.assert_array_equal(flat, np.arange(5.0))
-    with pytest.raises(XDMFError, match="within one run"), XDMFWriter(path, runs, 32, 5) as file:
+    with (
+        pytest.raises(XDMFError, match="within one run"),
+        XDMFWriter(path, runs, 32, {}, {}) as file,
+    ):
         file.cells(2, np.zeros((2, 8), dtype=int))
 
 
@@ -133,7 +138,7 @@ def test_numbers_not_written_read_as_nan(tmp_path: Path) -> None:
 
 def write_one_triangle(directory: Path) -> Path:
     path = directory / "solution.xdmf"
-    with XDMFWriter(path, "triangle", 3, 1) as file:
+    with XDMFWriter(path, [("triangle", 1)], 3, {"gap": 1}, {}) as file:
         file.points(0, SHAPES["triangle"])
         file.cells(0, [[0, 1, 2]])
         file.point_data("gap", 1, [0.5])
@@ -143,7 +148,8 @@ def write_one_triangle(directory: Path) -> Path:
 def test_an_interrupted_writing_leaves_the_older_result_whole(tmp_path: Path) -> None:
     path = write_one_triangle(tmp_path)
     before = {p.name: p.read_bytes() for p in tmp_path.iterdir()}
-    with pytest.raises(KeyboardInterrupt), XDMFWriter(path, "quadrilateral", 4, 1) as file:
+    runs = [("quadrilateral", 1)]
+    with pytest.raises(KeyboardInterrupt), XDMFWriter(path, runs, 4, {}, {}) as file:
         file.points(0, SHAPES["quadrilateral"])
         raise KeyboardInterrupt
     assert {p.name: p.read_bytes() for p in tmp_path.iterdir()} == before
@@ -164,7 +170,7 @@ def test_an_incomplete_grid_is_refused(
     coordinates = np.zeros((4, 3))
     with (
         pytest.raises(XDMFError, match=message),
-        XDMFWriter(tmp_path / "solution.xdmf", "triangle", 3, 1) as file,
+        XDMFWriter(tmp_path / "solution.xdmf", [("triangle", 1)], 3, {}, {}) as file,
     ):
         for first, last in points:
             file.points(first, coordinates[first:last])
@@ -180,11 +186,8 @@ def test_pyvista_reads_one_grid_with_every_field(tmp_path: Path) -> None:
     displacement = rng.normal(size=points.shape)
     stress = rng.normal(size=(4, 6))
     path = tmp_path / "solution.xdmf"
-    with XDMFWriter(path, "hexahedron", len(points), 4) as file:
-        file.points(0, points)
-        file.cells(0, cells)
-        file.point_data("displacement", 0, displacement)
-        file.cell_data("stress", 0, stress)
+    fields = {"displacement": displacement}, {"stress": stress}
+    write_result(tmp_path, "hexahedron", points, cells, *fields)
     grid = pyvista.read(path)
     if isinstance(grid, pyvista.MultiBlock):
         assert grid.n_blocks == 1

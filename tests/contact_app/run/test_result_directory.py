@@ -82,11 +82,12 @@ from contact_app.results.xdmf import XDMFWriter
 def write(path, limit):
     resource.setrlimit(resource.RLIMIT_FSIZE, (limit, limit))
     try:
-        with XDMFWriter(path, "triangle", 900, 800) as file:
+        fields = {f"field {number}": 3 for number in range(3)}
+        with XDMFWriter(path, [("triangle", 800)], 900, fields, {}) as file:
             file.points(0, np.random.rand(900, 3))
             file.cells(0, np.zeros((800, 3), int))
-            for number in range(3):
-                file.point_data(f"field {number}", 0, np.random.rand(900, 3))
+            for name in fields:
+                file.point_data(name, 0, np.random.rand(900, 3))
     except CouldNotRunError as error:
         return 4 if "solution.h5 needs" in str(error) else 1
     return 0
@@ -118,7 +119,8 @@ def test_hdf5_is_never_without_room(tmp_path: Path) -> None:
 
 def test_the_size_of_a_grid_is_known_beforehand(tmp_path: Path) -> None:
     n, m = 3000, 2000
-    with XDMFWriter(tmp_path / "solution.xdmf", "quadrilateral", n, m) as file:
+    runs, path = [("quadrilateral", m)], tmp_path / "solution.xdmf"
+    with XDMFWriter(path, runs, n, {"u": 3}, {"s": 9}) as file:
         file.points(0, np.zeros((n, 3)))
         file.cells(0, np.zeros((m, 4), int))
         file.point_data("u", 0, np.zeros((n, 3)))
