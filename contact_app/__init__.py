@@ -1,7 +1,8 @@
 """Contact mechanics with error certificates: scenes, runs, studies and the command line.
 
 `contact_app.solve` takes a YAML file or a mapping of the same keys and returns the answer;
-`contact_app.ContactProblem` solves contact for a dolfinx user's own forms.
+`contact_app.ContactProblem` solves contact for a dolfinx user's own forms. Each room (a directory)
+names in its `__all__` the modules that other rooms may import; its other modules are private.
 """
 
 from importlib import import_module

@@ -15,13 +15,10 @@ from meshes.subdomains import Partition, Reference, Subdomain
 from meshes.unstructured import CellMesh, MeshError
 
 __all__ = [
-    "BoxShape",
-    "CellMesh",
-    "MeshError",
-    "Partition",
-    "Reference",
-    "Shape",
-    "Subdomain",
-    "decompose",
-    "refined",
-]
+    "BoxShape", "CellMesh", "MeshError", "Partition", "Reference", "Shape", "Subdomain", "arrays",
+    "bisect", "box", "connected", "contact_surface", "crossing", "decompose", "dolfinx_compat",
+    "facet_overlaps", "facet_search", "facing", "graded", "inner_surface", "merged_nodes", "mortar",
+    "plane_cut", "point_location", "pseudo_inverses", "quadratic", "read", "refine", "refined",
+    "repair", "rounded_refinement", "shares", "subdomains", "symmetric_half", "ties",
+    "unstructured",
+]  # fmt: skip

@@ -219,6 +219,28 @@ def test_no_room_imports_a_higher_one(
     assert not upwards
 
 
+def exported(init: Path) -> list[str]:
+    """The names in `__all__` of a room: objects, and modules that other rooms may import."""
+    for node in ast.parse(init.read_text(encoding="utf-8")).body:
+        if isinstance(node, ast.Assign) and ast.unparse(node.targets[0]) == "__all__":
+            return list(ast.literal_eval(node.value))
+    return []
+
+
+def test_rooms_use_only_exports_of_other_rooms(graph: dict[str, set[str]]) -> None:
+    known = modules()
+    exports = {n: set(exported(p)) for n, p in known.items() if p.name == "__init__.py"}
+    used: dict[str, set[str]] = {name: set() for name in exports}
+    for name, others in graph.items():
+        for parts in (other.split(".") for other in others):
+            depth = 1 if parts[0] == "meshes" else 2
+            for k in range(depth, len(parts) if parts[:depth] != name.split(".")[:depth] else 0):
+                used[".".join(parts[:k])].add(parts[k])
+    for place, names in used.items():
+        files = {n for n in exports[place] if f"{place}.{n}" in known}
+        assert (place, names ^ files) == (place, set())
+
+
 def test_the_packages_stand_above_each_other(graph: dict[str, set[str]]) -> None:
     allowed = {"solver": {"solver"}, "meshes": {"meshes"}, "contact_app": set(PACKAGES)}
     wrong = [

@@ -9,3 +9,8 @@ an estimate is accepted: two successive meshes have to agree on it. `hertz`, `sh
 `faceted_curves`, `contact_limits` and `entered_pairs` find contacts that the mesh does not resolve.
 Theory: docs/theory/error_estimate.md.
 """
+
+__all__ = [
+    "contact_limits", "entered_pairs", "estimate", "faceted_curves", "guarantee", "hertz",
+    "nodal_stress", "refine", "sharp_edges", "solved_scene", "trust",
+]  # fmt: skip

@@ -8,3 +8,8 @@ compiled forms, and `streams` protects output to closed or full streams. `ranks`
 one rank and raises its errors on all. `exits` has the exit codes. `environment` names the libraries
 and the BLAS of a run.
 """
+
+__all__ = [
+    "atomic_file", "caches", "disk", "environment", "exits", "memory", "ranks", "streams",
+    "time_limit", "timings",
+]  # fmt: skip

@@ -9,3 +9,10 @@ holds the finite-element forms. `pairs` and `averaged_rows` write contact rows o
 vectors. `decomposition` chooses the subdomains, `method` the solver, `equilibrium` tests the loads,
 and `symmetry` finds the part of a scene that is solved.
 """
+
+__all__ = [
+    "assembly", "averaged_rows", "boundaries", "candidates", "decomposition", "equal_cells",
+    "equilibrium", "facets", "geometry", "loaded_area", "loads", "method", "model", "normal_forces",
+    "obstacle_hints", "outline", "pairs", "planes", "rigid", "sections", "symmetry",
+    "tangential_rows", "ties",
+]  # fmt: skip

@@ -6,3 +6,11 @@ pressure of each contact from them, and `contacts` sums them for ``summary.json`
 completes a scene that was cut at planes of symmetry. `xdmf`, `report` and `history` write the
 files, and `plot` draws pictures.
 """
+
+__all__ = [
+    "carried", "contact_side", "contacts", "division", "envelope", "fields", "free_motions",
+    "friction", "history", "mirror", "output", "overcome_friction", "percent", "plot", "pressure",
+    "probes", "reactions", "repeated_sentences", "report", "result_size", "resultants", "rigid",
+    "sections", "series", "shared_forces", "sliding", "smoothed_pressure", "surface_nodes", "ties",
+    "tilted_pairs", "undetermined",
+]  # fmt: skip

@@ -7,3 +7,8 @@ solving. `ways` and `fallback` decide the next method where an answer cannot be 
 `model_warnings` compares the answer with the assumptions of its model, and `result_directory`
 removes the files of earlier runs.
 """
+
+__all__ = [
+    "answer", "cases", "check", "coarse_increments", "fallback", "increments", "other_increments",
+    "path_dependence", "progress", "run", "solve", "step_equilibrium", "summary", "warning_texts",
+]  # fmt: skip

@@ -7,3 +7,8 @@ records are defined in `bodies`, `material`, `obstacles` and `conditions`. It is
 meshes. `build.build_scene` resolves names and checks numbers; its errors name file, line, key and
 what is allowed.
 """
+
+__all__ = [
+    "bodies", "build", "conditions", "configuration", "finer_meshes", "material", "obstacles",
+    "read_conditions", "rigid", "scene", "schema", "yaml_reader",
+]  # fmt: skip

@@ -7,3 +7,5 @@ the tables of Kružík et al. (2020), `verification` compares contacts with thei
 `stability` runs scenes on which contact methods fail, `claims` tests the claimed accuracies. No
 other room imports this one.
 """
+
+__all__ = ["commands"]

@@ -15,4 +15,9 @@ from solver.contact.checkpoint import Checkpoint
 from solver.contact.options import SolverOptions
 from solver.contact.solution import Solution
 
-__all__ = ["Certificate", "Checkpoint", "Solution", "SolverOptions"]
+__all__ = [
+    "Certificate", "Checkpoint", "Solution", "SolverOptions", "active_set", "active_set_options",
+    "active_set_update", "bodies", "certificate", "checkpoint", "equilibrium", "friction_law",
+    "friction_points", "group_balance", "law", "monitoring", "nearest_point", "options", "retries",
+    "row_kinds", "slip_front", "slip_limits", "solution", "solve_on_set", "stopping", "vector_file",
+]  # fmt: skip

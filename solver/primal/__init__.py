@@ -14,3 +14,5 @@ that only contact holds (A-DEF2 of Tang et al., 2009), `factor` replaces the cyc
 where sets do not settle, `recovery` computes all multipliers.
 Theory: docs/theory/primal_multigrid.md.
 """
+
+__all__ = ["by_active_sets", "factor"]

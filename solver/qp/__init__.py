@@ -9,3 +9,8 @@ history. `operators` adapts the admissible types of A, `equalities` the constrai
 `preconditioner` is the protocol of an approximate inverse. `reference` is MPRGP in plain NumPy,
 against which tests compare the fast one step by step.
 """
+
+__all__ = [
+    "box", "box_qp", "convex_set", "discs", "equalities", "examples", "expansion", "iterate",
+    "mprgp", "operators", "outer_state", "preconditioner", "result", "separable_qp", "smalbe",
+]  # fmt: skip

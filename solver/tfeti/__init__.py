@@ -17,4 +17,9 @@ certificate from the `sizes` of each body and the `duality_gap` to the admissibl
 from solver.tfeti.dual import DualProblem
 from solver.tfeti.from_arrays import Held, Obstacle, Subdomain, problem_from_arrays
 
-__all__ = ["DualProblem", "Held", "Obstacle", "Subdomain", "problem_from_arrays"]
+__all__ = [
+    "DualProblem", "Held", "Obstacle", "Subdomain", "build", "certify", "constraint_hierarchy",
+    "constraints", "contact_law", "decomposed", "derived", "dual", "duality_gap", "free_motions",
+    "friction_share", "least_motion", "methods", "problem_from_arrays", "projected", "sizes",
+    "subdomain", "system",
+]  # fmt: skip

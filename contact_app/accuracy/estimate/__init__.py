@@ -9,3 +9,5 @@ polynomials to their stresses, `tractions` and `touching` find the known tractio
 stresses of the elements. `calibration` corrects known biases of the estimate.
 Theory: docs/theory/error_estimate.md.
 """
+
+__all__ = ["error_estimate", "stress_recovery"]

@@ -8,3 +8,5 @@ loads that the stress fields can balance. `box_surface` holds the tractions, `eq
 the stresses, `grid_stress` and `separable` hold their arithmetic on grids, and `guarantee` computes
 the bound. Theory: docs/theory/error_estimate.md.
 """
+
+__all__ = ["box_surface", "guarantee"]

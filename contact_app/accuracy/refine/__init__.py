@@ -8,3 +8,5 @@ the next one. `refinement` is the loop over `levels`, `next_mesh` chooses how fi
 is large (`meshes.bisect`), and `warm_start` transfers the contact on one mesh to the next.
 Theory: docs/theory/refinement.md.
 """
+
+__all__ = ["grading", "levels", "next_mesh", "refinement", "warm_start"]

@@ -5,3 +5,5 @@ Input is the directory of a run; the products are PNG files. `stored` reads ``so
 depth buffer of `raster`, or by VTK in a process that `vtk_images` starts), `contact_picture` draws
 the pressure along a contact boundary, and `friction_picture` the sticking and slipping parts.
 """
+
+__all__ = ["picture"]

@@ -7,3 +7,5 @@ of several keys (names, dimensions) follow when the scene is built (`contact_app
 `base` has the types of numbers, `bodies` the sections of bodies and materials, `conditions` those
 of conditions, contacts and load steps, `options` those of the solver, the certificate and output.
 """
+
+__all__ = ["bodies"]

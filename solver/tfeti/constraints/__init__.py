@@ -6,3 +6,5 @@ row (Dostál, Horák and Kučera, 2006): B u = c for gluing, held and tied rows,
 B, `friction` the tangential rows, `cross_points` glues nodes of many subdomains, and `matrix` is B
 itself.
 """
+
+__all__ = ["conditions", "friction", "matrix", "merge", "options", "rows", "supports", "ties"]

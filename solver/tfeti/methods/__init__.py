@@ -8,3 +8,5 @@ is SMALBE-M, the paper's algorithm (Kružík et al., 2020); it also solves where
 settle. `answers` recovers displacements from multipliers and certifies them. `solver.driver`
 chooses the method.
 """
+
+__all__ = ["answers", "by_active_sets", "by_mprgp", "by_smalbe", "task"]

@@ -8,3 +8,5 @@ alone. `reflections` splits the inverse of a mirror symmetric subdomain into sma
 (Bossavit, 1986), `similar` finds stiffnesses that are multiples of each other, `rigid` has rigid
 bodies as subdomains, and `costs` predicts seconds and bytes.
 """
+
+__all__ = ["classes", "costs", "generalised_inverse", "kernels", "rigid"]
