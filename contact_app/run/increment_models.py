@@ -56,7 +56,7 @@ class IncrementModels:
         self._rows: SameRows | None = None
         self._last: Scene | None = None
         self._pressed: NormalForces | None = None
-        self._of_nodes = np.zeros((0, 0))
+        self._of_nodes, self._of_rigid = np.zeros((0, 0)), Displacements()
         self._order: tuple[Decomposition, bool] | None = None
         self._before: SameRows | None = None
         self._jumps = np.zeros(0)
@@ -104,7 +104,7 @@ class IncrementModels:
             self._store_order(model, self._displacements)
         begin, order = self._displacements, _order(scene.decomposition, scene.solver)
         if self._rough and self._order not in (None, order):
-            begin = _in_order_of(model, self._of_nodes)
+            begin = _in_order_of(model, self._of_nodes, self._of_rigid)
         if begin is not None:
             problem = problem.with_least_motion_from(begin)
         if self._rough and begin is not None:
@@ -139,12 +139,9 @@ class IncrementModels:
     def by_other_method(self) -> Scene | None:
         """The scene by Total FETI if multigrid solves it, and by multigrid otherwise (collective).
 
-        Total FETI has the fewest subdomains there can be. None with rigid bodies, or if it needs
-        too much memory.
+        Total FETI has the fewest subdomains there can be. None if it needs too much memory.
         """
         scene = self.scene
-        if scene.rigid.bodies:
-            return None
         if not is_undecomposed(scene.solver):
             return scene.solved_by(method="primal")
         scene = scene.solved_by(method="auto")
@@ -184,9 +181,11 @@ class IncrementModels:
         self._models.add(problem, solved.solution)
 
     def _store_order(self, model: Model, displacements: Displacements) -> None:
-        """Store the displacements of the nodes that this rank owns, and the order of classes."""
+        """Store the displacements that this rank owns of nodes and rigid bodies, and the order."""
         if self._rough:
             self._of_nodes = _at_nodes(model, displacements)
+            of_classes = zip(model.problem.classes, displacements, strict=True)
+            self._of_rigid = [u for cls, u in of_classes if cls.rigid]
         self._order = _order(model.scene.decomposition, model.scene.solver)
 
     def after(self, scene: Scene | None, displacements: Displacements) -> "IncrementModels":
@@ -253,10 +252,11 @@ def _at_nodes(model: Model, displacements: Displacements) -> Array:
     return of_nodes
 
 
-def _in_order_of(model: Model, of_nodes: Array) -> Displacements:
-    """Displacements of nodes in the classes of a model (collective)."""
+def _in_order_of(model: Model, of_nodes: Array, of_rigid: Displacements) -> Displacements:
+    """Displacements of nodes and of rigid bodies in the classes of a model (collective)."""
     exchange = model.node_exchange
-    result = [np.zeros_like(forces) for forces in model.problem.forces]
+    rigid, forces = iter(of_rigid), zip(model.problem.classes, model.problem.forces, strict=True)
+    result = [next(rigid) if cls.rigid else np.zeros_like(f) for cls, f in forces]
     copies = exchange.from_owners(of_nodes[exchange.nodes - exchange.first])
     ends = np.cumsum([len(s.nodes) for s in model.partition.subdomains])
     for (cls, at), u in zip(model.place, np.split(copies, ends[:-1]), strict=True):

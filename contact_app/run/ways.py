@@ -80,7 +80,7 @@ def ways_to(scene: Scene, keeps_subdomains: bool = False) -> Iterator[Way]:
     """All methods to solve a scene, in order; parameters as of `first_certified`."""
     instead = ""
     choice = MethodChoice.of(scene)
-    if keeps_subdomains and choice.may_stall and not scene.rigid.bodies:
+    if keeps_subdomains and choice.may_stall:
         yield Way(scene, LIMITS.patience_with_friction)  # `run.increments` has the next method
         return
     stalls = choice.may_stall and not keeps_subdomains
