@@ -36,7 +36,7 @@ from solver.contact.active_set_options import ActiveSetOptions, Failure, SetHist
 from solver.contact.friction_points import AT_LIMIT, FrictionPoints
 from solver.contact.law import Frictionless, StateError
 from solver.contact.slip_front import SlipFront
-from solver.contact.slip_limits import MEMORY, History, combined
+from solver.contact.slip_limits import History, combined
 from solver.contact.slip_springs import with_springs
 from solver.vectors import Array, Mask
 
@@ -73,6 +73,8 @@ class FrictionOptions:
     aligned: float = 0.7
     """Least cosine of the angle between two changes of the limits on one set, from which on limits
     are extrapolated."""
+    memory: int = 5
+    """Number of earlier limits from which they are extrapolated."""
     same: float = 0.75
     many: int = 8
     """Points that slide in two sets in a row, over those that slide in one of them, and their
@@ -331,7 +333,7 @@ class Friction(Frictionless):
             return ((prescribed, residual),)
         differ = int(((last.residual != 0.0) != (residual != 0.0)).sum())
         earlier = () if self.comm.allreduce(differ) else last.history
-        return (*earlier, (prescribed, residual))[-MEMORY - 1 :]
+        return (*earlier, (prescribed, residual))[-self.options.memory - 1 :]
 
     def _after_overshoot(
         self, multiplier: Array, before: Statuses, holds: Mask

@@ -15,12 +15,6 @@ from mpi4py import MPI
 from solver.contact.friction_points import FrictionPoints
 from solver.vectors import Array
 
-MEMORY = 5
-"""Number of earlier limits in the combination."""
-
-GROWN = 1.5
-"""Residual over the last residual, above which the step is halved."""
-
 SMALLEST = 1e-10
 """Share of the largest squared difference of residuals below which a difference is left out."""
 
@@ -60,6 +54,9 @@ class SlipLimits:
     lasting
         Whether steps stay halved once the residual grew. SMALBE-M, whose contact forces are less
         accurate, takes 930 operator applications on a cube with μ = 1 so, and 275 otherwise.
+    memory, grown
+        Number of earlier limits in the combination; residual over the last one, above which the
+        step is halved.
 
     Attributes
     ----------
@@ -68,9 +65,15 @@ class SlipLimits:
     """
 
     def __init__(
-        self, points: FrictionPoints, comm: MPI.Intracomm, multiplier: Array, lasting: bool = False
+        self,
+        points: FrictionPoints,
+        comm: MPI.Intracomm,
+        multiplier: Array,
+        lasting: bool = False,
+        memory: int = 5,
+        grown: float = 1.5,
     ) -> None:
-        self._points, self._comm = points, comm
+        self._points, self._comm, self._memory, self._grown = points, comm, memory, grown
         self.values = points.slip_limits(multiplier)
         self._history: History = ()
         self._last: Array | None = None
@@ -93,11 +96,11 @@ class SlipLimits:
         limits = self._points.slip_limits(multiplier)
         residual = limits - self.values
         size = self._norm(residual)
-        grown, self._size, self._last = size > GROWN * self._size, size, None
+        grown, self._size, self._last = size > self._grown * self._size, size, None
         if grown:
             self._history = ()
             self._share *= 0.5 if self._lasting else 1.0
-        self._history = (*self._history, (self.values, residual))[-MEMORY - 1 :]
+        self._history = (*self._history, (self.values, residual))[-self._memory - 1 :]
         share = min(self._share, 0.5) if grown else self._share
         mixed = combined(self._comm, self._history, share)
         self.values = np.maximum(mixed, self._points.limits)

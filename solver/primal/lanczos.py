@@ -8,9 +8,6 @@ from scipy.linalg import eigvalsh_tridiagonal
 from solver.primal.products import multiply
 from solver.vectors import Array
 
-STEPS = 10
-"""Steps of Lanczos' iteration for the largest eigenvalue, as many as PETSc takes."""
-
 
 class Lanczos:
     """Lanczos' tridiagonal matrix of conjugate gradients.
@@ -49,8 +46,8 @@ class Lanczos:
         return float(eigvalsh_tridiagonal(diagonal, off, select="i", select_range=(0, 0))[0])
 
 
-def largest_eigenvalue(K: PETSc.Mat, flexibility: Array) -> float:
-    """The largest Ritz value of D⁻¹ K after `STEPS` steps (collective).
+def largest_eigenvalue(K: PETSc.Mat, flexibility: Array, steps: int = 10) -> float:
+    """The largest Ritz value of D⁻¹ K after some steps, as many as PETSc takes (collective).
 
     Parameters
     ----------
@@ -63,7 +60,7 @@ def largest_eigenvalue(K: PETSc.Mat, flexibility: Array) -> float:
     v, length = np.zeros_like(w), float(np.sqrt(comm.allreduce(w @ w)))
     diagonal: list[float] = []
     lengths: list[float] = []
-    while length > 0.0 and len(diagonal) < STEPS:
+    while length > 0.0 and len(diagonal) < steps:
         before, v = v, w / length
         w = root * multiply(K, root * v) - length * before
         diagonal.append(float(comm.allreduce(w @ v)))

@@ -25,12 +25,6 @@ Stop = Callable[[Iterate], "Reason | None"]
 #: The caller's own test of an iterate (local part); must answer the same on all ranks.
 AcceptIterate = Callable[[Vector], bool]
 
-GRADIENT_STEP = 1.9
-"""Length of a projected gradient step over 1/‖A‖; below two the cost falls."""
-
-TIGHTEN = 0.3
-"""Factor on the tolerance where the caller's own test fails."""
-
 
 @dataclass(frozen=True)
 class MPRGP:
@@ -55,6 +49,8 @@ class MPRGP:
     """‖A‖ if known; else the power method finds it where the expansion needs it."""
     preconditioner: Preconditioner | None = None
     """Applied to the free gradient; its result is cut to the free components."""
+    tighten: float = 0.3
+    """Factor on the tolerance where the caller's own test fails."""
 
     def solve(
         self,
@@ -71,7 +67,7 @@ class MPRGP:
         ----------
         accept : callable of the iterate (local part)
             The caller's own test, called where the tolerance is met. If it fails, the solve goes on
-            with the same search directions to `TIGHTEN` times the tolerance.
+            with the same search directions to `tighten` times the tolerance.
         watch : callable of Iterate
             Called with the iterate after each step, after the monitor.
         from_zero : bool
@@ -102,7 +98,7 @@ class MPRGP:
                 elif accept is None or tolerance <= self.atol or accept(it.x):
                     return Reason.CONVERGED
                 else:
-                    tolerance = max(TIGHTEN * tolerance, self.atol)
+                    tolerance = max(self.tighten * tolerance, self.atol)
             return None
 
         before = qp.reduction.collectives
@@ -169,7 +165,7 @@ def expansion_step(it: Iterate, expansion: Expansion, alpha_cg: float, alpha_f: 
     return "expansion"
 
 
-def proportioning_step(it: Iterate) -> str:
+def proportioning_step(it: Iterate, length: float = 1.9) -> str:
     """Algorithm 4: the minimum along the chopped gradient, which releases active components.
 
     The paper leaves the step uncut; a component with two bounds could cross the box, so it ends
@@ -177,11 +173,12 @@ def proportioning_step(it: Iterate) -> str:
     chopped gradient may be tangent to it: the step then goes towards the projected gradient step,
     to the minimum along this way (Dostál and Kozubek 2012). Its length is the inverse of the
     curvature along the last such step (E. G. Birgin, J. M. Martínez, M. Raydan, *Nonmonotone
-    spectral projected gradient methods on convex sets*, SIAM J. Optim. 10, 2000), at least that of
-    the theory: two boxes with friction take 484 multiplications instead of 676.
+    spectral projected gradient methods on convex sets*, SIAM J. Optim. 10, 2000), at least
+    `length` over ‖A‖, by which the cost falls if it is below two: two boxes with friction take 484
+    multiplications instead of 676.
     """
     if it.curved:
-        it.aim_projected(max(it.spectral_step, GRADIENT_STEP / it.norm))
+        it.aim_projected(max(it.spectral_step, length / it.norm))
         alpha, _ = it.probe()
         if it.slope <= 0.0:  # rounding errors hide the slope; the shorter step always contracts
             alpha, it.spectral_step = 1.0, 0.0

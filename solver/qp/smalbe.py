@@ -32,9 +32,6 @@ from solver.qp.result import Monitor, Reason, Result
 from solver.qp.separable_qp import SeparableQP
 from solver.vectors import Vector
 
-WINDOW = 10
-"""Outer iterations in which ‖Cx - c‖ should fall tenfold, once the first few are over."""
-
 NEGLIGIBLE = 1e-9
 """Change of the gradient by a new multiplier, over ‖g^P‖, that leaves the directions conjugate."""
 
@@ -60,8 +57,10 @@ class SMALBE:
     """η in units of ‖b‖."""
     max_outer: int = 500
     growth: float = 4.0
-    """Factor of ρ whenever ‖Cx - c‖ has not fallen tenfold in ten outer iterations, which happens
-    where few rows carry the load (a body on the edge of its support); 1 keeps ρ."""
+    window: int = 10
+    """Factor of ρ whenever ‖Cx - c‖ has not fallen tenfold in so many outer iterations, once the
+    first few are over, which happens where few rows carry the load (a body on the edge of its
+    support); a factor of 1 keeps ρ."""
     recompute_gradient: bool = False
     """Spend one multiplication on the gradient at each outer iteration, as the paper counts."""
 
@@ -304,7 +303,7 @@ class OuterIterations:
         np.subtract(self._augmented.b, self._change, out=self._augmented.b)
         self._sizes.append(size)
         moved = it.reduction.norm(self._change) > NEGLIGIBLE * it.projected_gradient_norm
-        slow = len(self._sizes) > WINDOW + 5 and size > 0.1 * self._sizes[-1 - WINDOW]
+        slow = len(self._sizes) > rules.window + 5 and size > 0.1 * self._sizes[-1 - rules.window]
         if rules.growth > 1.0 and slow:
             self._raise_penalty()
             moved = True

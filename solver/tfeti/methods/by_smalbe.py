@@ -16,7 +16,7 @@ limits of the answer itself.
 
 import math
 from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 from mpi4py import MPI
@@ -45,23 +45,26 @@ from solver.vectors import Array
 
 METHOD = "smalbe"
 
-NORM_ACCURACY = 1e-2
-"""Relative change at which the power method for ‖PFP‖ ends; accurate enough for penalty and M."""
 
-KNOWN = 0.2
-"""Accuracy of contact forces from which the slip limits s follow.
+@dataclass(frozen=True)
+class SmalbeOptions:
+    """The tuned numbers of SMALBE-M between active sets and with friction."""
 
-μ λ_n changes by less than this share of |s - μ λ_n|, and forces out of balance are below this share
-of the contact forces. Without the latter a plate that touches a block without any load and is moved
-along it was not certified.
-"""
+    norm_accuracy: float = 1e-2
+    """Relative change at which the power method for ‖PFP‖ ends; accurate enough for penalty and
+    M."""
+    settling: float = 0.2
+    """Accuracy of contact forces from which the slip limits s follow: μ λ_n changes by less than
+    this share of |s - μ λ_n|, and forces out of balance are below this share of the contact forces.
+    Without the latter a plate that touches a block without any load and is moved along it was not
+    certified."""
+    patience: int = 16
+    """Outer iterations after which active sets are tried once more; after each failure twice as
+    many. Tried after every 16 they took 8,304 operator applications in an increment that ended
+    without a certificate (`fuzz_histories 1 --first 710042`)."""
 
-PATIENCE = 16
-"""Outer iterations after which active sets are tried once more; after each failure twice as many.
 
-Tried after every 16 they took 8,304 operator applications in an increment that ended without a
-certificate (`fuzz_histories 1 --first 710042`).
-"""
+OPTIONS = SmalbeOptions()
 
 
 def solve_as_in_the_paper(task: Task) -> Solution:
@@ -96,7 +99,7 @@ def solve_by_smalbe(
     """
     problem = task.problem
     assert problem.coarse is not None
-    norm, multiplications = estimate_norm(problem.projected, NORM_ACCURACY)
+    norm, multiplications = estimate_norm(problem.projected, OPTIONS.norm_accuracy)
     norm = norm or 1.0  # F is zero if only held nodes touch a rigid body
     set_work = before.counts if before is not None else Counts()
     counts = set_work + Counts(norm_estimation=multiplications)
@@ -157,7 +160,8 @@ class _Frozen:
         force = problem.offset + state.x
         pressing_forces = force[problem.inequality]
         pressing = math.sqrt(problem.comm.allreduce(float(pressing_forces @ pressing_forces)))
-        if state.residual_norm > KNOWN * pressing or not limits.settles(force, KNOWN):
+        share = OPTIONS.settling
+        if state.residual_norm > share * pressing or not limits.settles(force, share):
             return None
         limits.advance(force)
         return self._program(None, None, iterations.with_another_set())
@@ -281,8 +285,9 @@ class _ActiveSetsBetween:
         """Whether to try active sets after this outer iteration."""
         self._residuals.append(state.residual_norm)
         sizes, outer = self._residuals, len(self._residuals)
-        tries, rest = divmod(outer, PATIENCE)
-        slow = not rest and tries.bit_count() == 1 and sizes[-1] > 0.1 * sizes[-PATIENCE // 2]
+        patience = OPTIONS.patience
+        tries, rest = divmod(outer, patience)
+        slow = not rest and tries.bit_count() == 1 and sizes[-1] > 0.1 * sizes[-patience // 2]
         return slow or (outer == 1 and not self._task.problem.held_without_contact)
 
     def solve_from(self, state: OuterState) -> tuple[Outcome[State], Solution | None]:

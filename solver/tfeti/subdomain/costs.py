@@ -11,45 +11,42 @@ from dataclasses import dataclass
 
 from solver.factors import factor_seconds
 
-APPLICATIONS = 50
-"""Expected applications of the dual operator in a solve; weighs them against set-up."""
 
-BLOCK_LIMIT = 3e9
-"""Largest dense block, in bytes."""
+@dataclass(frozen=True)
+class Costs:
+    """The coefficients of the model."""
 
-PRODUCT_RATE = 3.5e10
-"""Speed of dense products, in floating-point operations per second."""
+    applications: int = 50
+    """Expected applications of the dual operator in a solve; weighs them against set-up."""
+    largest_block: float = 3e9
+    """Largest dense block, in bytes."""
+    product_rate: float = 3.5e10
+    """Speed of dense products, in floating-point operations per second."""
+    split: float = 8e-9
+    """Seconds of the transform to the coordinates of the characters and back, per unknown."""
+    sparse_product: float = 2e-8
+    """Seconds of the lumped preconditioner's product with a sparse matrix, per interface
+    unknown."""
+    row: float = 4e-8
+    """Seconds of products with B, projections and vector operations of an iteration, per row of
+    B."""
+    of_class: float = 1.3e-2
+    call: float = 1.5e-4
+    """Seconds of mesh, forms and calls per class of any size; and per operator application."""
+    assembly: tuple[float, float] = (8e-7, 3.8e-6)
+    """Seconds of assembly per unknown of a class, in the plane and in space."""
+    unknown: float = 3e-7
+    subdomain: float = 1.2e-4
+    """Seconds of numbering, conditions and loads, per unknown of all subdomains; per subdomain."""
+    coarse_row: float = 1.7e-6
+    """Seconds of B, G and G Gᵀ per row of B."""
+    sets: float = 5.0
+    """Expected active sets of a solve, each with a coarse problem to factor."""
+    active_set: tuple[float, float] = (5e-4, 5e-3)
+    """Seconds of the calls of an active set, in the plane and in space."""
 
-SPLIT_SECONDS = 8e-9
-"""Seconds of the transform to the coordinates of the characters and back, per unknown."""
 
-SPARSE_SECONDS = 2e-8
-"""Seconds of the lumped preconditioner's product with a sparse matrix, per interface unknown."""
-
-ROW_SECONDS = 4e-8
-"""Seconds of products with B, projections and vector operations of an iteration, per row of B."""
-
-CLASS_SECONDS = 1.3e-2
-"""Seconds of mesh, forms and calls per class of any size; and per operator application:"""
-
-CALL_SECONDS = 1.5e-4
-
-ASSEMBLY_SECONDS = {2: 8e-7, 3: 3.8e-6}
-"""Seconds of assembly per unknown of a class, by dimension."""
-
-UNKNOWN_SECONDS = 3e-7
-"""Seconds of numbering, conditions and loads, per unknown of all subdomains; per subdomain:"""
-
-SUBDOMAIN_SECONDS = 1.2e-4
-
-COARSE_ROW_SECONDS = 1.7e-6
-"""Seconds of B, G and G Gᵀ per row of B."""
-
-SETS = 5.0
-"""Expected active sets of a solve, each with a coarse problem to factor."""
-
-SET_SECONDS = {2: 5e-4, 3: 5e-3}
-"""Seconds of the calls of an active set, by dimension."""
+COSTS = Costs()
 
 
 @dataclass(frozen=True)
@@ -85,25 +82,26 @@ def run_seconds(
     glued
         Whether there is a coarse problem.
     """
-    subdomains = sum(g.members for g in groups)
+    costs, subdomains = COSTS, sum(g.members for g in groups)
     dimension = groups[0].dimension
-    setup, application = 0.005 + SUBDOMAIN_SECONDS * subdomains, ROW_SECONDS * rows
+    setup, application = 0.005 + costs.subdomain * subdomains, costs.row * rows
     for g in groups:
-        setup += CLASS_SECONDS + (ASSEMBLY_SECONDS[g.dimension] + 1e-5) * g.unknowns
-        setup += UNKNOWN_SECONDS * g.unknowns * g.members
+        setup += costs.of_class + (costs.assembly[g.dimension - 2] + 1e-5) * g.unknowns
+        setup += costs.unknown * g.unknowns * g.members
         setup += factor_seconds(g.unknowns, g.order, g.dimension)
-        preconditioning = SPARSE_SECONDS * g.interface
+        preconditioning = costs.sparse_product * g.interface
         if g.has_block:
             setup += build_seconds(g.unknowns, g.interface, g.order, g.dimension)
             apply = preconditioning = apply_seconds(g.interface, g.order)
         else:
             apply = solve_seconds(g.unknowns, g.order, g.dimension)
         application += g.members * (apply + glued * preconditioning)
-        application += CALL_SECONDS
+        application += costs.call
         setup += 2.0 * g.members * solve_seconds(g.unknowns, g.order, g.dimension)
     if glued:
-        setup += COARSE_ROW_SECONDS * rows
-        setup += SETS * (SET_SECONDS[dimension] + coarse_factor_seconds(subdomains, dimension))
+        setup += costs.coarse_row * rows
+        of_set = costs.active_set[dimension - 2] + coarse_factor_seconds(subdomains, dimension)
+        setup += costs.sets * of_set
         application += 2.0 * coarse_seconds(subdomains)
     return setup + applications * application
 
@@ -117,8 +115,8 @@ def solve_seconds(unknowns: float, order: int = 1, dimension: int = 3) -> float:
 
 def apply_seconds(interface: int, order: int) -> float:
     """Seconds of a dense block of K⁺ on the interface of one member."""
-    split = SPLIT_SECONDS * interface if order > 1 else 0.0
-    return 2.0 * interface**2 / order / PRODUCT_RATE + split
+    split = COSTS.split * interface if order > 1 else 0.0
+    return 2.0 * interface**2 / order / COSTS.product_rate + split
 
 
 def build_seconds(unknowns: int, interface: int, order: int, dimension: int = 3) -> float:
@@ -146,8 +144,8 @@ def block_pays(unknowns: int, interface: int, members: int, order: int, dimensio
 
     It consists of `order` blocks, one for each character of the reflections.
     """
-    if not 0.0 < 8.0 * interface**2 / order <= BLOCK_LIMIT:
+    if not 0.0 < 8.0 * interface**2 / order <= COSTS.largest_block:
         return False
-    block = APPLICATIONS * members * apply_seconds(interface, order)
+    block = COSTS.applications * members * apply_seconds(interface, order)
     block += build_seconds(unknowns, interface, order, dimension)
-    return block < APPLICATIONS * members * solve_seconds(unknowns, order, dimension)
+    return block < COSTS.applications * members * solve_seconds(unknowns, order, dimension)
