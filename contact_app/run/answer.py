@@ -16,13 +16,13 @@ from contact_app.accuracy.refine.refinement import solve_to_accuracy
 from contact_app.accuracy.solved_scene import SolvedScene
 from contact_app.errors import ConfigurationError
 from contact_app.machine.ranks import on_first
-from contact_app.model.outline import Outline
 from contact_app.results.fields import NODAL_FIELDS
 from contact_app.results.mirror import full_mesh
 from contact_app.results.output import cells_of, write_fields
 from contact_app.results.report import write_summary
 from contact_app.results.series import Series
 from contact_app.run.cases import Overview, solved_cases
+from contact_app.run.files import refuse_without_bound
 from contact_app.run.increments import SolvedIncrement, solved_increments
 from contact_app.run.refined_steps import history_to_accuracy
 from contact_app.run.solve import solve_scene
@@ -196,15 +196,17 @@ def solve(
     if built.cases:
         return _answers(built, comm)
     if built.steps and built.accuracy is not None:
-        history = history_to_accuracy(built, comm, lambda place: None, _refuse)
+        history = history_to_accuracy(built, comm, lambda place: None, refuse_without_bound)
         answers = map(_of_record, history.increments, history.records)
         return StepAnswers(list(answers), history.summary)
     if built.steps:
-        return _step_answers(solved_increments(built, comm, lambda place: None, _refuse))
+        return _step_answers(
+            solved_increments(built, comm, lambda place: None, refuse_without_bound)
+        )
     if built.accuracy is None:
-        solved = solve_scene(built, comm, report=_refuse)
+        solved = solve_scene(built, comm, report=refuse_without_bound)
         return _answer(solved, solved.summary)
-    refined = solve_to_accuracy(built, partial(solve_scene, comm=comm, report=_refuse))
+    refined = solve_to_accuracy(built, partial(solve_scene, comm=comm, report=refuse_without_bound))
     return _answer(refined.solved, with_levels(refined.solved.summary, refined))
 
 
@@ -227,7 +229,7 @@ def _check_arguments(overrides: Any, comm: Any) -> None:
 def _answers(scene: Scene, comm: MPI.Intracomm) -> CaseAnswers:
     """The answers to all cases (collective)."""
     overview, answers = Overview(scene, comm), {}
-    for solved in solved_cases(scene, comm, lambda name: None, _refuse):
+    for solved in solved_cases(scene, comm, lambda name: None, refuse_without_bound):
         overview.add(solved, solved.summary)
         answers[solved.model.scene.case] = _answer(solved, solved.summary)
     return CaseAnswers(answers, overview)
@@ -244,13 +246,6 @@ def _step_answers(increments: Iterable[SolvedIncrement]) -> StepAnswers:
 
 def _of_record(increment: SolvedIncrement, record: Record) -> Answer:
     return _answer(increment.solved, {**increment.solved.summary, **record})
-
-
-def _refuse(scene: Scene, outline: Outline) -> None:
-    if scene.guaranteed:
-        from contact_app.accuracy.guarantee.box_surface import refuse_unguaranteed
-
-        refuse_unguaranteed(scene, outline.partition)
 
 
 def _answer(solved: SolvedScene, summary: dict[str, Any]) -> Answer:

@@ -127,14 +127,6 @@ class CaseModels:
         A loading gets a model of its own if it has other subdomains or rigid bodies (whose
         placements differ), or if other rows are redundant.
         """
-        model = self._model_of(scene, timings, needed, report)
-        if model.problem.factored:
-            return model
-        return replace(model, problem=model.problem.sharing(self._place))
-
-    def _model_of(
-        self, scene: Scene, timings: Timings, needed: Needed, report: Report | None
-    ) -> Model:
         with timings.measure("setup"):
             if not self._outlines:
                 self._outlines = outlines_of_cases(self._scene, self._comm, timings)
@@ -142,9 +134,13 @@ class CaseModels:
         others = scene.decomposition != self._scene.decomposition
         others |= is_undecomposed(scene.solver) != is_undecomposed(self._scene.solver)
         if outline is None or scene.rigid.bodies or others:
-            return build_model(scene, self._comm, timings, needed, report)
-        with timings.measure("setup"):
-            return self._shared(scene, outline, timings, needed, report)
+            model = build_model(scene, self._comm, timings, needed, report)
+        else:
+            with timings.measure("setup"):
+                model = self._shared(scene, outline, timings, needed, report)
+        if model.problem.factored:
+            return model
+        return replace(model, problem=model.problem.sharing(self._place))
 
     def _outline(self, scene: Scene, timings: Timings) -> Outline | None:
         """The outline of a loading; within a step, with the rows that the steps need."""

@@ -25,6 +25,7 @@ from contact_app.accuracy.solved_scene import SolvedScene
 from contact_app.run.increment_models import IncrementModels
 from contact_app.run.other_increments import Change, change_to, halved, in_twice_the_length
 from contact_app.run.path_dependence import closing, turning
+from contact_app.scene.rigid import RigidBodies
 from contact_app.scene.scene import Scene
 from meshes.arrays import Array
 from solver.qp.result import Monitor
@@ -44,10 +45,10 @@ class _Coarser:
     step: int = 0
     number: int = 0
     """Number of its increments so far."""
-    last: Scene | None = None
+    last: RigidBodies | None = None
     displacements: list[Array] | None = None
-    """Scene and displacements at the begin of the present increment of twice the length; the scene
-    is None before the first load."""
+    """Rigid bodies and displacements at the begin of the present increment of twice the length; the
+    bodies are None before the first load."""
     differs: bool = False
     """Whether these displacements are not those of the answer."""
     reasons: list[str] = field(default_factory=list)

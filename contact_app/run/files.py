@@ -98,12 +98,17 @@ def log_model_that_fits(scene: Scene, outline: Outline, directory: Path) -> None
         )
 
 
-def log_model(scene: Scene, outline: Outline) -> None:
-    """Log the model and what it leaves out, with the lines of `check` (collective)."""
+def refuse_without_bound(scene: Scene, outline: Outline) -> None:
+    """Refuse a scene that cannot have the guaranteed bound that it requests (collective)."""
     if scene.guaranteed:
         from contact_app.accuracy.guarantee.box_surface import refuse_unguaranteed
 
         refuse_unguaranteed(scene, outline.partition)
+
+
+def log_model(scene: Scene, outline: Outline) -> None:
+    """Log the model and what it leaves out, with the lines of `check` (collective)."""
+    refuse_without_bound(scene, outline)
     for line in modelled_lines(scene, outline):
         if line and outline.partition.comm.rank == 0:
             log.info("%s", line)

@@ -29,7 +29,7 @@ from contact_app.run.placing import SameRows
 from contact_app.scene.rigid import RigidBodies
 from contact_app.scene.scene import Decomposition, Scene
 from meshes.arrays import Array
-from solver.contact.options import SolverOptions
+from solver.contact.options import Method, SolverOptions
 from solver.contact.solution import Guess
 from solver.tfeti.derived import beside_moved
 from solver.tfeti.dual import DualProblem
@@ -54,7 +54,7 @@ class IncrementModels:
         self._displacements: Displacements | None = None
         self._earlier: Callable[[list[tuple[int, int]]], Displacements] | None = None
         self._rows: SameRows | None = None
-        self._last: Scene | None = None
+        self._last: RigidBodies | None = None
         self._pressed: NormalForces | None = None
         self._of_nodes, self._of_rigid = np.zeros((0, 0)), Displacements()
         self._order: tuple[Decomposition, bool] | None = None
@@ -67,8 +67,8 @@ class IncrementModels:
         return self._displacements
 
     @property
-    def last(self) -> Scene | None:
-        """The scene with the loads of the last increment; None before the first one."""
+    def last(self) -> RigidBodies | None:
+        """The rigid bodies under the loads of the last increment; None before the first one."""
         return self._last
 
     @property
@@ -79,7 +79,7 @@ class IncrementModels:
 
     def go_on(
         self,
-        last: Scene,
+        last: RigidBodies,
         read: Callable[[list[tuple[int, int]]], Displacements],
         pressed: NormalForces,
     ) -> None:
@@ -88,7 +88,7 @@ class IncrementModels:
         Parameters
         ----------
         last
-            The scene with the loads of that time.
+            The rigid bodies under the loads of that time.
         read
             Returns the displacements, (n, members) for each class, given their shapes (collective).
         """
@@ -113,14 +113,9 @@ class IncrementModels:
             problem = problem if moved is None else beside_moved(problem, moved)
         return replace(model, problem=problem, pressed_before=self._pressed)
 
-    @property
-    def _rigid_before(self) -> RigidBodies | None:
-        """The rigid bodies under the loads of the last increment; None before the first."""
-        return None if self._last is None else self._last.rigid
-
     def _moved(self, geometry: Geometry, problem: DualProblem) -> Array | None:
         """Slips (dual,) from held components of rigid bodies in this increment."""
-        rows, before = problem.shared.friction.rows, self._rigid_before
+        rows, before = problem.shared.friction.rows, self._last
         if not geometry.rigid.bodies:
             return None
         unknowns, moved = RigidUnknowns.of(geometry), np.zeros(problem.size)
@@ -130,7 +125,7 @@ class IncrementModels:
 
     def approach(self, model: Model) -> Array:
         """Penetrations (dual,) that held components of rigid bodies add in the increment."""
-        return approach_of_held(model.geometry, model.problem, self._rigid_before)
+        return approach_of_held(model.geometry, model.problem, self._last)
 
     def estimator(self, model: Model) -> ErrorEstimator:
         """The estimator of errors of answers to a model."""
@@ -150,7 +145,7 @@ class IncrementModels:
         fewest = fewest_subdomains(scene.bodies, scene.decomposition, None, self._comm)
         return None if fewest is None else replace(scene, decomposition=fewest)
 
-    def following(self, scene: Scene, solved: Scene) -> Scene:
+    def following(self, scene: Scene, decomposition: Decomposition, method: Method) -> Scene:
         """The scene of a history in the subdomains of its last answer.
 
         Slip is measured from the displacements of subdomains. If an increment was certified by
@@ -158,21 +153,20 @@ class IncrementModels:
 
         Parameters
         ----------
-        solved
-            The scene of an answer.
+        decomposition, method
+            Those of an answer.
         """
-        orders = [_order(one.decomposition, one.solver) for one in (solved, scene)]
-        if not self._rough or orders[0] == orders[1]:
-            return scene
-        method = solved.solver.method
         options = replace(scene.solver, method="active-set" if method == "auto" else method)
-        scene = replace(scene, decomposition=solved.decomposition, solver=options)
+        order = _order(decomposition, options)
+        if not self._rough or order == _order(scene.decomposition, scene.solver):
+            return scene
+        scene = replace(scene, decomposition=decomposition, solver=options)
         self.scene, self._models = scene, CaseModels(scene, self._comm)
         return scene
 
     def add(self, solved: SolvedScene) -> None:
         """Store an answer: the next increment begins with it."""
-        self._last, self._displacements = solved.model.scene, solved.solution.displacements
+        self._last, self._displacements = solved.model.scene.rigid, solved.solution.displacements
         self._before, self._rows = self._rows, SameRows(solved.solution)
         problem, displacements = solved.model.problem, solved.solution.displacements
         self._pressed = NormalForces.of(problem, solved.solution)
@@ -188,16 +182,16 @@ class IncrementModels:
             self._of_rigid = [u for cls, u in of_classes if cls.rigid]
         self._order = _order(model.scene.decomposition, model.scene.solver)
 
-    def after(self, scene: Scene | None, displacements: Displacements) -> "IncrementModels":
+    def after(self, rigid: RigidBodies | None, displacements: Displacements) -> "IncrementModels":
         """Models of the increment that follows another state; these models stay as they are.
 
         Parameters
         ----------
-        scene
-            With the loads of that state; None for no loads.
+        rigid
+            The rigid bodies under the loads of that state; None for no loads.
         """
         following = copy(self)
-        following._last, following._displacements = scene, displacements
+        following._last, following._displacements = rigid, displacements
         return following
 
     def on(self, model: Model) -> Guess | None:

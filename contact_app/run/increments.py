@@ -139,18 +139,18 @@ def solved_increments(
                 continue
             if isinstance(solved, NoEquilibriumError):
                 raise LeavesInStepError(
-                    f"{scene.at(f'steps[{step - 1}]')}: step {step}, between its factors "
-                    f"{float(part[0]):.6g} and {float(part[1]):.6g}: "
+                    f"{scene.at(f'steps[{step - 1}]')}: {between_factors(step, *part)}: "
                     + str(solved).removeprefix(f"{scene.source}: "), float(part[1]),
                 ) from solved  # fmt: skip
             if isinstance(solved, NoWayLeftError):
                 raise solved
-            following = models.following(scene, solved.model.scene)
+            of_answer = solved.model.scene
+            following = models.following(scene, of_answer.decomposition, of_answer.solver.method)
             if following is scene or last is None:
-                half_way = Place(step, (part[0] + part[1]) / 2, place.number)
+                half_way = float((part[0] + part[1]) / 2)
                 message = coarse.warning(
                     step, part[1] - part[0] == 1, part[1] == 1,
-                    partial(_loaded, following, half_way),
+                    partial(following.loaded_at, step - 1, half_way),
                     (last.solved if last else None, solved), partial(monitor_of, place),
                 )  # fmt: skip
                 solved = warned(solved, [message]) if message else solved
@@ -173,6 +173,11 @@ def _judged_after(last: SolvedIncrement | None, solved: SolvedScene) -> SolvedSc
         return solved
     before = last.solved.model.problem, last.solved.solution
     return replace(solved, holds=1.0) if overcome(*before, NEAR) else solved
+
+
+def between_factors(step: int, begin: Fraction | float, end: Fraction | float) -> str:
+    """Phrase on a part of a step."""
+    return f"step {step}, between its factors {float(begin):.6g} and {float(end):.6g}"
 
 
 Part = tuple[Fraction, Fraction]
@@ -203,7 +208,7 @@ def _solved(
     models: IncrementModels,
 ) -> SolvedScene | Failed:
     """The solution of an increment, or the reason for its failure (collective)."""
-    loaded = _loaded(scene, place)
+    loaded = scene.loaded_at(place.step - 1, float(place.share))
     try:
         return solve_scene(
             loaded, comm, monitor_of(place), report=report, start=models, cases=models
@@ -212,11 +217,6 @@ def _solved(
         raise
     except (NoEquilibriumError, NoWayLeftError) as error:
         return error
-
-
-def _loaded(scene: Scene, place: Place) -> Scene:
-    """The scene with the loads at a place of its history."""
-    return scene.under(scene.loading_at(place.step - 1, float(place.share)))
 
 
 def _missing_result(solved: SolvedScene | Failed) -> str:

@@ -10,6 +10,7 @@ from mpi4py import MPI
 from contact_app.model.boundaries import boundary_nodes
 from contact_app.model.equilibrium import group_numbers
 from contact_app.model.loaded_area import loaded_facets
+from contact_app.model.loads import Loads
 from contact_app.model.method import LIMITS, MethodChoice, is_undecomposed, patience
 from contact_app.model.obstacle_hints import obstacle_hints
 from contact_app.model.outline import Outline, left_out_notes
@@ -33,6 +34,8 @@ from contact_app.scene.scene import LoadCase, LoadStep, Scene
 ROUNDED = 1e-9
 """Overlap over the size of the body that rounding errors of coordinates may make."""
 
+KINDS = {"strain": "2D, plane strain", "stress": "2D, plane stress", None: "3D"}
+
 LEFT_OUT = (
     "large strains and rotations: strains are linear in the displacement",
     "motion of the contact point: the gap is the signed distance of the undeformed node along the "
@@ -44,26 +47,30 @@ LEFT_OUT = (
 
 def modelled_lines(scene: Scene, outline: Outline) -> list[str]:
     """Lines on the model, its method and what it leaves out (collective)."""
+    unloaded = [] if scene.loadings else _unloaded(outline, scene.displacements)
     return [
-        *_modelled(scene, outline),
+        f"{scene.title or scene.source.name} ({KINDS[scene.plane]})",
+        *_modelled(outline, Loads.of(scene), scene.displacements, bool(scene.loadings)),
         *_cases(scene.cases, scene.steps),
         "",
         *_decomposed(scene, outline),
         "",
-        *_left_out(scene, outline),
+        *_left_out(outline, unloaded, scene.plane, bool(scene.steps)),
     ]
 
 
-def _modelled(scene: Scene, outline: Outline) -> list[str]:
+def _modelled(
+    outline: Outline,
+    loads: Loads,
+    displacements: Sequence[DisplacementCondition],
+    has_loadings: bool,
+) -> list[str]:
     """Lines on bodies, conditions and contacts (collective)."""
-    kind = {"strain": "2D, plane strain", "stress": "2D, plane stress", None: "3D"}[scene.plane]
-    partition, on = outline.partition, partial(_on, scene.bodies)
-    dofs = partition.nodes * scene.dimension
-    lines = [
-        f"{scene.title or scene.source.name} ({kind})",
-        f"  {partition.cells:,} cells, {partition.nodes:,} nodes, {dofs:,} degrees of freedom",
-    ]
-    for i, body in enumerate(scene.bodies):
+    geometry, partition = outline.geometry, outline.partition
+    bodies, rigid, d = geometry.bodies, geometry.rigid, geometry.dimension
+    dofs, on = partition.nodes * d, partial(_on, bodies)
+    lines = [f"  {partition.cells:,} cells, {partition.nodes:,} nodes, {dofs:,} degrees of freedom"]
+    for i, body in enumerate(bodies):
         materials = "; ".join(
             f"Young's modulus {m.young:g}, Poisson's ratio {m.poisson:g}"
             + (f", expansion {m.expansion:g} per degree" if m.expansion else "")
@@ -77,58 +84,58 @@ def _modelled(scene: Scene, outline: Outline) -> list[str]:
         corners[np.abs(corners) < 1e-12 * np.ptp(corners, axis=0).max()] = 0.0
         lines.append("  from {} to {}".format(*(_vector(tuple(corner)) for corner in corners)))
         lines += [f"  {note}" for note in body.mesh.notes]
-        if not scene.loadings:
-            lines.append(f"  total load {_vector(_resultant(outline, i, scene.dimension))}")
-    lines += _held(scene.bodies, scene.displacements, outline)
-    for traction in scene.tractions:
+        if not has_loadings:
+            lines.append(f"  total load {_vector(_resultant(outline, i, d))}")
+    lines += _held(bodies, displacements, outline)
+    for traction in (load for load in loads.on_facets if isinstance(load, Traction)):
         lines.append(
             f"{_name(traction)}: {on(traction)} loaded by "
-            f"{_vector(traction.vector)} per area {_facets(scene.bodies, outline, traction)}"
+            f"{_vector(traction.vector)} per area {_facets(bodies, outline, traction)}"
         )
-    for pressure in scene.pressures:
+    for pressure in (load for load in loads.on_facets if isinstance(load, Pressure)):
         lines.append(
             f"{_name(pressure)}: {on(pressure)} under a pressure of "
-            f"{pressure.value:g} {_facets(scene.bodies, outline, pressure)}"
+            f"{pressure.value:g} {_facets(bodies, outline, pressure)}"
         )
-    for load, linear in zip(scene.total_loads, outline.acting.linear, strict=True):
+    for load, linear in zip(loads.totals, outline.acting.linear, strict=True):
         lines.append(
             f"{_name(load)}: {on(load)} loaded by a total force "
-            f"{_vector(load.force)}{_moment(load, scene.dimension)} on an area of {linear.area:.4g}"
+            f"{_vector(load.force)}{_moment(load, d)} on an area of {linear.area:.4g}"
         )
-    for force in scene.forces:
+    for force in loads.forces:
         lines.append(
-            f"{_name(force)}: {scene.bodies[force.body].name} loaded by {_vector(force.vector)} "
+            f"{_name(force)}: {bodies[force.body].name} loaded by {_vector(force.vector)} "
             "per volume"
         )
-    for heat in scene.temperatures:
+    for heat in loads.temperatures:
         lines.append(
-            f"{_name(heat)}: temperature of {scene.bodies[heat.body].name} is {heat.rise.text} "
+            f"{_name(heat)}: temperature of {bodies[heat.body].name} is {heat.rise.text} "
             "above the stress-free state"
         )
-    lines += _rigid(scene.rigid)
-    for i, contact in enumerate(scene.contacts):
-        obstacle = contact.obstacle.describe(scene.dimension)
-        nodes = _count_nodes(scene.bodies, outline, contact)
-        whose = "" if contact.rigid is None else f"{scene.rigid.bodies[contact.rigid].name}, a "
+    lines += _rigid(rigid)
+    for i, contact in enumerate(geometry.contacts):
+        obstacle = contact.obstacle.describe(d)
+        nodes = _count_nodes(bodies, outline, contact)
+        whose = "" if contact.rigid is None else f"{rigid.bodies[contact.rigid].name}, a "
         lines.append(
             f"{contact.source}: {on(contact)} may touch {whose or 'the '}{obstacle} "
-            f"({_candidates(outline, i, scene.bodies[contact.body], nodes)})"
+            f"({_candidates(outline, i, bodies[contact.body], nodes)})"
             f"{_friction(contact)}{_interference(contact)}"
         )
     hints = obstacle_hints(outline.geometry, outline.rows.contact)
     lines += [f"warning: {hint}" for hint in hints]
-    for i, pair in enumerate(scene.pairs, start=len(scene.contacts)):
-        other = f"{scene.bodies[pair.other].name}.{pair.other_boundary}"
+    for i, pair in enumerate(geometry.pairs, start=len(geometry.contacts)):
+        other = f"{bodies[pair.other].name}.{pair.other_boundary}"
         lines.append(
             f"{pair.source}: {on(pair)} may touch {other}, by a mortar method "
-            f"({_candidates(outline, i, scene.bodies[pair.body])})"
+            f"({_candidates(outline, i, bodies[pair.body])})"
             f"{_friction(pair)}{_interference(pair)}"
         )
-    for tie in scene.ties:
-        other = f"{scene.bodies[tie.other].name}.{tie.other_boundary}"
+    for tie in (tie for tie in geometry.ties if isinstance(tie, Tie)):
+        other = f"{bodies[tie.other].name}.{tie.other_boundary}"
         lines.append(f"{tie.source}: {on(tie)} is tied to {other}, by a mortar method")
-    for glued in scene.rigid_ties:
-        name = scene.rigid.bodies[glued.rigid].name
+    for glued in (tie for tie in geometry.ties if isinstance(tie, RigidTie)):
+        name = rigid.bodies[glued.rigid].name
         lines.append(f"{glued.source}: {on(glued)} moves with {name}, which is rigid")
     lines += [f"warning: {note}" for note in outline.rows.tied.notes]
     return lines
@@ -267,25 +274,27 @@ def _decomposed(scene: Scene, outline: Outline) -> list[str]:
     return lines
 
 
-def _left_out(scene: Scene, outline: Outline) -> list[str]:
-    """Lines on what the model leaves out (collective)."""
-    notes = [*left_out_notes(outline), *_repeated(scene.contacts)]
-    notes += [] if scene.loadings else _unloaded(outline, scene.displacements)
-    notes = without_repetitions(notes, [body.name for body in scene.bodies])
+def _left_out(
+    outline: Outline, unloaded: Sequence[str], plane: str | None, has_steps: bool
+) -> list[str]:
+    """Lines on what the model leaves out, with those on unloaded bodies (collective)."""
+    geometry = outline.geometry
+    has_friction = any(contact.law.acts for contact in geometry.touching)
+    notes = [*left_out_notes(outline), *_repeated(geometry.contacts), *unloaded]
+    notes = without_repetitions(notes, [body.name for body in geometry.bodies])
     lines = ["left out:", *(f"  {sentence}" for sentence in notes)]
-    smooth = [contact.source for contact in scene.touching if not contact.law.acts]
+    smooth = [contact.source for contact in geometry.touching if not contact.law.acts]
     if smooth:
-        of = f" of {', '.join(dict.fromkeys(smooth))}" if scene.has_friction else ""
+        of = f" of {', '.join(dict.fromkeys(smooth))}" if has_friction else ""
         lines.append(f"  friction: contact forces{of} act along the normal of the surface")
-    if scene.has_friction and not scene.steps:
+    if has_friction and not has_steps:
         lines.append("  the history of loads: slips are measured from the undeformed state")
     lines += [f"  {sentence}" for sentence in LEFT_OUT]
-    if scene.plane:
+    if plane:
         lines.append(
-            f"  the third direction: the model is plane {scene.plane}, forces are per unit of "
-            "thickness"
+            f"  the third direction: the model is plane {plane}, forces are per unit of thickness"
         )
-    if any(contact.obstacle.curvature_radius for contact in scene.contacts):
+    if any(contact.obstacle.curvature_radius for contact in geometry.contacts):
         lines.append(
             "  curvature of the obstacles under sliding nodes: the run warns where it matters"
         )

@@ -11,6 +11,7 @@ from contact_app.machine.timings import Timings
 from contact_app.results.percent import percent
 from contact_app.run.increment_models import IncrementModels
 from contact_app.run.progress import together
+from contact_app.scene.rigid import RigidBodies
 from contact_app.scene.scene import Scene
 from meshes.arrays import Array
 from solver.contact.options import SolverOptions
@@ -60,7 +61,7 @@ class Change:
 
 def in_twice_the_length(
     models: IncrementModels,
-    before: tuple[Scene | None, list[Array] | None],
+    before: tuple[RigidBodies | None, list[Array] | None],
     now: SolvedScene,
     monitor: Monitor | None,
 ) -> Solution | None:
@@ -69,14 +70,14 @@ def in_twice_the_length(
     Parameters
     ----------
     before
-        Scene and displacements at the begin of the two; None before the first load.
+        Rigid bodies and displacements at the begin of the two; None before the first load.
     now
         The last of them.
     """
-    scene, begin = before
+    rigid, begin = before
     if begin is None:
         begin = [np.zeros_like(u) for u in now.solution.displacements]
-    problem = _problem_from(models, scene, begin, now)
+    problem = _problem_from(models, rigid, begin, now)
     if problem is None:
         return None
     options = loosely(now.model.scene.solver, now.solution, monitor)
@@ -107,7 +108,7 @@ def halved(
     first = solve(model.problem, options, limited, start=models.on(model))
     if not first.converged:
         return None
-    problem = _problem_from(models, halfway, first.displacements, now)
+    problem = _problem_from(models, middle.rigid, first.displacements, now)
     if problem is None:
         return None
     second = solve(problem, options, limited, start=_guess(problem, now.solution))
@@ -123,20 +124,20 @@ def halved(
 
 
 def _problem_from(
-    models: IncrementModels, scene: Scene | None, begin: list[Array], now: SolvedScene
+    models: IncrementModels, rigid: RigidBodies | None, begin: list[Array], now: SolvedScene
 ) -> DualProblem | None:
     """The problem of an increment that begins elsewhere; None if its rows differ (collective).
 
     Parameters
     ----------
-    scene, begin
-        Scene, None before the first load, and displacements at its begin.
+    rigid, begin
+        Rigid bodies, None before the first load, and displacements at its begin.
     now
         The increment.
     """
     model = now.model
     if model.scene.rigid.bodies:
-        after = models.after(scene, begin)
+        after = models.after(rigid, begin)
         problem = after.model(model.scene, Timings(), model.needed, None).problem
     else:
         problem = model.problem.with_slip_from(begin)

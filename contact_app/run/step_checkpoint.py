@@ -10,7 +10,8 @@ number of increments; later steps may change.
 
 import hashlib
 import json
-from dataclasses import dataclass, replace
+from collections.abc import Callable
+from dataclasses import dataclass
 from fractions import Fraction
 from pathlib import Path
 from typing import Any
@@ -51,12 +52,11 @@ class Reached:
     pressed: Stored
     """Normal forces."""
 
-    def scene(self, scene: Scene) -> Scene:
-        """A scene with the decomposition and the method of that state."""
+    @property
+    def decomposition(self) -> Decomposition:
+        """The decomposition of that state."""
         several = self.subdomains
-        subdomains = tuple(several) if isinstance(several, list) else several
-        options = replace(scene.solver, method=self.method)
-        return replace(scene, decomposition=Decomposition(subdomains), solver=options)
+        return Decomposition(tuple(several) if isinstance(several, list) else several)
 
     def displacements(self, shapes: list[tuple[int, int]], comm: MPI.Intracomm) -> Displacements:
         """The displacements of that state, (n, members) for each class (collective).
@@ -81,8 +81,11 @@ class Reached:
 class StepCheckpoint:
     """Writes, reads and removes the checkpoint of a load history; methods are collective."""
 
-    def __init__(self, directory: Path, scene: Scene, comm: MPI.Intracomm) -> None:
-        self._path, self._scene, self._comm = directory / CHECKPOINT, scene, comm
+    def __init__(
+        self, directory: Path, digest_of: Callable[[int], str], comm: MPI.Intracomm
+    ) -> None:
+        """`digest_of` is `digest` of the scene, up to one of its steps."""
+        self._path, self._digest_of, self._comm = directory / CHECKPOINT, digest_of, comm
 
     def read(self) -> Reached | None:
         """The state of an earlier run in the directory; None if there is none.
@@ -111,7 +114,7 @@ class StepCheckpoint:
                     f"{self._comm.size} its displacements have another order; resume on as many "
                     "ranks, or run without --resume"
                 )
-            if saved["scene"] != digest(self._scene, at.step):
+            if saved["scene"] != self._digest_of(at.step):
                 raise ConfigurationError(
                     f"{self._path}: the checkpoint is of another scene (bodies, conditions, "
                     "contacts, or the steps up to there differ); run without --resume, or into "
@@ -139,7 +142,7 @@ class StepCheckpoint:
         saved = {
             "position": {**vars(at), "share": str(at.share)},
             "ranks": self._comm.size,
-            "scene": digest(self._scene, at.step),
+            "scene": self._digest_of(at.step),
             "vectors": vectors.name,
             "subdomains": model.scene.decomposition.subdomains,
             "method": model.scene.solver.method,

@@ -58,7 +58,7 @@ def leaving_in_step(
     """
     balanced, leaves, share = 0.0, 1.0, 0.0  # test the start of the step first
     while leaves - balanced > digits * leaves and leaves > LEAST:
-        loaded = scene.under(scene.loading_at(step, share))
+        loaded = scene.loaded_at(step, share)
         try:
             if outline is None or outline_of_case(outline, loaded) is None:
                 outline = outline_of_scene(loaded, comm, needed="distinct")

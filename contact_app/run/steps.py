@@ -25,10 +25,16 @@ from contact_app.run.files import (
     printed,
 )
 from contact_app.run.increment_models import IncrementModels
-from contact_app.run.increments import Place, Position, SolvedIncrement, solved_increments
+from contact_app.run.increments import (
+    Place,
+    Position,
+    SolvedIncrement,
+    between_factors,
+    solved_increments,
+)
 from contact_app.run.progress import together
 from contact_app.run.refined_steps import RefinedHistory, history_to_accuracy
-from contact_app.run.step_checkpoint import StepCheckpoint
+from contact_app.run.step_checkpoint import StepCheckpoint, digest
 from contact_app.run.step_records import Record, record_of, summary_of_steps, write_table
 from contact_app.scene.scene import Scene
 from solver.contact.checkpoint import EVERY_SECONDS
@@ -84,7 +90,7 @@ class _Files:
 
     def __init__(self, scene: Scene, directory: Path, comm: MPI.Intracomm, resume: bool) -> None:
         self.scene, self.directory, self.comm = scene, directory, comm
-        self._checkpoint = StepCheckpoint(directory, scene, comm)
+        self._checkpoint = StepCheckpoint(directory, partial(digest, scene), comm)
         self.reached = self._checkpoint.read() if resume else None
         self.is_resumed = self.reached is not None
         self.records: list[Record] = []
@@ -183,10 +189,10 @@ def _solve_and_write(files: _Files, run: Attended, history: History) -> int:
             f"going on after step {files.position.step}, factor {float(files.position.share):.6g}"
         )
         reached = files.reached
-        scene = models.following(scene, reached.scene(scene))
-        at = scene.loading_at(files.position.step - 1, float(files.position.share))
+        scene = models.following(scene, reached.decomposition, reached.method)
+        loaded = scene.loaded_at(files.position.step - 1, float(files.position.share))
         pressed = NormalForces.read(reached.pressed, comm.rank)
-        models.go_on(scene.under(at), lambda shapes: reached.displacements(shapes, comm), pressed)
+        models.go_on(loaded.rigid, lambda shapes: reached.displacements(shapes, comm), pressed)
     report = partial(log_model_that_fits, directory=files.directory)
     over, code, failed = files.position, Exit.CERTIFIED, ""
     for increment in solved_increments(scene, comm, monitor_of, report, models, over):
@@ -219,12 +225,9 @@ def _failure(increment: SolvedIncrement, over: Position) -> str:
         return ""
     place = increment.place
     if exit_of(increment.solved) is Exit.NO_EQUILIBRIUM:
-        begin = float(over.share) if over.step == place.step else 0.0
+        begin = over.share if over.step == place.step else 0.0
         overcome = "; ".join(increment.solved.overcome)
-        return (
-            f"step {place.step}, between its factors {begin:.6g} and {float(place.share):.6g}: "
-            f"{overcome}; "
-        )
+        return f"{between_factors(place.step, begin, place.share)}: {overcome}; "
     return (
         f"step {place.step}: the increment to factor {float(place.share):.6g} has no certified "
         f"answer, though it was halved {place.halved} times; "

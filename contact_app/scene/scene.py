@@ -224,6 +224,18 @@ class Scene:
         )
         return LoadCase(f"step {step + 1}, factor {share:.6g}", factors)
 
+    def loaded_at(self, step: int, share: float) -> "Scene":
+        """The scene with the loads at a share of a step."""
+        return self.under(self.loading_at(step, share))
+
+    @property
+    def names_expressions(self) -> bool:
+        """Whether a condition or contact names a boundary given by an expression."""
+        items = self.displacements, self.tractions, self.pressures, self.total_loads, self.touching
+        sides = [(item.body, item.boundary) for some in items for item in some]
+        sides += [(pair.other, pair.other_boundary) for pair in self.pairs]
+        return any(boundary in self.bodies[body].boundaries for body, boundary in sides)
+
     @property
     def moving(self) -> tuple[int, ...]:
         """Numbers of the rigid bodies with a free component; the others act as obstacles."""

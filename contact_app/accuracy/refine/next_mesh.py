@@ -13,7 +13,7 @@ import numpy as np
 
 from contact_app.accuracy.refine.grading import axis_evenness, graded
 from contact_app.scene.bodies import Body, Box
-from contact_app.scene.scene import Decomposition, Scene
+from contact_app.scene.scene import Decomposition
 from meshes.arrays import Array
 from meshes.graded import graded_box
 
@@ -214,32 +214,19 @@ def layers_for_one(grids: Grids, starts: Grids) -> float:
     )
 
 
-def on_lines(scene: Scene, grids: Grids, ranks: int) -> Scene:
-    """The scene with graded boxes.
+def on_lines(
+    bodies: Sequence[Body], parts: Decomposition, grids: Grids, ranks: int
+) -> tuple[tuple[Body, ...], Decomposition]:
+    """Graded boxes on grid lines, and their decomposition.
 
     Flat cells in irregular subdomains converge slowly, so small bodies are not decomposed.
     """
-    bodies = tuple(
+    graded = tuple(
         replace(body, mesh=graded_box(body.mesh.cell, axes))
-        for body, axes in zip(scene.bodies, grids, strict=True)
+        for body, axes in zip(bodies, grids, strict=True)
     )
-    parts = scene.decomposition.subdomains
-    if not isinstance(parts, int):
-        nodes = sum(body.nodes for body in bodies)
-        parts = (
-            len(bodies)
-            if ranks == 1 and nodes <= STEPS.undecomposed_nodes[scene.dimension]
-            else None
-        )
-    return replace(scene, bodies=bodies, decomposition=Decomposition(parts))
-
-
-def needs_multiples(scene: Scene) -> bool:
-    """Whether a condition or contact names a boundary given by an expression."""
-    named = {(c.body, c.boundary) for c in scene.displacements}
-    named |= {(c.body, c.boundary) for c in scene.tractions}
-    named |= {(c.body, c.boundary) for c in scene.pressures}
-    named |= {(c.body, c.boundary) for c in scene.total_loads}
-    named |= {(c.body, c.boundary) for c in scene.touching}
-    named |= {(pair.other, pair.other_boundary) for pair in scene.pairs}
-    return any(boundary in scene.bodies[body].boundaries for body, boundary in named)
+    if isinstance(parts.subdomains, int):
+        return graded, parts
+    most = STEPS.undecomposed_nodes[graded[0].mesh.dimension]
+    small = ranks == 1 and sum(body.nodes for body in graded) <= most
+    return graded, Decomposition(len(graded) if small else None)

@@ -52,7 +52,6 @@ from contact_app.accuracy.refine.next_mesh import (
     has_even_cells,
     has_free_degree,
     layers_for_one,
-    needs_multiples,
     next_factor,
     on_lines,
     quadratic,
@@ -189,7 +188,7 @@ class _Levels:
         self.factors = [1.0]
         self._scene, self._solve, self._report = scene, solve, report
         self._files = not all(isinstance(body.mesh, Box) for body in scene.bodies)
-        self._integer = needs_multiples(scene)
+        self._integer = scene.names_expressions
         self._target = MARGIN * accuracy
         self._enough = accuracy if scene.guaranteed else self._target
         self._judge = Judge(scene)
@@ -332,7 +331,9 @@ class _Levels:
             scene.bodies, squares, self._grids, self._last * step, self._integer
         )
         self._step = factor / self._last
-        return factor, on_lines(scene, self._grids, solved.model.comm.size)
+        ranks = solved.model.comm.size
+        bodies, parts = on_lines(scene.bodies, scene.decomposition, self._grids, ranks)
+        return factor, replace(scene, bodies=bodies, decomposition=parts)
 
 
 def _no_room(dofs: int, assessed: _AssessedLevel, memory: float | None) -> str:
