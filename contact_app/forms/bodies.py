@@ -232,10 +232,9 @@ def holding(
     work, scale = _work_of_loads(subdomains, bodies, loads)
     springs = resisted(subdomains, bodies, stiffness)
     body_of_held = bodies.of_node[held.nodes - exchange.first]
-    seen = contact_motions(bodies, exchange, contact, d)
+    applied = partial(contact_motions, bodies, exchange, d=d)
+    points = ContactPoints.of(rows.friction, contact, applied)
     moved = _moved_by_contact(bodies, exchange, contact, d)
-    slips = contact_motions(bodies, exchange, rows.friction.rows, d)
-    rough = ContactPoints(rows.friction, rows.friction.places(contact), slips)
     balances: list[BodyBalance | None] = [None] * bodies.count
     for number in np.unique(groups):
         group = np.flatnonzero(groups == number)
@@ -245,13 +244,9 @@ def holding(
             motions = bodies.motions(int(b), held.points[on_body], d)[held.held[on_body]]
             holds_body.append(np.concatenate([motions, springs[b]]))
         columns = (group[:, None] * m + np.arange(m)).ravel()
-        of_group = seen[:, columns]
-        in_group = np.diff(of_group.indptr) > 0
-        cones = rough.cones(in_group, columns)
+        in_group, on_contact, cones = points.on(columns)
         none = np.zeros((0, len(columns)))
-        on_group = GroupRows(
-            holds_body, none, of_group[in_group].toarray(), moved[:, columns], cones
-        )
+        on_group = GroupRows(holds_body, none, on_contact, moved[:, columns], cones)
         state_of = partial(
             GroupRows.balance, comm=comm, load=work[group].ravel(), size=float(scale[group].sum())
         )

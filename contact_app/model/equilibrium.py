@@ -60,26 +60,20 @@ def body_balances(
     held, tied = holding
     d, comm, elastic = geometry.dimension, geometry.comm, len(geometry.bodies)
     work, scale = _work_of_loads(geometry, loads)
-    touching, joined = (contact_motions(geometry, rows) for rows in (contact, tied))
-    slips = contact_motions(geometry, friction.rows)
-    points = ContactPoints(friction, friction.places(contact), slips)
+    joined = contact_motions(geometry, tied)
+    points = ContactPoints.of(friction, contact, partial(contact_motions, geometry))
     balances: list[BodyBalance | None] = [None] * len(work)
     for group in groups_in_contact(geometry):
         held_rows, requested = _holding(geometry, held, group)
         columns = (group[:, None] * MOTIONS[d] + np.arange(MOTIONS[d])).ravel()
-        some, tied_rows = touching[:, columns], joined[:, columns]
-        nonzero = np.diff(some.indptr) > 0
+        nonzero, on_contact, cones = points.on(columns)
+        tied_rows = joined[:, columns]
         tied_rows = tied_rows[np.diff(tied_rows.indptr) > 0].toarray()
         moved = None
         if group.max() < elastic:
             moved = _moved_by_contact(geometry, contact, group)
-        rows = GroupRows(
-            held_rows,
-            np.concatenate([block_diag(*requested), tied_rows]),
-            some[nonzero].toarray(),
-            moved,
-            points.cones(nonzero, columns),
-        )
+        together = np.concatenate([block_diag(*requested), tied_rows])
+        rows = GroupRows(held_rows, together, on_contact, moved, cones)
         load = work[group].ravel()
         state_of = partial(GroupRows.balance, comm=comm, load=load, size=float(scale[group].sum()))
         state = state_of(rows)
@@ -228,23 +222,37 @@ def _refuse_held_twice(place: str, body: Body, remaining: Array) -> None:
 
 @dataclass(frozen=True, eq=False)
 class ContactPoints:
-    """Tangential rows by their contact rows."""
+    """Contact rows and their tangential rows on the rigid motions of bodies."""
 
     friction: FrictionRows
     normal: Ints  # (k,)
     """Contact row of each tangential row."""
+    contact: sparse.csr_matrix  # (rows, bodies · motions)
     slips: sparse.csr_matrix  # (k, bodies · motions)
-    """Tangential rows applied to the rigid motions."""
+    """Contact rows and tangential rows applied to the rigid motions."""
 
-    def cones(self, chosen: Mask, columns: Ints) -> FrictionCones:
-        """The cones of some contact rows (rows,), on the motions of some columns."""
+    @classmethod
+    def of(
+        cls,
+        friction: FrictionRows,
+        contact: ContactRows,
+        applied: Callable[[ContactRows], sparse.csr_matrix],
+    ) -> "ContactPoints":
+        """The points of contact rows, given a function that applies rows to the rigid motions."""
+        return cls(friction, friction.places(contact), applied(contact), applied(friction.rows))
+
+    def on(self, columns: Ints) -> tuple[Mask, Array, FrictionCones]:
+        """The contact rows on the motions of some columns: their mask, these, and their cones."""
+        some = self.contact[:, columns]
+        chosen = np.diff(some.indptr) > 0
         of_normal = chosen[self.normal]
         normal = (np.cumsum(chosen) - 1)[self.normal[of_normal]]
-        return FrictionCones(
+        cones = FrictionCones(
             self.slips[of_normal][:, columns].toarray(), normal,
             self.friction.coefficients[of_normal], self.friction.limits[of_normal],
             self.friction.acts,
         )  # fmt: skip
+        return chosen, some[chosen].toarray(), cones
 
 
 def group_numbers(geometry: Geometry) -> Ints:
