@@ -55,7 +55,7 @@ from contact_app.scene.obstacles import Plane
 from meshes import dolfinx_compat
 from meshes.contact_surface import Surface, is_curved
 from solver.contact.solution import Solution
-from solver.tfeti.sizes import STRAINLESS
+from solver.tfeti.sizes import SIZES
 from solver.vectors import Array, largest_magnitude
 
 
@@ -179,7 +179,7 @@ def _locking(answer: FormAnswer, fit: Fit) -> Iterator[str]:
     body = answer.owners.copies(bodies.of_node.astype(float))[parts.cells[:, 0]].astype(np.int64)
     u = answer.on_space.values(answer.displacement), fit
     signs = locking(parts, model.moduli, u, (body, bodies.count))
-    strained = (measures.strains > STRAINLESS * measures.roundings)[: bodies.count]
+    strained = (measures.strains > SIZES.strainless * measures.roundings)[: bodies.count]
     remedy = "a space of degree 2"
     for b in np.flatnonzero(strained):
         near = "energy", " or near ν = 0.5"

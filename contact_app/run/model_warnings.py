@@ -55,7 +55,7 @@ from solver.exchange import NodeExchange
 from solver.qp.result import Reason
 from solver.rigid_motions import MOTIONS
 from solver.tfeti.dual import DualProblem
-from solver.tfeti.sizes import STRAINLESS
+from solver.tfeti.sizes import SIZES
 
 SIMPLICES = ("triangle", "tetrahedron")
 
@@ -416,7 +416,7 @@ def _varying_energy(answer: SolvedScene) -> Array:
     measures = answer.solution.measures
     means = answer.model.comm.allreduce(answer.cells.energy_of_means)
     strains, roundings = (v[: len(means)] for v in (measures.strains, measures.roundings))
-    strained = strains > STRAINLESS * roundings
+    strained = strains > SIZES.strainless * roundings
     total = np.where(strained, strains, 1.0)
     return np.where(strained, 1.0 - means / total, 0.0)
 

@@ -26,7 +26,7 @@ from solver.primal.merged import MergedSystem, bodies_alone
 from solver.primal.preconditioner import Preconditioner
 from solver.primal.products import multiply, multiply_transposed
 from solver.primal.projector import REDUNDANT, Projector
-from solver.primal.rigid_space import MOST_MEANS, RigidSpace, lifts_of_means
+from solver.primal.rigid_space import OPTIONS, RigidSpace, lifts_of_means
 from solver.primal.springs import ProjectedStiffness, Springs
 from solver.primal.state import PrimalState
 from solver.primal.step import Position, shortened
@@ -193,7 +193,7 @@ class Multigrid:
         if self.motions.lifts_means or self.direct or not self.problem.friction.acts:
             return 0
         means = self.comm.allreduce(int(self.system.means.sum()))
-        if not 0 < means <= MOST_MEANS:
+        if not 0 < means <= OPTIONS.most_means:
             return 0
         soft = springs.softened(projector)
         lifts = lifts_of_means(self.cycle(soft), soft.narrow)

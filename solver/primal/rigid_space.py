@@ -21,6 +21,7 @@ correction (I - Z M) z. W has the other combinations, with M W = 0.
 
 from collections.abc import Sequence
 from copy import copy
+from dataclasses import dataclass
 from typing import Self
 
 import numpy as np
@@ -37,46 +38,45 @@ from solver.primal.projector import Projector
 from solver.primal.springs import Springs
 from solver.vectors import Array, largest_magnitude
 
-HELD = 1e-8
-"""Squared length of held unknowns under a rigid motion, over that of the largest, below which they
-do not stop it."""
 
-STRAINLESS = 1e-10
-"""Forces of a motion, over the largest stiffness, below which they are rounding errors: of a body
-that is held in two nodes close to each other a motion is nearly free, and has forces."""
+@dataclass(frozen=True)
+class RigidSpaceOptions:
+    """The tuned numbers of the space."""
 
-SINGULAR = 1e-13
-"""Energy of a motion, relative to the largest, below which it consists of rounding errors."""
+    held: float = 1e-8
+    """Squared length of held unknowns under a rigid motion, over that of the largest, below which
+    they do not stop it."""
+    strainless: float = 1e-10
+    """Forces of a motion, over the largest stiffness, below which they are rounding errors: of a
+    body that is held in two nodes close to each other a motion is nearly free, and has forces."""
+    singular: float = 1e-13
+    """Energy of a motion, relative to the largest, below which it consists of rounding errors."""
+    least: float = 0.1
+    """Least value for the largest energy of a motion; in the norm of D motions have energy one."""
+    rounding: float = 1e-14
+    """Magnitude of K w over the root of K below which it consists of rounding errors."""
+    full: int = 18
+    """Largest number of motions for which W is stored as a full matrix: with more it is mostly
+    zeros."""
+    unbalanced: float = 1e-8
+    """Work of a residual on a motion without energy, over that of the magnitudes of the load."""
+    no_work: float = 1e-12
+    """Work on a motion, over the sum of the load by the largest component of the motion, that
+    consists of rounding errors: active rows may hold all components on which the load acts."""
+    most_means: int = 18
+    """Largest number of rows that hold means for which the space contains their E."""
+    most: int = 50
+    """Largest number of bodies for which the space contains motions of elastic bodies: its matrix
+    is dense."""
 
-LEAST = 0.1
-"""Least value for the largest energy of a motion; in the norm of D motions have energy one."""
 
-ROUNDING = 1e-14
-"""Magnitude of K w over the root of K below which it consists of rounding errors."""
-
-FULL = 18
-"""Largest number of motions for which W is stored as a full matrix: with more it is mostly
-zeros."""
-
-UNBALANCED = 1e-8
-"""Work of a residual on a motion without energy, over that of the magnitudes of the load."""
-
-NO_WORK = 1e-12
-"""Work on a motion, over the sum of the load by the largest component of the motion, that consists
-of rounding errors: active rows may hold all components on which the load acts."""
-
-MOST_MEANS = 18
-"""Largest number of rows that hold means for which the space contains their E."""
-
-MOST = 50
-"""Largest number of bodies for which the space contains motions of elastic bodies: its matrix is
-dense."""
+OPTIONS = RigidSpaceOptions()
 
 
 def floating_motions(system: MergedSystem) -> Array:
     """Rigid motions of bodies that held unknowns do not stop, (unknowns, motions) (collective).
 
-    If more than `MOST` bodies have such motions, only those of rigid bodies.
+    If more than `RigidSpaceOptions.most` bodies have such motions, only those of rigid bodies.
     """
     rigid, bodies, motions = system.rigid, system.problem.bodies, {}
     for number in range(bodies.count):
@@ -85,11 +85,11 @@ def floating_motions(system: MergedSystem) -> Array:
         gram = np.append(rows.T @ rows, np.sum(rigid[of_body] ** 2))
         gram = system.comm.allreduce(gram)
         values, vectors = np.linalg.eigh(gram[:-1].reshape(count, count))
-        free = values <= HELD * max(values[-1], 1e-6 * gram[-1])
+        free = values <= OPTIONS.held * max(values[-1], 1e-6 * gram[-1])
         if free.any():
             moved = (of_body & ~system.held)[:, None]
             motions[number] = np.where(moved, rigid @ vectors[:, free], 0.0)
-    if len(motions) > MOST:
+    if len(motions) > OPTIONS.most:
         motions = {number: motions[number] for number in motions if bodies.rigid[number]}
     return np.concatenate([np.zeros((system.size, 0)), *motions.values()], axis=1)
 
@@ -118,7 +118,7 @@ class FloatingMotions:
         sizes = np.array([np.abs(v).max(axis=1, initial=0.0) for v in (self.images, self.motions)])
         forces, moved = largest(self._comm, sizes)
         stiff = largest_magnitude(self._comm, system.diagonal)
-        self._strainless = self.motions[forces <= STRAINLESS * stiff * moved]
+        self._strainless = self.motions[forces <= OPTIONS.strainless * stiff * moved]
         gram = self._comm.allreduce(self._strainless @ self._strainless.T)
         self._inverse = np.linalg.pinv(gram, hermitian=True)
         in_rows = multiply_transposed(squared_rows(system), np.ones(len(system.rows))) > 0.0
@@ -206,21 +206,21 @@ class RigidSpace:
             images += np.stack([springs.forces(motion) for motion in W.T])
         norms = [np.einsum("i,ij,ij->j", system.diagonal, R, R) for R in (motions.T, W)]
         before, after = self._comm.allreduce(np.stack(norms))
-        some = after > SINGULAR * before
+        some = after > OPTIONS.singular * before
         scale = np.divide(1.0, np.sqrt(after), out=np.zeros_like(after), where=some)
         W *= scale
         images *= scale[:, None]
         if floating.lifts_means:
             W, images = self._without_means(system, W, images)
-        images[np.abs(images) < ROUNDING * np.sqrt(system.diagonal.max(initial=0.0))] = 0.0
+        images[np.abs(images) < OPTIONS.rounding * np.sqrt(system.diagonal.max(initial=0.0))] = 0.0
         self._at = np.flatnonzero(images.any(axis=0))
         few = np.ascontiguousarray(images[:, self._at])
-        self._KWt = few if W.shape[1] <= FULL else sparse.csr_matrix(few)
+        self._KWt = few if W.shape[1] <= OPTIONS.full else sparse.csr_matrix(few)
         energy = self._comm.allreduce(self._KWt @ W[self._at])
-        self._W = W if W.shape[1] <= FULL else sparse.csr_matrix(W)
+        self._W = W if W.shape[1] <= OPTIONS.full else sparse.csr_matrix(W)
         self._Wt = self._W.T
         values, vectors = np.linalg.eigh(0.5 * (energy + energy.T))
-        some = values > SINGULAR * max(values[-1], LEAST)
+        some = values > OPTIONS.singular * max(values[-1], OPTIONS.least)
         self._inverse = vectors[:, some] / values[some] @ vectors[:, some].T
         self._free = vectors[:, ~some]
 
@@ -240,9 +240,9 @@ class RigidSpace:
         energy = comm.allreduce(images @ V)
         weight = len(moved) / np.sum(moved**2)  # motions have length one in the norm of D
         both = 0.5 * (energy + energy.T) + weight * moved.T @ moved
-        inverse = np.linalg.pinv(both, SINGULAR, hermitian=True)
+        inverse = np.linalg.pinv(both, OPTIONS.singular, hermitian=True)
         lifts = inverse @ moved.T
-        self._Z = V @ (lifts @ np.linalg.pinv(moved @ lifts, SINGULAR, hermitian=True))
+        self._Z = V @ (lifts @ np.linalg.pinv(moved @ lifts, OPTIONS.singular, hermitian=True))
         self.holds_means = True
         others = np.linalg.svd(moved)[2][len(moved) :].T
         return V @ others, others.T @ images
@@ -277,7 +277,7 @@ class RigidSpace:
         force = self._comm.allreduce(float(np.abs(load).sum()))
         largest = float(abs(self._Wt).max()) if self._Wt.shape[1] else 0.0
         along = self._comm.allreduce(largest, op=MPI.MAX)
-        least = max(UNBALANCED * scale, NO_WORK * force * along)
+        least = max(OPTIONS.unbalanced * scale, OPTIONS.no_work * force * along)
         return bool(np.abs(self._free.T @ work).max() > least)
 
     def balance(self, residual: Array, moved: Array) -> Array:

@@ -18,40 +18,35 @@ from solver.tfeti.free_motions import FreeMotions
 from solver.tfeti.subdomain.classes import interface_slices
 from solver.vectors import Array, Mask
 
-STRAINLESS = 1e4
-"""a(u, u) over its rounding error, below which strains count as rounding errors."""
 
-UNSTRAINED = 1e-20
-"""Strains with a smaller a(u, u) are rounding errors of forces that cancel.
+@dataclass(frozen=True)
+class ReferenceLimits:
+    """The sizes above which strains, forces and motions are more than rounding errors."""
 
-Such forces have ten digits. Relative to the a(u, u) that the loads would cause if each unknown gave
-way alone.
-"""
+    strainless: float = 1e4
+    """a(u, u) over its rounding error, below which strains count as rounding errors."""
+    unstrained: float = 1e-20
+    """Strains with a smaller a(u, u) are rounding errors of forces that cancel. Such forces have
+    ten digits. Relative to the a(u, u) that the loads would cause if each unknown gave way
+    alone."""
+    forced: float = 1e3
+    """Forces on a group over their rounding errors, above which they count as forces."""
+    resolved: float = 0.1
+    """Rounding errors of the forces on a heated body, over the largest residual that the
+    certificate allows, if its contact forces are far smaller than its thermal loads."""
+    idle: float = 1e-3
+    """Load of a body over the load of its group. The error of a body that carries less is measured
+    as if it carried this share: its stresses need not be as accurate."""
+    pressing: float = 1e-6
+    """Force of a row over the largest on its bodies, below which it does not resist a motion."""
+    slid: float = 1e-4
+    """Smallest reference of lengths of a body that slid, over its displacement: large slides leave
+    jumps of 1e-13 of them by rounding, which a tolerance of 1e-8 must allow."""
+    rounded: float = 4.0
+    """Rounding errors of displacements, in units of ε max|u|, that count for the forces."""
 
-FORCED = 1e3
-"""Forces on a group over their rounding errors, above which they count as forces."""
 
-RESOLVED = 0.1
-"""Rounding errors of the forces on a heated body, over the largest residual that the certificate
-allows, if its contact forces are far smaller than its thermal loads."""
-
-IDLE = 1e-3
-"""Load of a body over the load of its group.
-
-The error of a body that carries less is measured as if it carried this share: its stresses need not
-be as accurate.
-"""
-
-
-PRESSING = 1e-6
-"""Force of a row over the largest on its bodies, below which it does not resist a motion."""
-
-SLID = 1e-4
-"""Smallest reference of lengths of a body that slid, over its displacement: large slides leave
-jumps of 1e-13 of them by rounding, which a tolerance of 1e-8 must allow."""
-
-ROUNDED = 4.0
-"""Rounding errors of displacements, in units of ε max|u|, that count for the forces."""
+SIZES = ReferenceLimits()
 
 
 @dataclass(frozen=True, eq=False)
@@ -158,7 +153,8 @@ class MeasuredAnswer:
             stiff = 0.0 if cls.rigid else float(cls.resistance[cls.free].sum())
             size, free = np.maximum(u.max(axis=0), -u.min(axis=0)), problem.free_lengths[body]
             moved = np.where(size > MOTIONLESS * free, size, free)
-            squares = float(np.sum(cls.row_sums[cls.free] ** 2)) * (ROUNDED * unit * moved) ** 2
+            errors = SIZES.rounded * unit * moved
+            squares = float(np.sum(cls.row_sums[cls.free] ** 2)) * errors**2
             size = np.maximum(size, free)
             parts.append(np.stack([squares, stiff * (unit * size) ** 2]))
         sums = np.array([bodies.sum_members([part[k] for part in parts]) for k in range(2)])
@@ -192,7 +188,7 @@ class MeasuredAnswer:
                     deformed[:, member] -= free.field(number, member, motions[b])
             left.append(deformed)
         displaced = self.largest_displacements()
-        return np.maximum(_largest_displacements(problem, left), SLID * displaced)
+        return np.maximum(_largest_displacements(problem, left), SIZES.slid * displaced)
 
     def errors_of_held(self) -> Array:
         """Largest error of a prescribed displacement that is eliminated, (bodies,)."""
@@ -256,7 +252,7 @@ def rows_that_resist(problem: DecomposedProblem, multiplier: Array) -> Mask:
     for side in bodies.rows.T:
         np.maximum.at(most, side, force)
     most = largest(problem.comm, most)
-    return np.asarray(force > PRESSING * most[bodies.rows].min(axis=1))
+    return np.asarray(force > SIZES.pressing * most[bodies.rows].min(axis=1))
 
 
 def rows_on_allowed_motions(problem: DecomposedProblem, free: FreeMotions, group: int) -> Array:
@@ -290,7 +286,8 @@ def energy_scales(
     """The reference of squared errors in energy norm in each body, (bodies,).
 
     The reference is a(u, u) of the body. A body that carries nearly no load is measured as if it
-    carried the share `IDLE` of the load of its group. No reference exceeds that of the group.
+    carried the share `ReferenceLimits.idle` of the load of its group. No reference exceeds that of
+    the group.
 
     If only rounding errors of displacements or forces strain a group, a(u, u) is meaningless. If
     the forces on the group are still far above rounding errors (for example loads on a face that an
@@ -307,7 +304,7 @@ def energy_scales(
     bodies, groups = problem.bodies, problem.bodies.groups
     load = forces.largest
     of_group = bodies.sum_by_group(strains)[groups]
-    floor = STRAINLESS * roundings + UNSTRAINED * problem.strains_at_unknowns()
+    floor = SIZES.strainless * roundings + SIZES.unstrained * problem.strains_at_unknowns()
     unstrained = of_group <= bodies.sum_by_group(floor)[groups]
     if unstrained.any():
         free = bodies.sum_by_group(problem.free_strains)[groups]
@@ -317,11 +314,11 @@ def energy_scales(
         )
         acting = np.where(free > 0.0, loads, 0.0)
         acting = np.where(pressed > noise, acting + pressed, acting)
-        strong = (loaded > FORCED * noise) & (free > 0.0)
+        strong = (loaded > SIZES.forced * noise) & (free > 0.0)
         resting = np.where(strong, free, np.where(acting > 0.0, of_group, 0.0))
         of_group = np.where(unstrained, resting, of_group)
     carried = bodies.by_group(load)[groups]
-    share = np.divide(IDLE * carried, load, out=np.full(len(load), np.inf), where=load > 0.0)
+    share = np.divide(SIZES.idle * carried, load, out=np.full(len(load), np.inf), where=load > 0.0)
     strained = np.where(strains > floor, strains, np.inf)
     return np.asarray(np.minimum(strained * np.maximum(1.0, share) ** 2, of_group))
 
@@ -331,7 +328,7 @@ def force_references(problem: DecomposedProblem, forces: BodyForces, tolerance: 
 
     The contact forces of a body that carries nearly no load, such as an unloaded roller of a
     bearing, may have no correct digits. So the reference of a body is never so small that rounding
-    errors exceed the tolerance, up to the share `IDLE` of the largest in its group.
+    errors exceed the tolerance, up to the share `ReferenceLimits.idle` of the largest in its group.
 
     In groups with heat, only contact forces and mechanical loads count. Thermal loads balance
     themselves and cause reactions and tied forces that do so, too, all often far larger than the
@@ -344,8 +341,8 @@ def force_references(problem: DecomposedProblem, forces: BodyForces, tolerance: 
         Upper limit of the certificate's numbers.
     """
     bodies, every = problem.bodies, forces.largest
-    least = forces.rounded / min(RESOLVED * tolerance, ROUNDED_LIMIT)
-    idle = np.minimum(least, IDLE * bodies.by_group(every)[bodies.groups])
+    least = forces.rounded / min(SIZES.resolved * tolerance, ROUNDED_LIMIT)
+    idle = np.minimum(least, SIZES.idle * bodies.by_group(every)[bodies.groups])
     if not problem.heated.any():
         return np.maximum(every, idle)
     acting = np.maximum(problem.mechanical_loads, forces.contact)

@@ -36,7 +36,7 @@ from contact_app.accuracy.estimate.touching import touching_nodes
 from contact_app.model.model import Model
 from meshes.arrays import Array, Ints
 from solver.contact.solution import Accuracy, Solution
-from solver.tfeti.sizes import STRAINLESS
+from solver.tfeti.sizes import SIZES
 
 _Distance = tuple[Ints, slice, Array, Array]
 
@@ -256,7 +256,7 @@ def accuracy_of(squares: Array, solution: Solution) -> Accuracy:
     )
     solver = measures.error_squares()
     # strains that the solver's error exceeds have no digits, as rounding errors have none
-    total, strained = float(norm.sum()), norm > np.maximum(STRAINLESS * rounding, solver)
+    total, strained = float(norm.sum()), norm > np.maximum(SIZES.strainless * rounding, solver)
     if (~strained & (reported > 0.0)).any():  # forces, but no strains to be relative to
         return Accuracy(np.nan, np.nan, np.nan, total, np.nan)
     if not strained.any():
