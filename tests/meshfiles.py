@@ -9,6 +9,7 @@ would give it, with ``bottom`` the lowest one.
 import itertools
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import meshio
 import numpy as np
@@ -243,6 +244,40 @@ def of_cells(cell: str, points: np.ndarray, cells: np.ndarray) -> meshio.Mesh:
     if dimension(cell) == 2:
         points = points * [1.0, 1.0, 0.0]
     return meshio.Mesh(points, [(MESHIO[cell], cells)])
+
+
+def part(
+    path: Path,
+    cell: str,
+    counts: tuple[int, ...],
+    shape: Callable[[np.ndarray], np.ndarray],
+    sides: dict[str, str],
+    **keys: Any,
+) -> dict[str, Any]:
+    """A body of a scene with the name of its mesh file, which is written: a block that is shaped.
+
+    Parameters
+    ----------
+    counts
+        Cells along each axis of the unit block.
+    shape
+        Places of points (n, 3) of the block, (n, 2 or 3).
+    sides
+        Expressions of boundaries, by name.
+    keys
+        Further keys of the body; steel unless another material is named.
+    """
+    points, cells = lattice(cell, counts)
+    places = shape(points)
+    places = np.pad(places, ((0, 0), (0, 3 - places.shape[1])))
+    write(of_cells(cell, places, cells), path, None)
+    return {
+        "name": path.stem,
+        "mesh": {"file": str(path)},
+        "material": {"young": 2.1e5, "poisson": 0.3},
+        "boundaries": {name: {"where": where} for name, where in sides.items()},
+        **keys,
+    }
 
 
 def spiral(

@@ -3,7 +3,6 @@
 from pathlib import Path
 from typing import Any
 
-import meshio
 import numpy as np
 import pytest
 from mpi4py import MPI
@@ -12,6 +11,7 @@ from contact_app.accuracy.sharp_edges import sharp_edge, sharp_peak, skin_near
 from contact_app.run.solve import solve_scene
 from contact_app.scene.build import build_scene
 from contact_app.scene.configuration import from_mapping, load
+from tests import meshfiles
 from tests.scenes import CONFIGS
 
 SIDES = ((0, "y+"), (1, "y-"))
@@ -119,18 +119,13 @@ def test_an_edge_on_an_obstacle_causes_a_warning_if_its_angle_is_larger_than_a_r
     slope: float, warned: bool, tmp_path: Path
 ) -> None:
     """A foot from -1 to 1, pressed on its right, whose sides lean outwards or are upright."""
-    s, t = np.meshgrid(np.linspace(-1, 1, 13), np.linspace(0, 1, 7))
-    points = np.stack([s * (1.0 + slope * t), t, 0.0 * t], axis=-1).reshape(-1, 3)
-    corner = (13 * np.arange(6)[:, None] + np.arange(12)).ravel()
-    cells = np.stack([corner, corner + 1, corner + 14, corner + 13], axis=1)
+
+    def leaning(x: np.ndarray) -> np.ndarray:
+        return np.column_stack([(2.0 * x[:, 0] - 1.0) * (1.0 + slope * x[:, 1]), x[:, 1]])
+
+    sides = {"heel": "y > 1 - 1e-9 and x > 0.3", "sole": "y < 1e-9"}
     file = tmp_path / "foot.vtu"
-    meshio.write(file, meshio.Mesh(points, [("quad", cells)]))
-    body = {
-        "name": "foot", "mesh": {"file": str(file)}, "material": dict(STEEL),
-        "boundaries": {
-            "heel": {"where": "y > 1 - 1e-9 and x > 0.3"}, "sole": {"where": "y < 1e-9"},
-        },
-    }  # fmt: skip
+    body = meshfiles.part(file, "quadrilateral", (12, 6), leaning, sides, material=STEEL)
     made = {
         "title": "a foot", "dimension": "plane_strain", "bodies": [body],
         "conditions": [{"on": "foot.heel", "displacement": [0, -0.01]}],

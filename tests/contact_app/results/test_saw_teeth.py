@@ -3,13 +3,13 @@
 from pathlib import Path
 from typing import Any
 
-import meshio
 import numpy as np
 from mpi4py import MPI
 
 from contact_app.run.solve import solve_scene
 from contact_app.scene.build import build_scene
 from contact_app.scene.configuration import from_mapping
+from tests import meshfiles
 
 OVERLAP = 0.3
 """Overlap of the teeth, which are 0.6 high, and the strip (length)."""
@@ -17,24 +17,24 @@ OVERLAP = 0.3
 
 def answer(folder: Path, on: str, times: int) -> Any:
     """Teeth of period 2, with flanks of 20° and 56°, under a strip whose top is held."""
-    file = folder / "teeth.vtu"
-    across, up = 30 * times, 4 * times
-    x, s = np.meshgrid(np.linspace(0, 6, across + 1), np.linspace(0, 1, up + 1), indexing="ij")
-    phase = x % 2.0
-    top = 0.6 * np.minimum(phase / 1.6, (2.0 - phase) / 0.4)
-    points = np.stack([x, (2.0 + top) * s - 2.0, 0.0 * x], axis=-1).reshape(-1, 3)
-    corner = (np.arange(across)[:, None] * (up + 1) + np.arange(up)).ravel()
-    cells = np.stack([corner, corner + up + 1, corner + up + 2, corner + 1], axis=1)
-    meshio.write(file, meshio.Mesh(points, [("quad", cells)]))
+
+    def toothed(points: np.ndarray) -> np.ndarray:
+        x, s = 6.0 * points[:, 0], points[:, 1]
+        phase = x % 2.0
+        top = 0.6 * np.minimum(phase / 1.6, (2.0 - phase) / 0.4)
+        return np.column_stack([x, (2.0 + top) * s - 2.0])
+
+    teeth = meshfiles.part(
+        folder / "teeth.vtu", "quadrilateral", (30 * times, 4 * times), toothed,
+        {"top": "y > -1e-6", "foot": "y < -2 + 1e-6"}, material={"young": 2e5, "poisson": 0.3},
+    )  # fmt: skip
     lower = 0.6 - OVERLAP
     box = {"lower": [0, lower], "upper": [6, lower + 3], "cells": [33 * times, 12 * times]}
     sides = ["strip.y-", "teeth.top"] if on == "strip" else ["teeth.top", "strip.y-"]
     made = {
         "title": "a strip on teeth", "dimension": 2,
         "bodies": [
-            {"name": "teeth", "mesh": {"file": str(file)},
-             "material": {"young": 2e5, "poisson": 0.3},
-             "boundaries": {"top": {"where": "y > -1e-6"}, "foot": {"where": "y < -2 + 1e-6"}}},
+            teeth,
             {"name": "strip", "mesh": {"box": box}, "material": {"young": 5, "poisson": 0.4}},
         ],
         "conditions": [

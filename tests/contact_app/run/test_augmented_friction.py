@@ -1,9 +1,9 @@
 """The augmented Lagrangian with friction, where active sets do not settle."""
 
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-import meshio
 import numpy as np
 import pytest
 from mpi4py import MPI
@@ -12,7 +12,7 @@ from solver.contact.active_set_options import ActiveSetOptions
 from solver.driver import solve as solve_problem
 from solver.primal.augmented import AugmentedLagrangian
 from solver.primal.line_search import minimum_along
-from tests import scenes
+from tests import meshfiles, scenes
 from tests.bearings import half_bearing
 from tests.comparison import solve
 from tests.contact_app.run.test_friction import on_a_slope
@@ -87,16 +87,15 @@ def test_rollers_with_friction_are_solved_by_multigrid(tmp_path: Path) -> None:
     assert summary["solution"]["energy"] == pytest.approx(other["solution"]["energy"], rel=1e-5)
 
 
-def strip(path: Path, corners: list[tuple[float, float]], cells: tuple[int, int]) -> str:
-    """A mesh file of triangles on a quadrilateral with these corners, counter-clockwise."""
-    a, b, c, d = (np.array([*corner, 0.0]) for corner in corners)
-    x, y = (v.ravel()[:, None] for v in np.meshgrid(*(np.linspace(0, 1, n + 1) for n in cells)))
-    points = (1 - y) * ((1 - x) * a + x * b) + y * ((1 - x) * d + x * c)
-    node = np.arange(len(points)).reshape(cells[1] + 1, cells[0] + 1)
-    e, f, g, h = (v.ravel() for v in (node[:-1, :-1], node[:-1, 1:], node[1:, 1:], node[1:, :-1]))
-    triangles = np.concatenate([np.c_[e, f, g], np.c_[e, g, h]])
-    meshio.Mesh(points, {"triangle": triangles}).write(path)
-    return str(path)
+def between(corners: list[tuple[float, float]]) -> Callable[[np.ndarray], np.ndarray]:
+    """Function that moves the unit block onto a quadrilateral with corners, counter-clockwise."""
+    a, b, c, d = map(np.array, corners)
+
+    def shape(points: np.ndarray) -> np.ndarray:
+        x, y = points[:, :1], points[:, 1:2]
+        return (1 - y) * ((1 - x) * a + x * b) + y * ((1 - x) * d + x * c)
+
+    return shape
 
 
 @pytest.mark.ratchet
@@ -120,12 +119,14 @@ def test_a_wedge_that_locks_in_elastic_jaws_is_solved_by_multigrid(tmp_path: Pat
     made = {
         "dimension": 2,
         "bodies": [
-            {
-                "name": name,
-                "mesh": {"file": strip(tmp_path / f"{name}.vtu", corners, cells)},
-                "material": {"young": 7e4, "poisson": 0.3},
-                "boundaries": {side: {"where": where} for side, where in sides[name].items()},
-            }
+            meshfiles.part(
+                tmp_path / f"{name}.vtu",
+                "triangle",
+                cells,
+                between(corners),
+                sides[name],
+                material={"young": 7e4, "poisson": 0.3},
+            )
             for name, (corners, cells) in shapes.items()
         ],
         "conditions": [
@@ -147,21 +148,13 @@ def test_a_wedge_that_locks_in_elastic_jaws_is_solved_by_multigrid(tmp_path: Pat
     assert forces[0, 0] == pytest.approx(-forces[1, 0], rel=1e-3)
 
 
-def hook(path: Path) -> str:
-    """A mesh file of a half ring about a peg of radius 8, which ends in a straight stem."""
-    inner, outer, stem, cells = 8.05, 16.0, 20.0, (60, 6)
+def hooked(x: np.ndarray) -> np.ndarray:
+    """Points of a half ring about a peg of radius 8, which ends in a straight stem."""
+    inner, outer, stem = 8.05, 16.0, 20.0
     arc = np.pi * (inner + outer) / 2
-    s, r = np.meshgrid(
-        np.linspace(0, arc + stem, cells[0] + 1), np.linspace(inner, outer, cells[1] + 1)
-    )
+    s, r = (arc + stem) * x[:, 0], inner + (outer - inner) * x[:, 1]
     angle = np.pi * (1 - np.minimum(s, arc) / arc)
-    x, y = r * np.cos(angle), r * np.sin(angle) - np.maximum(s - arc, 0.0)
-    points = np.column_stack([x.ravel(), y.ravel(), np.zeros(x.size)])
-    node = np.arange(x.size).reshape(x.shape)
-    e, f, g, h = (v.ravel() for v in (node[:-1, :-1], node[1:, :-1], node[1:, 1:], node[:-1, 1:]))
-    triangles = np.concatenate([np.c_[e, f, g], np.c_[e, g, h]])
-    meshio.Mesh(points, {"triangle": triangles}).write(path)
-    return str(path)
+    return np.column_stack([r * np.cos(angle), r * np.sin(angle) - np.maximum(s - arc, 0.0)])
 
 
 @pytest.mark.ratchet
@@ -174,15 +167,8 @@ def test_a_hook_that_slides_on_a_peg_is_solved_by_multigrid(
     With limits that follow each step, and earlier limits forgotten again and again, the
     Lagrangian did not settle, and SMALBE-M ended after 1,600 operator applications.
     """
-    body = {
-        "name": "hook",
-        "mesh": {"file": hook(tmp_path / "hook.vtu")},
-        "material": {"young": 2.1e5, "poisson": 0.3},
-        "boundaries": {
-            "bore": {"where": "sqrt(x**2 + y**2) < 8.06 and y > -1e-6"},
-            "end": {"where": "y < -19.999"},
-        },
-    }
+    sides = {"bore": "sqrt(x**2 + y**2) < 8.06 and y > -1e-6", "end": "y < -19.999"}
+    body = meshfiles.part(tmp_path / "hook.vtu", "triangle", (60, 6), hooked, sides)
     peg = {"sphere": {"center": [0, 0], "radius": 8}}
     made = {
         "dimension": 2,

@@ -2,12 +2,11 @@
 
 from pathlib import Path
 
-import meshio
 import numpy as np
 import pytest
 
 from contact_app.run.solve import solve_scene
-from tests import scenes
+from tests import meshfiles, scenes
 
 SHAFT, OUTER, SPLIT = 10.0, 16.0, 0.075
 """Radii of the shaft and of the ring; half the angle of the split."""
@@ -15,27 +14,21 @@ SHAFT, OUTER, SPLIT = 10.0, 16.0, 0.075
 
 def split_ring(path: Path, cells: int, mu: float) -> scenes.Config:
     """A ring of quadrilaterals with that many cells along it; the split is at the right."""
-    angle = np.linspace(SPLIT, 2.0 * np.pi - SPLIT, cells + 1)
-    points = (np.linspace(SHAFT, OUTER, 5)[:, None] * np.exp(1j * angle)).ravel()
-    node = np.arange(points.size).reshape(5, cells + 1)
-    quads = np.stack([node[:-1, :-1], node[1:, :-1], node[1:, 1:], node[:-1, 1:]], axis=-1)
-    flat = np.column_stack([points.real, points.imag, np.zeros(points.size)])
-    meshio.Mesh(flat, [("quad", quads.reshape(-1, 4))]).write(path)
+
+    def bent(x: np.ndarray) -> np.ndarray:
+        angle = SPLIT + 2.0 * (np.pi - SPLIT) * x[:, 1]
+        radius = SHAFT + (OUTER - SHAFT) * x[:, 0]
+        return np.column_stack([radius * np.cos(angle), radius * np.sin(angle)])
+
     between, height = "hypot(x, y) > 10.001 and hypot(x, y) < 15.999", OUTER * np.sin(SPLIT) + 1e-6
     sides = {
         "bore": "hypot(x, y) < 10.000001",
         "upper": f"x > 9 and y > 0 and y < {height} and {between}",
         "lower": f"x > 9 and y < 0 and y > -{height} and {between}",
     }
-    body = {
-        "name": "ring",
-        "mesh": {"file": str(path)},
-        "material": {"young": 2.1e5, "poisson": 0.3},
-        "boundaries": {name: {"where": where} for name, where in sides.items()},
-    }
     return {
         "dimension": "plane_strain",
-        "bodies": [body],
+        "bodies": [meshfiles.part(path, "quadrilateral", (4, cells), bent, sides)],
         "conditions": [
             {"on": "ring.upper", "displacement": [0, None]},
             {"on": "ring.upper", "total_force": [0, -750]},

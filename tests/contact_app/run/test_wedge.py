@@ -3,7 +3,6 @@
 from pathlib import Path
 from typing import Any
 
-import meshio
 import numpy as np
 import pytest
 
@@ -11,19 +10,17 @@ from contact_app.run.solve import solve_scene
 from contact_app.scene.build import build_scene
 from contact_app.scene.configuration import load
 from meshes.samples.make_trials import write
-from tests import scenes
+from tests import meshfiles, scenes
 
 MU, LOAD = 0.5, 400.0
 
 
 def wedge(path: Path, slope: float) -> scenes.Config:
     """A wedge of triangles between two rigid flanks, pressed by its own upper edge."""
-    x, y = (a.ravel() for a in np.meshgrid(np.linspace(-1, 1, 9), np.linspace(0, 10, 11)))
-    nodes = np.arange(99).reshape(11, 9)
-    a, b = nodes[:-1, :-1].ravel(), nodes[:-1, 1:].ravel()
-    c, d = nodes[1:, 1:].ravel(), nodes[1:, :-1].ravel()
-    points = np.column_stack([x * (4 + slope * y), y, np.zeros(99)])
-    meshio.Mesh(points, {"triangle": np.r_[np.c_[a, b, c], np.c_[a, c, d]]}).write(path)
+
+    def tapered(x: np.ndarray) -> np.ndarray:
+        return np.column_stack([(2 * x[:, 0] - 1) * (4 + 10 * slope * x[:, 1]), 10 * x[:, 1]])
+
     edge = f"3.99 + {slope} * y"
     sides = {"right": f"x > {edge}", "left": f"-x > {edge}", "top": "y > 9.99"}
     contacts = [
@@ -34,12 +31,8 @@ def wedge(path: Path, slope: float) -> scenes.Config:
         }
         for name, side in (("right", 1), ("left", -1))
     ]
-    body = {
-        "name": "wedge",
-        "mesh": {"file": str(path)},
-        "material": {"young": 2e4, "poisson": 0.3},
-        "boundaries": {name: {"where": where} for name, where in sides.items()},
-    }
+    material = {"young": 2e4, "poisson": 0.3}
+    body = meshfiles.part(path, "triangle", (8, 10), tapered, sides, material=material)
     return {
         "dimension": "plane_strain",
         "bodies": [body],
@@ -75,20 +68,13 @@ def test_limits_that_push_a_wedge_out_are_relaxed(
 
 def pushed_wedge(path: Path, mu: float, slope: float = 0.18) -> scenes.Config:
     """A wedge pushed in between a floor and a jaw by all nodes of its back."""
+    soft = {"young": 1000, "poisson": 0.3}
 
-    def body(name: str, count: tuple[int, int], place: Any, where: dict[str, str]) -> Any:
-        x, y = (a.ravel() for a in np.meshgrid(*(np.linspace(0, 1, n) for n in count)))
-        nodes = np.arange(count[0] * count[1]).reshape(count[::-1])
-        a, b = nodes[:-1, :-1].ravel(), nodes[:-1, 1:].ravel()
-        c, d = nodes[1:, 1:].ravel(), nodes[1:, :-1].ravel()
-        points = np.column_stack([*place(x, y), 0.0 * x])
-        meshio.Mesh(points, {"triangle": np.r_[np.c_[a, b, c], np.c_[a, c, d]]}).write(path / name)
-        return {
-            "name": name.removesuffix(".vtu"),
-            "mesh": {"file": str(path / name)},
-            "material": {"young": 1000, "poisson": 0.3},
-            "boundaries": {key: {"where": text} for key, text in where.items()},
-        }
+    def body(name: str, cells: tuple[int, int], place: Any, sides: dict[str, str]) -> Any:
+        def shape(x: np.ndarray) -> np.ndarray:
+            return np.column_stack(place(x[:, 0], x[:, 1]))
+
+        return meshfiles.part(path / name, "triangle", cells, shape, sides, material=soft)
 
     def skin(x: np.ndarray) -> np.ndarray:
         return 0.2 + slope * (x + 1)
@@ -96,10 +82,10 @@ def pushed_wedge(path: Path, mu: float, slope: float = 0.18) -> scenes.Config:
     edge = f"{0.2 + slope} + {slope} * x"
     sides = {"up": f"y > {edge} - 1e-6", "lo": f"-y > {edge} - 1e-6", "back": "x > 0.999"}
     wedge = body(
-        "wedge.vtu", (18, 6), lambda x, y: (2 * x - 1, (2 * y - 1) * skin(2 * x - 1)), sides
+        "wedge.vtu", (17, 5), lambda x, y: (2 * x - 1, (2 * y - 1) * skin(2 * x - 1)), sides
     )
     jaw = body(
-        "jaw.vtu", (12, 8),
+        "jaw.vtu", (11, 7),
         lambda x, y: (1.4 * x - 0.8, (1 - y) * skin(1.4 * x - 0.8) + 1.2 * y),
         {"skin": f"y < {edge} + 1e-6", "top": "y > 1.199"},
     )  # fmt: skip
