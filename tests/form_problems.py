@@ -75,6 +75,14 @@ def isotropic(u: Any, young: float, poisson: float) -> Any:
     return lam * ufl.tr(strain(u)) * ufl.Identity(d) + 2 * mu * strain(u)
 
 
+def elastic(space: Any, young: float, poisson: float = 0.3, force: Any = None) -> tuple[Any, Any]:
+    """Forms a and L of an isotropic body under a force per volume, none unless given."""
+    u, v = ufl.TrialFunction(space), ufl.TestFunction(space)
+    force = np.zeros(space.mesh.geometry.dim) if force is None else np.array(force, float)
+    a = ufl.inner(isotropic(u, young, poisson), strain(v)) * ufl.dx
+    return a, ufl.inner(fem.Constant(space.mesh, force), v) * ufl.dx
+
+
 def orthotropic(u: Any) -> Any:
     """Stress of a body that is ten times as stiff along x as across, and soft in shear."""
     e, d = strain(u), len(u)

@@ -425,23 +425,15 @@ def boxes_of_all_sizes(count: int, dimension: int) -> Boxes:
     return Boxes(lower, lower + 10.0 ** random.uniform(-3.0, 0.0, lower.shape))
 
 
-@pytest.mark.parametrize("dimension", [1, 2, 3])
-def test_points_are_found_in_boxes_of_all_sizes(dimension: int) -> None:
-    boxes = boxes_of_all_sizes(200, dimension)
+@pytest.mark.parametrize(("dimension", "flat"), [(1, None), (2, None), (3, None), (3, 0), (3, 2)])
+def test_points_are_found_in_boxes_of_all_sizes(dimension: int, flat: int | None) -> None:
+    """Points in space, at corners of boxes and at one place, and in a plane across an axis."""
+    boxes = boxes_of_all_sizes(300, dimension)
     x = np.random.default_rng(5).uniform(-0.2, 1.2, (500, dimension))
     x[:50] = boxes.lower[:50]
     x[50:60] = x[60]
-    within = (x[:, None] >= boxes.lower).all(axis=2) & (x[:, None] <= boxes.upper).all(axis=2)
-    pairs = np.concatenate([np.stack(pair, axis=1) for pair in points_in_boxes(x, boxes)])
-    assert within.sum() > 50
-    np.testing.assert_array_equal(pairs[np.lexsort(pairs.T[::-1])], np.argwhere(within))
-
-
-@pytest.mark.parametrize("axis", [0, 1, 2])
-def test_points_in_a_plane_are_found_in_boxes(axis: int) -> None:
-    boxes = boxes_of_all_sizes(300, 3)
-    x = np.random.default_rng(5).uniform(size=(400, 3))
-    x[:, axis] = 0.7
+    if flat is not None:
+        x[:, flat] = 0.7
     within = (x[:, None] >= boxes.lower).all(axis=2) & (x[:, None] <= boxes.upper).all(axis=2)
     pairs = np.concatenate([np.stack(pair, axis=1) for pair in points_in_boxes(x, boxes)])
     assert within.sum() > 50

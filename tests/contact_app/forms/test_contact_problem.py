@@ -223,9 +223,7 @@ def test_a_coarse_ball_gives_the_warnings_of_a_scene(cell: str) -> None:
     tags = problems.facet_tags(mesh, {
         1: lambda x: np.isclose(x[2], 1.5) & (x[0] < 1.6) & (x[1] < 1.6)
     })  # fmt: skip
-    u, v = ufl.TrialFunction(V), ufl.TestFunction(V)
-    a = ufl.inner(problems.isotropic(u, 1.0, 0.3), problems.strain(v)) * ufl.dx
-    L = ufl.inner(fem.Constant(mesh, np.zeros(3)), v) * ufl.dx
+    a, L = problems.elastic(V, 1.0)
     feet = [problems.held(V, lambda x: np.isclose(x[2], 0.0), i, 0.05 * i) for i in range(3)]
     ball = Sphere(center=(1.5, 1.0, 5.5), radius=4.0)
     problem = ContactProblem(a, L, feet, [Contact(tags, 1, ball, name="top")])

@@ -152,9 +152,7 @@ def pressed_on_a_ball(count: int, method: str) -> tuple[np.ndarray, tuple[str, .
     mesh = problems.box("quadrilateral", (20, 20), (1.0, 0.5), MPI.COMM_SELF)
     V = problems.vector_space(mesh, 1)
     tags = problems.facet_tags(mesh, {1: problems.bottom})
-    u, v = ufl.TrialFunction(V), ufl.TestFunction(V)
-    a = ufl.inner(problems.isotropic(u, 1.0, 0.3), problems.strain(v)) * ufl.dx
-    L = ufl.inner(fem.Constant(mesh, np.zeros(2)), v) * ufl.dx
+    a, L = problems.elastic(V, 1.0)
     ball = Contact(tags, 1, Sphere((0.45, -1), 1), friction={"coulomb": 0.3})
     problem = ContactProblem(a, L, [], [ball], method=method)
     for factor in np.linspace(0.01, 1.0, count + 1):
@@ -221,9 +219,7 @@ def test_where_the_dual_methods_fail_multigrid_follows() -> None:
     mesh = problems.box("quadrilateral", (400, 2), (500.0, 1.0), MPI.COMM_SELF)
     V = problems.vector_space(mesh, 1)
     tags = problems.facet_tags(mesh, {1: problems.bottom})
-    u, v = ufl.TrialFunction(V), ufl.TestFunction(V)
-    a = ufl.inner(problems.isotropic(u, 1e5, 0.3), problems.strain(v)) * ufl.dx
-    L = ufl.inner(fem.Constant(mesh, np.array([0.0, -1e-3])), v) * ufl.dx
+    a, L = problems.elastic(V, 1e5, force=[0.0, -1e-3])
     bcs = [problems.held(V, problems.left, 0), problems.held(V, problems.left, 1, 0.02)]
     floor = Contact(tags, 1, Plane((0, 0), (0, 1)))
     found, known = (

@@ -35,9 +35,7 @@ def test_a_corner_in_a_facet_of_another_body_causes_a_warning(order: tuple[int, 
         1: lambda x: np.isclose(np.abs(x[0] - 0.375), x[1] - 0.99) & (x[1] < 1.4),
     }
     tags = problems.facet_tags(mesh, flanks)
-    u, v = ufl.TrialFunction(V), ufl.TestFunction(V)
-    a = ufl.inner(problems.isotropic(u, 1.0, 0.3), problems.strain(v)) * ufl.dx
-    L = ufl.inner(fem.Constant(mesh, np.zeros(2)), v) * ufl.dx
+    a, L = problems.elastic(V, 1.0)
     bcs = [problems.held(V, problems.bottom)]
     bcs += [problems.held(V, upper, i, -0.01 * i) for i in range(2)]
     on, against = order
@@ -103,9 +101,7 @@ def test_flat_facets_of_rings_cause_a_warning_unless_they_match(
         2: lambda x: np.isclose(np.hypot(x[0], x[1]), 10.001, atol=1e-6),
     }
     tags, V = problems.facet_tags(mesh, at), problems.vector_space(mesh, 1)
-    u, v = ufl.TrialFunction(V), ufl.TestFunction(V)
-    a = ufl.inner(problems.isotropic(u, 2e5, 0.3), problems.strain(v)) * ufl.dx
-    L = ufl.inner(fem.Constant(mesh, np.zeros(2)), v) * ufl.dx
+    a, L = problems.elastic(V, 2e5)
     bcs = [
         problems.held(V, lambda x: np.isclose(x[0], 0.0), 0),
         problems.held(V, lambda x: np.isclose(x[1], 0.0), 1),
@@ -132,12 +128,9 @@ def test_bricks_that_lock_in_bending_cause_a_warning(
     mesh = problems.box(cell, cells, (10.0, 0.4, 0.4)[:d], MPI.COMM_WORLD)
     V = problems.vector_space(mesh, degree)
     tags = problems.facet_tags(mesh, {3: problems.bottom})
-    u, v = ufl.TrialFunction(V), ufl.TestFunction(V)
-    a = ufl.inner(problems.isotropic(u, 1000.0, 0.3), problems.strain(v)) * ufl.dx
-    down = fem.Constant(mesh, np.array([0.0, -1e-3, 0.0][:d]))
+    a, L = problems.elastic(V, 1000.0, force=[0.0, -1e-3, 0.0][:d])
     floor = Contact(tags, 3, Plane((0.0, -0.5, 0.0)[:d], (0.0, 1.0, 0.0)[:d]))
-    bcs = [problems.held(V, problems.left)]
-    problem = ContactProblem(a, ufl.inner(down, v) * ufl.dx, bcs, [floor])
+    problem = ContactProblem(a, L, [problems.held(V, problems.left)], [floor])
     problem.solve()
     found = [text for text in problem.certificate.warnings if "lock in bending" in text]
     assert [text.startswith("the body: ") for text in found] == [True] * told
@@ -217,9 +210,7 @@ def test_the_estimate_of_simplices_is_near_the_error() -> None:
     energies, estimate = [], ""
     for degree in (1, 2):
         V = problems.vector_space(mesh, degree)
-        u, v = ufl.TrialFunction(V), ufl.TestFunction(V)
-        a = ufl.inner(problems.isotropic(u, 1000.0, 0.3), problems.strain(v)) * ufl.dx
-        L = ufl.inner(fem.Constant(mesh, np.array([0.0, -0.01])), v) * ufl.dx
+        a, L = problems.elastic(V, 1000.0, force=[0.0, -0.01])
         tags = problems.facet_tags(mesh, {3: problems.bottom})
         floor = Contact(tags, 3, Plane((0.0, -1.0), (0.0, 1.0)))
         problem = ContactProblem(a, L, [problems.held(V, problems.left)], [floor])
@@ -303,9 +294,7 @@ def test_surfaces_that_press_and_are_tilted_cause_a_warning(steep: bool) -> None
         1: lambda x: np.isclose(x[1], foot(x[0])) & ~np.isclose(x[1], 1.0),
         2: lambda x: np.isclose(x[1], 1.0),
     }), problems.vector_space(mesh, 1)  # fmt: skip
-    u, v = ufl.TrialFunction(V), ufl.TestFunction(V)
-    a = ufl.inner(problems.isotropic(u, 1.0, 0.35), problems.strain(v)) * ufl.dx
-    L = ufl.inner(fem.Constant(mesh, np.zeros(2)), v) * ufl.dx
+    a, L = problems.elastic(V, 1.0, 0.35)
     bcs = [problems.held(V, lambda x, y=y: np.isclose(x[1], y)) for y in (0.0, 1.8)]
     problem = ContactProblem(a, L, bcs, [Contact(tags, 1, against=2)])
     problem.solve()
@@ -320,14 +309,12 @@ def test_a_body_between_equally_rough_sides_is_carried_by_either(above: float, t
     """A block on a rough floor under a slab that is pressed and pushed by 0.1."""
     mesh = problems.stacked("quadrilateral", MPI.COMM_WORLD)
     V = problems.vector_space(mesh, 1)
-    u, v = ufl.TrialFunction(V), ufl.TestFunction(V)
     tags = problems.facet_tags(mesh, {
         1: lambda x: np.isclose(x[1], 1.0),
         2: lambda x: np.isclose(x[1], 0.99),
         3: problems.bottom,
     })  # fmt: skip
-    a = ufl.inner(problems.isotropic(u, 1.0, 0.3), problems.strain(v)) * ufl.dx
-    L = ufl.inner(fem.Constant(mesh, np.zeros(2)), v) * ufl.dx
+    a, L = problems.elastic(V, 1.0)
     top = [problems.held(V, lambda x: np.isclose(x[1], 2.0), i, (0.1, -0.011)[i]) for i in (0, 1)]
     sides = [
         Contact(tags, 3, Plane((0, 0), (0, 1)), friction={"coulomb": 0.3}),
