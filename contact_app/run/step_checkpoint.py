@@ -8,13 +8,11 @@ must have the same bodies, conditions and contacts, and the same finished or beg
 number of increments; later steps may change.
 """
 
-import hashlib
 import json
 from collections.abc import Callable
 from dataclasses import dataclass
 from fractions import Fraction
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from mpi4py import MPI
@@ -27,7 +25,7 @@ from contact_app.model.normal_forces import NormalForces, Stored
 from contact_app.results.report import log, plain
 from contact_app.run.increments import Position
 from contact_app.run.step_records import Record
-from contact_app.scene.scene import CONDITIONS, Decomposition, Scene
+from contact_app.scene.scene import Decomposition
 from meshes.arrays import Array
 from solver.contact.checkpoint import CHECKPOINT, remove_checkpoint
 from solver.contact.options import Method
@@ -84,7 +82,7 @@ class StepCheckpoint:
     def __init__(
         self, directory: Path, digest_of: Callable[[int], str], comm: MPI.Intracomm
     ) -> None:
-        """`digest_of` is `digest` of the scene, up to one of its steps."""
+        """`digest_of` is `Scene.digest`."""
         self._path, self._digest_of, self._comm = directory / CHECKPOINT, digest_of, comm
 
     def read(self) -> Reached | None:
@@ -169,14 +167,3 @@ class StepCheckpoint:
         """Remove the checkpoint: the history has ended."""
         if self._comm.rank == 0:
             remove_checkpoint(self._path.parent)
-
-
-def digest(scene: Scene, steps: int) -> str:
-    """A hash that identifies the scene up to one of its first steps."""
-    parts: list[Any] = [getattr(scene, key) for key in CONDITIONS]
-    parts += [scene.rigid, scene.dimension, scene.plane, scene.contacts, scene.pairs]
-    parts += [scene.all_ties, scene.decomposition, [step.factors for step in scene.steps[:steps]]]
-    for body in scene.bodies:
-        parts += [body.name, body.materials, body.degree, body.hold, body.mesh.fingerprint]
-        parts += sorted(body.boundaries.items())
-    return hashlib.sha256(repr(parts).encode()).hexdigest()

@@ -34,7 +34,7 @@ from contact_app.run.increments import (
 )
 from contact_app.run.progress import together
 from contact_app.run.refined_steps import RefinedHistory, history_to_accuracy
-from contact_app.run.step_checkpoint import StepCheckpoint, digest
+from contact_app.run.step_checkpoint import StepCheckpoint
 from contact_app.run.step_records import Record, record_of, summary_of_steps, write_table
 from contact_app.scene.scene import Scene
 from solver.contact.checkpoint import EVERY_SECONDS
@@ -90,7 +90,7 @@ class _Files:
 
     def __init__(self, scene: Scene, directory: Path, comm: MPI.Intracomm, resume: bool) -> None:
         self.scene, self.directory, self.comm = scene, directory, comm
-        self._checkpoint = StepCheckpoint(directory, partial(digest, scene), comm)
+        self._checkpoint = StepCheckpoint(directory, scene.digest, comm)
         self.reached = self._checkpoint.read() if resume else None
         self.is_resumed = self.reached is not None
         self.records: list[Record] = []

@@ -3,6 +3,7 @@
 All later stages read only the scene, not the input file.
 """
 
+import hashlib
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -227,6 +228,16 @@ class Scene:
     def loaded_at(self, step: int, share: float) -> "Scene":
         """The scene with the loads at a share of a step."""
         return self.under(self.loading_at(step, share))
+
+    def digest(self, steps: int) -> str:
+        """A hash that identifies the scene up to one of its first steps."""
+        parts: list[Any] = [getattr(self, key) for key in CONDITIONS]
+        parts += [self.rigid, self.dimension, self.plane, self.contacts, self.pairs]
+        parts += [self.all_ties, self.decomposition, [step.factors for step in self.steps[:steps]]]
+        for body in self.bodies:
+            parts += [body.name, body.materials, body.degree, body.hold, body.mesh.fingerprint]
+            parts += sorted(body.boundaries.items())
+        return hashlib.sha256(repr(parts).encode()).hexdigest()
 
     @property
     def names_expressions(self) -> bool:

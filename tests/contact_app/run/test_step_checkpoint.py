@@ -6,7 +6,6 @@ from typing import Any
 
 import pytest
 
-from contact_app.run.step_checkpoint import digest
 from tests import meshfiles, scenes
 
 
@@ -52,11 +51,11 @@ def test_a_scene_has_one_digest_and_another_scene_another(
 ) -> None:
     """A run goes on if only later steps changed; the first step is the one that has ended."""
     made = history(tmp_path)
-    here = digest(scenes.build(made), 1)
-    assert digest(scenes.build({**made, "steps": [{"press": 1}, {"heat": 2}]}), 1) == here
+    here = scenes.build(made).digest(1)
+    assert scenes.build({**made, "steps": [{"press": 1}, {"heat": 2}]}).digest(1) == here
     other = copy.deepcopy(made)
     place = other
     for key in keys[:-1]:
         place = place[key]
     place[keys[-1]] = value
-    assert digest(scenes.build(other), 1) != here
+    assert scenes.build(other).digest(1) != here
