@@ -8,14 +8,14 @@ case is measured as well.
 import copy
 import tempfile
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache
 from pathlib import Path
 from typing import Any
 
-import meshio
 import numpy as np
 
+from contact_app.studies.perturbed import write_mesh
 from meshes import BoxShape
 
 Config = dict[str, Any]
@@ -242,12 +242,9 @@ def overlapping_cells() -> Config:
 def _tangled() -> Path:
     """A temporary mesh file of the unit square with one node far from its place."""
     shape = BoxShape((0.0, 0.0), (1.0, 1.0), (8, 8), "triangle").cell_mesh()
-    points = np.pad(shape.points, ((0, 0), (0, 1)))
-    place = np.abs(points - [0.5, 0.5, 0.0]).max(axis=1).argmin()
-    points[place] = [0.8, 0.6, 0.0]
-    path = Path(_directory().name) / "tangled.vtu"
-    meshio.Mesh(points, [("triangle", shape.cells)]).write(path)
-    return path
+    points = shape.points.copy()
+    points[np.abs(points - 0.5).max(axis=1).argmin()] = [0.8, 0.6]
+    return write_mesh(Path(_directory().name) / "tangled.vtu", replace(shape, points=points))
 
 
 @cache

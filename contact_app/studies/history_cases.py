@@ -19,12 +19,13 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-import meshio
 import numpy as np
 
 from contact_app.run.increments import SolvedIncrement
 from contact_app.studies.hertz import Quantity
+from contact_app.studies.perturbed import write_mesh
 from meshes.arrays import Array
+from meshes.graded import graded_box
 
 
 def rod_cycle(increments: Sequence[SolvedIncrement]) -> list[Quantity]:
@@ -115,21 +116,20 @@ def graded_block(path: Path, cells: int, size: float = 100.0) -> Path:
     size
         Half the width, and the height of the block.
     """
+    x, _, y = graded_lines(cells, size, GROWTH)
+    return write_mesh(path, graded_box("quadrilateral", [x, y]))
+
+
+def graded_lines(cells: int, size: float, growth: float) -> tuple[Array, Array, Array]:
+    """Grid lines of `graded_block` across its middle, beside it, and downwards."""
     step = 1.0 / cells
     inner = np.arange(0.0, FINE + 0.5 * step, step)
-    beside = inner[-1] + growing(step, size - inner[-1], GROWTH)
-    x = np.concatenate([inner, beside])
-    x = np.concatenate([-x[:0:-1], x])
-    y = -np.concatenate([[0.0], growing(step, size, GROWTH)])[::-1]
-    points = np.stack(np.meshgrid(x, y, indexing="ij"), axis=-1).reshape(-1, 2)
-    number = np.arange(len(points)).reshape(len(x), len(y))
-    corners = (number[:-1, :-1], number[1:, :-1], number[1:, 1:], number[:-1, 1:])
-    quads = np.stack(corners, axis=-1).reshape(-1, 4)
-    meshio.Mesh(np.pad(points, ((0, 0), (0, 1))), [("quad", quads)]).write(path)
-    return path
+    beside = np.concatenate([inner, inner[-1] + _growing(step, size - inner[-1], growth)])
+    down = -np.concatenate([[0.0], _growing(step, size, growth)])[::-1]
+    return np.concatenate([-beside[:0:-1], beside]), beside, down
 
 
-def growing(step: float, length: float, factor: float) -> Array:
+def _growing(step: float, length: float, factor: float) -> Array:
     """Ends of cells over a length, each longer than the last one by a factor."""
     ends, at = [], 0.0
     while at < length:

@@ -20,20 +20,21 @@ and it falls with the size of cells.
 from collections.abc import Sequence
 from pathlib import Path
 
-import meshio
 import numpy as np
 
 from contact_app.run.increments import SolvedIncrement
 from contact_app.scene.obstacles import Sphere
 from contact_app.studies.hertz import Quantity, fitted
-from contact_app.studies.history_cases import growing
+from contact_app.studies.history_cases import graded_lines
+from contact_app.studies.perturbed import write_mesh
 from meshes.arrays import Array
+from meshes.graded import graded_box
 
 SIZE = 10.0
 """Half the width of the block, and its height, for a contact radius of 1."""
 
-GROWTH, FINE = 1.6, 1.4
-"""Growth factor of cells outside the contact, and distance up to which cells are equal."""
+GROWTH = 1.6
+"""Growth factor of cells outside the contact."""
 
 
 def mindlin(increments: Sequence[SolvedIncrement]) -> list[Quantity]:
@@ -88,19 +89,4 @@ def graded_half_block(path: Path, cells: int) -> Path:
     cells
         Number of cells per unit of length there.
     """
-    step = 1.0 / cells
-    inner = np.arange(0.0, FINE + 0.5 * step, step)
-    y = np.concatenate([inner, inner[-1] + growing(step, SIZE - inner[-1], GROWTH)])
-    x = np.concatenate([-y[:0:-1], y])
-    z = -np.concatenate([[0.0], growing(step, SIZE, GROWTH)])[::-1]
-    points = np.stack(np.meshgrid(x, y, z, indexing="ij"), axis=-1).reshape(-1, 3)
-    number = np.arange(len(points)).reshape(len(x), len(y), len(z))
-    turn = ((0, 0), (1, 0), (1, 1), (0, 1))
-    corners = [
-        number[i : len(x) - 1 + i, j : len(y) - 1 + j, k : len(z) - 1 + k]
-        for k in (0, 1)
-        for i, j in turn
-    ]
-    cells_of = np.stack(corners, axis=-1).reshape(-1, 8)
-    meshio.Mesh(points, [("hexahedron", cells_of)]).write(path)
-    return path
+    return write_mesh(path, graded_box("hexahedron", graded_lines(cells, SIZE, GROWTH)))

@@ -37,5 +37,12 @@ def perturbed_box(
 
 def write_box(path: Path, bricks: int, *corners: Sequence[float]) -> None:
     """Write a box to a mesh file."""
-    box = perturbed_box(bricks, *corners)
-    meshio.write(path, meshio.Mesh(box.points, [("tetra", box.cells)]))
+    write_mesh(path, perturbed_box(bricks, *corners))
+
+
+def write_mesh(path: Path, mesh: CellMesh) -> Path:
+    """Write points and cells of a mesh to a file, without groups; return its path."""
+    names = {"quadrilateral": "quad", "tetrahedron": "tetra"}
+    points = np.pad(mesh.points, ((0, 0), (0, 3 - mesh.dimension)))
+    meshio.Mesh(points, [(names.get(mesh.cell, mesh.cell), mesh.cells)]).write(path)
+    return path

@@ -9,13 +9,16 @@
 """
 
 import math
+from dataclasses import replace
 from pathlib import Path
 
-import meshio
 import numpy as np
 
 from contact_app.accuracy.solved_scene import SolvedScene
 from contact_app.studies.hertz import Quantity
+from contact_app.studies.perturbed import write_mesh
+from meshes import CellMesh
+from meshes.graded import graded_box
 
 DRUM, THICK, PULL = 100.0, 0.25, 1.0
 """Radius of the drum, thickness of the belt over the length of its cells, and the force T."""
@@ -54,32 +57,25 @@ def write_belt(path: Path, cells: int) -> Path:
     """Write a quarter of a ring with that many cells along it, and two across."""
     angle = np.linspace(0.0, 0.5 * np.pi, cells + 1)
     radius = np.linspace(DRUM, DRUM + THICK * DRUM * angle[1], 3)
-    points = radius[:, None] * np.exp(1j * angle)
-    flat = np.stack([points.real, points.imag, np.zeros_like(points.real)], axis=-1)
-    quads = _quads(np.arange(points.size).reshape(points.shape))
-    meshio.Mesh(flat.reshape(-1, 3), [("quad", quads)]).write(path)
-    return path
+    return write_mesh(path, _bent(graded_box("quadrilateral", [radius, angle])))
 
 
 def write_ring(path: Path, cells: int) -> Path:
     """Write a hollow cylinder with that many cells across its wall."""
     radius = np.linspace(INNER, OUTER, cells + 1)
-    angle = np.linspace(0.0, 2.0 * np.pi, 8 * cells, endpoint=False)
+    angle = np.linspace(0.0, 2.0 * np.pi, 8 * cells + 1)
     z = np.linspace(0.0, HEIGHT, max(cells // 2, 1) + 1)
-    plane = (radius[:, None] * np.exp(1j * angle)).ravel()
-    points = np.array([(p.real, p.imag, height) for height in z for p in plane])
-    number = np.arange(plane.size).reshape(len(radius), len(angle))
-    foot = _quads(np.column_stack([number, number[:, 0]]))
-    cells_of = [np.hstack([foot + k * plane.size, foot + (k + 1) * plane.size])
-                for k in range(len(z) - 1)]  # fmt: skip
-    meshio.Mesh(points, [("hexahedron", np.vstack(cells_of))]).write(path)
-    return path
+    ring = _bent(graded_box("hexahedron", [radius, angle, z]))
+    _, first, node = np.unique(ring.points.round(9), axis=0, return_index=True, return_inverse=True)
+    closed = replace(ring, points=ring.points[first], cells=node.reshape(-1)[ring.cells])
+    return write_mesh(path, closed)
 
 
-def _quads(number: np.ndarray) -> np.ndarray:
-    """Corners of the cells of a grid of node numbers, counter-clockwise."""
-    corners = (number[:-1, :-1], number[1:, :-1], number[1:, 1:], number[:-1, 1:])
-    return np.stack(corners, axis=-1).reshape(-1, 4)
+def _bent(box: CellMesh) -> CellMesh:
+    """A box of radii and angles as a sector of a ring."""
+    radius, angle, *height = box.points.T
+    points = np.column_stack([radius * np.cos(angle), radius * np.sin(angle), *height])
+    return replace(box, points=points)
 
 
 def belt(solved: SolvedScene) -> list[Quantity]:
