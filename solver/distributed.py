@@ -2,7 +2,9 @@
 
 from collections.abc import Iterator
 from contextlib import contextmanager
+from itertools import pairwise
 
+import numpy as np
 from mpi4py import MPI
 from petsc4py import PETSc
 from scipy import sparse
@@ -46,3 +48,18 @@ def local_rows(matrix: PETSc.Mat) -> sparse.csr_matrix:
     begins, places, values = matrix.getValuesCSR()
     shape = (len(begins) - 1, matrix.getSize()[1])
     return sparse.csr_matrix((values, places, begins), shape=shape)
+
+
+def transposed_rows(
+    comm: MPI.Intracomm, local: sparse.csr_matrix, columns: int
+) -> sparse.csr_matrix:
+    """This rank's rows of the transpose, from its rows and its number of columns (collective)."""
+    first, total = comm.exscan(local.shape[0]) or 0, comm.allreduce(local.shape[0])
+    parts = []
+    for begin, end in pairwise(np.cumsum([0, *comm.allgather(columns)])):
+        part = local[:, begin:end].tocoo()
+        parts.append((part.col, first + part.row, part.data))
+    rows, places, values = (
+        np.concatenate(arrays) for arrays in zip(*comm.alltoall(parts), strict=True)
+    )
+    return sparse.csr_matrix((values, (rows, places)), shape=(columns, total))

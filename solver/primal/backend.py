@@ -115,7 +115,7 @@ class Multigrid:
             return None
         begin = Position(self.u, self.left(), multiply(system.C, self.u) - system.c)
         levels, forces = self.matrices.hierarchy, multiplier[system.rows]
-        first = corrected_set(system, levels, cycle.coarse, row_stiffness(system), begin, forces)
+        first = corrected_set(system, levels, cycle, begin, forces)
         self.begin_at(first.u)
         self.release()
         return self.closed_in(first)

@@ -7,6 +7,7 @@ coupled. In blocks a product Pᵀ A P does the same arithmetic with one index fo
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from itertools import pairwise
 
 import numpy as np
@@ -180,6 +181,11 @@ class BlockRows:
             (count, PETSc.DETERMINE)
             for count in (self.local.shape[0], self.columns * self.local.blocksize[1])
         ]
+
+    @cached_property
+    def matrix(self) -> PETSc.Mat:
+        """`to_petsc`, made once (collective at the first call)."""
+        return self.to_petsc()
 
     def to_petsc(self) -> PETSc.Mat:
         """The matrix for PETSc, in single entries (collective)."""

@@ -109,6 +109,11 @@ class CycleOnSets:
     ----------
     made
         The cycle of the coarser levels of the first set, to begin with.
+
+    Attributes
+    ----------
+    rows : list of BlockRows
+        C on each coarser level.
     """
 
     def __init__(
@@ -124,10 +129,10 @@ class CycleOnSets:
         if made is None:
             self._operators = [rows_in_blocks(operator) for operator in hierarchy.operators[1:]]
             self._springs = np.zeros(len(system.rows))
-            self._rows = rows_on_levels(system.C, self._prolongations)
+            self.rows = rows_on_levels(system.C, self._prolongations)
         else:
             self._coarse, self._operators = made.cycle, list(made.operators)
-            self._springs, self._rows = made.springs, list(made.rows)
+            self._springs, self.rows = made.springs, list(made.rows)
 
     def _cycle(self) -> Cycle:
         operators = [petsc_blocks(rows) for rows in self._operators]
@@ -196,7 +201,7 @@ class CycleOnSets:
     def _on_levels(self, system: MergedSystem, some: Ints) -> list[BlockRows]:
         """Some rows of this rank on each coarse level (collective)."""
         if system is self._unturned:
-            return [rows.some(some) for rows in self._rows]
+            return [rows.some(some) for rows in self.rows]
         chosen = petsc_rows(system.comm, local_rows(system.C)[some], system.size)
         return rows_on_levels(chosen, self._prolongations)
 

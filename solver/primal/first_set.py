@@ -18,7 +18,7 @@ from petsc4py import PETSc
 
 from solver.primal.block_rows import BlockRows
 from solver.primal.blocks import petsc_blocks, rows_in_blocks
-from solver.primal.cycle import Cycle, CycleWithSprings, rows_on_levels
+from solver.primal.cycle import CycleOnSets, CycleWithSprings, rows_on_levels
 from solver.primal.factor import diagonal_below, row_stiffness, spread_means, squared_rows
 from solver.primal.friction_springs import FrictionSprings
 from solver.primal.hierarchy import Hierarchy
@@ -69,7 +69,7 @@ def find_first_set(
     on_levels, loads = rows_on_levels(system.C, P), [system.load - multiply(system.K, start)]
     for prolongation in P:
         loads.append(multiply_transposed(prolongation, loads[-1]))
-    x, pressed, multiplier, cycle = np.zeros(len(loads[-1])), system.equality, None, None
+    x = np.zeros(len(loads[-1]))
     for k in range(len(P), 0, -1):
         below = replace(hierarchy, prolongations=P[k:], operators=tuple(A[k:]))
         level = CycleLevel(rows, below, on_levels[k - 1 :], loads[k], options)
@@ -79,16 +79,15 @@ def find_first_set(
             x = level.minimise(x, options.steps)
         else:
             x = level.proximal_step(x, options.steps, options.settled)
-        pressed, multiplier, cycle = level.pressed(x), level.multiplier(x), level.made
-        x = multiply(P[k - 1], x)
-    if system.has_rigid_bodies:  # this cycle has unknowns of rigid bodies
-        cycle = None
-    return FirstSet(pressed | system.equality, start + x, multiplier, cycle)
+        if k > 1:
+            x = multiply(P[k - 1], x)
+    cycle = None if system.has_rigid_bodies else level.made  # it has unknowns of rigid bodies
+    active = level.pressed(x) | system.equality
+    return FirstSet(active, start + multiply(P[0], x), level.multiplier(x), cycle)
 
 
 def corrected_set(
-    system: MergedSystem, hierarchy: Hierarchy, cycle: Cycle, stiff: Array, begin: Position,
-    forces: Array,
+    system: MergedSystem, hierarchy: Hierarchy, cycle: CycleOnSets, begin: Position, forces: Array
 ) -> FirstSet:  # fmt: skip
     """The set and the displacement after a correction on the level below the finest (collective).
 
@@ -98,15 +97,13 @@ def corrected_set(
     Parameters
     ----------
     cycle
-        From the level below the finest one down.
-    stiff : (rows,)
-        `row_stiffness`.
+        Of the last set.
     begin
         The displacement that is corrected.
     forces : (rows,)
         λ of the set.
     """
-    P = hierarchy.prolongations
+    P, stiff = hierarchy.prolongations, row_stiffness(system)
     below = replace(hierarchy, prolongations=P[1:], operators=hierarchy.operators[1:])
     friction = FrictionSprings.of(system, stiff)
     penetration = np.divide(forces, stiff, out=np.zeros_like(forces), where=stiff > 0.0)
@@ -114,7 +111,7 @@ def corrected_set(
     rows = Rows(system.comm, reach, system.normal, system.equality, stiff, friction)
     of_means = multiply_transposed(system.C, np.where(stiff > 0.0, 0.0, forces))
     load, options = multiply_transposed(P[0], begin.left - of_means), FirstSetOptions()
-    level = CycleLevel(rows, below, rows_on_levels(system.C, P[:1]), load, options, cycle)
+    level = CycleLevel(rows, below, cycle.rows, load, options, cycle.coarse)
     x = level.proximal_step(np.zeros(len(load)), options.steps, options.settled)
     return FirstSet(level.pressed(x) | system.equality, begin.u + multiply(P[0], x))
 

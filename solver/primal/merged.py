@@ -255,19 +255,25 @@ def _summed(values: Array, copies: Ints, nodes: MergedNodes, d: int) -> Array:
 
 
 def _stiffness(problem: DecomposedProblem, nodes: MergedNodes) -> PETSc.Mat:
-    """K of all unknowns (collective)."""
+    """K of all unknowns (collective).
+
+    PETSc adds the rows of ranks that share nodes. Others come to their owners as they are, in half
+    the time.
+    """
     comm, d = problem.comm, problem.dimension
-    total = len(nodes.numbers) * d
-    local = _local_stiffness(problem, nodes, total)
+    local = _local_stiffness(problem, nodes, len(nodes.numbers) * d)
     local.sort_indices()
-    if comm.size == 1:
-        K = _alone(local)
+    size = (nodes.count * d, PETSc.DETERMINE)
+    if not nodes.shared:
+        total, first = comm.allreduce(nodes.count * d), d * nodes.numbers[:1].sum()
+        shifted = (local.data, local.indices + first, local.indptr)
+        rows = nodes.at_owners(sparse.csr_matrix(shifted, (local.shape[0], total)), d)
+        K = PETSc.Mat().createAIJ((size, size), csr=_of_petsc(rows), comm=comm)
         K.setBlockSize(d)
         return K
-    owned = _alone(local)
+    owned = PETSc.Mat().createAIJ(local.shape, csr=_of_petsc(local), comm=PETSc.COMM_SELF)
     where = PETSc.LGMap().create(nodes.numbers.astype(PETSc.IntType), bsize=d, comm=comm)
-    shape = ((nodes.count * d, PETSc.DETERMINE), (nodes.count * d, PETSc.DETERMINE))
-    torn = PETSc.Mat().createIS(shape, lgmapr=where, lgmapc=where, comm=comm)
+    torn = PETSc.Mat().createIS((size, size), lgmapr=where, lgmapc=where, comm=comm)
     torn.setBlockSize(d)
     torn.setISLocalMat(owned)
     torn.assemble()
@@ -277,12 +283,10 @@ def _stiffness(problem: DecomposedProblem, nodes: MergedNodes) -> PETSc.Mat:
     return K
 
 
-def _alone(local: sparse.csr_matrix) -> PETSc.Mat:
-    """A PETSc matrix of this rank alone."""
+def _of_petsc(local: sparse.csr_matrix) -> tuple[Ints, Ints, Array]:
+    """The arrays of a matrix in PETSc's types."""
     begins, places = (part.astype(PETSc.IntType) for part in (local.indptr, local.indices))
-    return PETSc.Mat().createAIJ(
-        local.shape, csr=(begins, places, local.data), comm=PETSc.COMM_SELF
-    )
+    return begins, places, local.data
 
 
 def _local_stiffness(

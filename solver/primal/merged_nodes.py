@@ -36,6 +36,8 @@ class MergedNodes:
     body : (distinct,)
     first_here : (distinct,)
         Whether no rank before this one has the node.
+    shared
+        Whether some node is on several ranks.
     count
         Number of nodes that this rank owns.
     """
@@ -62,6 +64,7 @@ class MergedNodes:
         self.first_here = exchange.from_owners(lowest[where]) == comm.rank
         counts = comm.allgather(int(self.first_here.sum()))
         ends = np.cumsum([0, *counts])
+        self.shared = bool(comm.allreduce(len(unique)) > ends[-1])
         self.numbers = np.full(len(unique), -1)
         self.numbers[self.first_here] = np.arange(*ends[comm.rank : comm.rank + 2])
         numbers = np.full(len(lowest), -1)

@@ -14,7 +14,6 @@ every rank, or by a few conjugate gradients with a V-cycle.
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cached_property
 
 import numpy as np
 from mpi4py import MPI
@@ -260,22 +259,17 @@ class SharedLevel(Level):
         self.A, self.Q = A, Q
         super().__init__(rows, load, np.asarray(A.getDiagonal().getArray()), options)
 
-    @cached_property
-    def _Q(self) -> PETSc.Mat:
-        """Q for products; levels that every rank solves need none (collective at first)."""
-        return self.Q.to_petsc()
-
     def stiffness(self, x: Array) -> Array:
         """A x."""
         return multiply(self.A, x)
 
     def images(self, x: Array) -> Array:
         """Q x, (rows,)."""
-        return multiply(self._Q, x)
+        return multiply(self.Q.matrix, x)
 
     def forces(self, multiplier: Array) -> Array:
         """Qᵀ λ of multipliers (rows,)."""
-        return multiply_transposed(self._Q, multiplier)
+        return multiply_transposed(self.Q.matrix, multiplier)
 
     def newton_step(self, weights: Array, residual: Array) -> Array:
         """Newton step by a sparse factor of the Hessian."""
@@ -351,7 +345,7 @@ class CycleLevel(SharedLevel):
             levels = self._hierarchy
             stiff = np.where(weights > self.options.faint * self.rows.stiffness, weights, 0.0)
             springs = spring_matrix(self.Q, stiff)
-            faint = multiply_transposed(squared(self._Q), weights - stiff)
+            faint = multiply_transposed(squared(self.Q.matrix), weights - stiff)
             added = springs.plus_diagonal(self.shift + faint)
             operators = [rows_in_blocks(self.A).plus(added)]
             for A, P in zip(levels.operators[1:], levels.prolongations, strict=True):

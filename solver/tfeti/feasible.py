@@ -15,8 +15,9 @@ from solver.vectors import Array, Mask, largest_magnitude
 ROUNDS = 40
 """Largest number of corrections; an iterate of a solver needs two or three."""
 
-CLOSED = 1e-15
-"""Jumps and penetrations, over the largest displacement, up to which rows count as closed."""
+CLOSED = 1e-14
+"""Jumps and penetrations, over the largest displacement, up to which rows count as closed. With
+1e-15 the rounding errors of rows of 50 entries do not count as such."""
 
 MOST_STEPS = 200
 """Largest number of conjugate gradient steps to close jumps; tied surfaces take 20 to 50."""
@@ -111,7 +112,6 @@ def feasible_displacements(
     sliding : (dual,)
         Tangential rows that may have any slip; None where there are none.
     """
-    damping = problem.overlap
     change, repaired = np.empty_like(displacements), displacements.copy()
     tolerance = CLOSED * max(1e-300, largest_magnitude(problem.comm, displacements))
     residual = problem.residual(repaired)
@@ -127,7 +127,7 @@ def feasible_displacements(
                 tolerance = max(tolerance, rest * size)
             if size <= tolerance or size > 0.99 * previous:
                 break
-            problem.deforming.apply_transpose(violation / damping, change)
+            problem.deforming.apply_transpose(violation / problem.overlap, change)
             repaired -= change
             residual = problem.residual(repaired)
             previous = size

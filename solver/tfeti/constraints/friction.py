@@ -104,10 +104,11 @@ def _without_room(rows: ContactRows, contact: ContactRows, normal: Ints, point: 
     count = int(point.max(initial=-1)) + 1
     of_contact = np.full(len(contact.nodes), -1, np.int64)
     of_contact[normal] = point
-    both = rows.entries, contact.entries
-    points = np.concatenate([point[both[0].row], of_contact[both[1].row]])
-    places = [np.stack([entries.node, entries.component]) for entries in both]
-    unknowns = np.unique(np.hstack(places), axis=1, return_inverse=True)[1].reshape(-1)
-    pairs = np.unique(np.stack([points, unknowns])[:, points >= 0], axis=1)
+    entries = rows.entries, contact.entries
+    points = np.concatenate([point[entries[0].row], of_contact[entries[1].row]])
+    places = np.hstack([np.stack([part.node, part.component]) for part in entries])
+    some = points >= 0
+    unknowns = np.unique(places[:, some], axis=1, return_inverse=True)[1].reshape(-1)
+    pairs = np.unique(np.stack([points[some], unknowns]), axis=1)
     unknowns_of_point = np.bincount(pairs[0], minlength=count)
     return np.flatnonzero(unknowns_of_point < np.bincount(point, minlength=count) + 1)
