@@ -132,7 +132,9 @@ class ActiveSetOptions:
     largest load."""
     jumping: int = 8
     """Without friction, number of sets in a row with rows that join, each with at least as many
-    changed rows as an earlier one, after which the sets are said not to settle."""
+    changed rows as an earlier one with such rows, after which the sets are said not to settle. The
+    first set, begun from coarse levels, may lose few rows only: a tray whose contact grows in all
+    further sets took 122 and 127 operator applications on two and three ranks, and 61 on one."""
     may_peel: bool = True
     """Whether sets go on where contact peels off and there is no constraint hierarchy. Where a
     factor is affordable, multigrid goes on otherwise: by factors on the constraint hierarchy for
@@ -195,13 +197,9 @@ class ActiveSetOptions:
 
     def jumps(self, sets: Sequence[Turnover]) -> bool:
         """Whether the number of changed rows does not fall, and rows join in each set."""
-        changed = [t.joined + t.left for t in sets]
-        last = sets[-self.jumping :]
-        return (
-            len(sets) > self.jumping
-            and min(changed[-self.jumping :]) >= min(changed[: -self.jumping])
-            and all(t.joined for t in last)
-        )
+        earlier = [t.joined + t.left for t in sets[: -self.jumping] if t.joined]
+        last = [t.joined + t.left for t in sets[-self.jumping :] if t.joined]
+        return bool(earlier) and len(last) == self.jumping and min(last) >= min(earlier)
 
     def is_unsettled(self, sets: Sequence[Turnover]) -> bool:
         """Whether contact does not settle: many rows change in each set, and many join."""

@@ -122,3 +122,18 @@ def test_a_row_with_negligible_tension_stays_active(negligible: float) -> None:
     forces[2] = -5e-7
     following, _, _ = update.following(solved, state)
     assert following.active.sum() == 2
+
+
+@pytest.mark.parametrize(
+    ("first", "jumps"),
+    [((0, 9), False), ((9, 0), True), ((200, 0), False)],
+    ids=["only lost rows", "changed as few", "changed more"],
+)
+def test_sets_do_not_settle_where_as_many_rows_change_as_in_an_earlier_set_with_new_rows(
+    first: tuple[int, int], jumps: bool
+) -> None:
+    """A first set from coarse levels that loses few rows only says nothing of growing contact."""
+    growing = [Turnover(joined, 2, 500) for joined in (77, 20, 327, 54, 111, 64, 33, 27)]
+    assert OPTIONS.jumps([Turnover(*first, 440), *growing]) is jumps
+    assert not OPTIONS.jumps([Turnover(*first, 440), *growing[:-1]])
+    assert not OPTIONS.jumps([Turnover(*first, 440), *growing[:-1], Turnover(0, 30, 500)])
