@@ -7,8 +7,6 @@ Format 4.1: https://gmsh.info/doc/texinfo/gmsh.html#MSH-file-format. What this m
 (other versions, parametric nodes, data at nodes, a damaged text) meshio reads itself.
 """
 
-from __future__ import annotations
-
 import tempfile
 import warnings
 from pathlib import Path
