@@ -75,7 +75,7 @@ class _Numbers:
 
     def __init__(self, text: bytes, kind: type) -> None:
         self._values: NDArray = np.fromstring(text, kind, sep=" ")  # type: ignore[call-overload]
-        self._at, self._taken = 0, list[bytes]()
+        self._at, self._parts = 0, list[bytes]()
 
     def take(self, count: int, kind: type) -> list[int]:
         """Take so many numbers, of this type in binary; return the first four as integers."""
@@ -83,14 +83,14 @@ class _Numbers:
         if len(part) < count:
             raise ValueError("the section ends too early")
         self._at += count
-        self._taken.append(part.astype(kind).tobytes())
+        self._parts.append(part.astype(kind).tobytes())
         return [int(value) for value in part[:4]]
 
     def end(self) -> bytes:
         """All that was taken, in binary."""
         if self._at < len(self._values):
             raise ValueError("the section does not end")
-        return b"".join(self._taken)
+        return b"".join(self._parts)
 
 
 def _entities(numbers: _Numbers) -> bytes:
