@@ -19,10 +19,12 @@ from numpy.typing import NDArray
 FORMAT = b"$MeshFormat\n4.1 %d 8\n"
 """Beginning of a file; the number is 0 for text and 1 for binary."""
 
-NODES = {
-    1: 2, 2: 3, 3: 4, 4: 4, 5: 8, 8: 3, 9: 6, 10: 9, 11: 10, 12: 27, 15: 1, 16: 8, 17: 20,
+CELLS = {
+    1: ("line", 2), 2: ("triangle", 3), 3: ("quad", 4), 4: ("tetra", 4), 5: ("hexahedron", 8),
+    8: ("line3", 3), 9: ("triangle6", 6), 10: ("quad9", 9), 11: ("tetra10", 10),
+    12: ("hexahedron27", 27), 15: ("vertex", 1), 16: ("quad8", 8), 17: ("hexahedron20", 20),
 }  # fmt: skip
-"""Nodes of a cell by the number of its type."""
+"""Name, as meshio has it, and nodes of a cell by the number of its type."""
 
 TAG, COUNT, PLACE = np.int32, np.uint64, np.float64
 """Types of numbers in binary."""
@@ -116,5 +118,5 @@ def _nodes(numbers: _Numbers) -> bytes:
 def _cells(numbers: _Numbers) -> bytes:
     for _ in range(numbers.take(4, COUNT)[0]):
         kind = numbers.take(3, TAG)[2]
-        numbers.take(numbers.take(1, COUNT)[0] * (1 + NODES[kind]), COUNT)
+        numbers.take(numbers.take(1, COUNT)[0] * (1 + CELLS[kind][1]), COUNT)
     return numbers.end()
