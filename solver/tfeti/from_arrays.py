@@ -177,10 +177,13 @@ def _with_held_without_contact(problem: DualProblem) -> DualProblem:
 
     Gluing and held rows alone stop every motion if the coarse problem without contact is regular.
     """
-    coarse = with_active(problem, np.zeros(problem.size, bool)).coarse
-    assert coarse is not None
     probe = np.where(problem.inequality, 0.0, np.cos(np.arange(problem.size)))
-    system, held = problem.system, coarse.is_regular(probe)
+    try:
+        coarse = with_active(problem, np.zeros(problem.size, bool)).coarse
+        held = coarse is None or coarse.is_regular(probe)
+    except ArithmeticError:  # no rounding error hides that it is singular
+        held = False
+    system = problem.system
     return DualProblem(
         replace(system, constraints=replace(system.constraints, held_without_contact=held))
     )

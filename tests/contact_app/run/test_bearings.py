@@ -5,7 +5,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from solver.contact.bodies import Bodies
 from solver.contact.solve_on_set import Outcome
 from solver.contact.stopping import StoppingRule
 from solver.primal import by_active_sets
@@ -13,7 +12,6 @@ from solver.primal.augmented import AugmentedLagrangian
 from solver.primal.factor import FactorOptions
 from solver.qp.mprgp import MPRGP
 from solver.tfeti.methods.task import Task
-from solver.tfeti.sizes import BodyForces, force_references
 from tests import scenes
 from tests.bearings import half_bearing
 from tests.comparison import solve
@@ -90,21 +88,3 @@ def test_a_plate_that_peels_off_goes_on_by_factors_or_with_the_lagrangian(
     assert peeled.converged
     assert len(begun) == (0 if thin == 12.0 else 1)
     assert peeled.measures.energy == pytest.approx(expected.measures.energy, rel=1e-7)
-
-
-class _Group:
-    """The data of one group of bodies that references of forces need."""
-
-    def __init__(self, count: int) -> None:
-        nothing = np.zeros(0, np.int64)
-        groups = np.zeros(count, np.int64)
-        self.bodies = Bodies(groups, (), nothing, nothing.reshape(0, 2), np.zeros(count, bool))
-        self.heated = np.zeros(count, bool)
-
-
-def test_a_body_without_load_is_measured_by_its_rounding_errors_up_to_a_limit() -> None:
-    loads = np.array([100.0, 1e-3, 1e-3, 1e-3])
-    rounded = np.array([1e-6, 1e-12, 1e-9, 1e-6])
-    forces = BodyForces(loads, loads, loads, rounded)
-    found = force_references(_Group(4), forces, tolerance=1e-6)
-    assert found == pytest.approx([100.0, 1e-3, 1e-2, 0.1])

@@ -1,6 +1,5 @@
 """Multigrid on undecomposed bodies gives the answer of the undecomposed reference."""
 
-import weakref
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -8,9 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 from mpi4py import MPI
-from petsc4py import PETSc
 from scipy import sparse
-from scipy.sparse.linalg import eigsh
 
 from contact_app.model.model import build_model
 from contact_app.scene.build import build_scene
@@ -22,15 +19,12 @@ from solver.distributed import local_rows
 from solver.driver import solve as solve_problem
 from solver.primal import by_active_sets
 from solver.primal.backend import IterationOptions
-from solver.primal.blocks import in_blocks
 from solver.primal.by_active_sets import solve_by_multigrid
 from solver.primal.cycle import CycleOnSets
 from solver.primal.factor import FactorOptions, diagonal_below
 from solver.primal.first_set import find_first_set
 from solver.primal.hierarchy import build_hierarchy
-from solver.primal.lanczos import largest_eigenvalue
 from solver.primal.merged import merge
-from solver.primal.products import multiply, vectors_of
 from solver.primal.projector import Projector
 from solver.primal.vertices import vertex_level
 from solver.qp.mprgp import MPRGP
@@ -306,14 +300,6 @@ def test_springs_on_few_unknowns_go_down_a_level() -> None:
     assert diagonal_below(P, springs) == pytest.approx(expected, rel=1e-12)
 
 
-def test_the_largest_eigenvalue_is_estimated_to_a_tenth() -> None:
-    scene = build_scene(load(CONFIGS / "pin_in_lug.yaml", ["solver.method=primal"]))
-    system = merge(build_model(scene, MPI.COMM_SELF, needed="distinct").problem)
-    root = sparse.diags(np.sqrt(system.flexibility))
-    exact = eigsh(root @ local_rows(system.K) @ root, 1, return_eigenvectors=False)[0]
-    assert 0.9 * exact < largest_eigenvalue(in_blocks(system.K), system.flexibility) < 1.001 * exact
-
-
 def test_the_cycle_follows_compliances_and_turned_frames() -> None:
     """Its springs for sliding points of one set are gone on the next set."""
     given = ["solver.method=primal", "contacts.0.friction={tresca: 1}"]
@@ -339,27 +325,6 @@ def test_the_cycle_follows_compliances_and_turned_frames() -> None:
     followed.apply(residual, again)
     fresh.apply(residual, expected)
     assert np.abs(again - expected).max() < 1e-6 * np.abs(expected).max()
-
-
-def test_blocks_multiply_as_single_entries() -> None:
-    scene = build_scene(load(CONFIGS / "pin_in_lug.yaml", ["solver.method=primal"]))
-    K = merge(build_model(scene, MPI.COMM_SELF, needed="distinct").problem).K
-    x = np.random.default_rng(0).standard_normal(K.getSize()[1])
-    expected = multiply(K, x)
-    assert in_blocks(K).getType() == "seqbaij"
-    assert np.abs(multiply(in_blocks(K), x) - expected).max() < 1e-12 * np.abs(expected).max()
-
-
-def test_blocks_and_vectors_are_freed_with_their_matrix() -> None:
-    """Else each solve would leave a copy of the stiffness behind."""
-    K = PETSc.Mat().createAIJ((6, 6), csr=(range(7), range(6), 6 * [2.0]), comm=PETSc.COMM_SELF)
-    K.setBlockSize(2)
-    made = in_blocks(K), *vectors_of(K)
-    assert in_blocks(K) is made[0]
-    assert vectors_of(K)[0] is made[1]
-    left = [weakref.ref(value) for value in made]
-    del made, K
-    assert [value() for value in left] == [None] * 3
 
 
 def of_degree_2(name: str, cell: str, n: int) -> scenes.Config:

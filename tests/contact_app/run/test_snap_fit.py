@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 from contact_app.run.solve import solve_scene
-from solver.contact.active_set_options import ActiveSetOptions, Turnover
 from tests import meshfiles, scenes
 from tests.scenes import Config
 
@@ -39,13 +38,3 @@ def test_a_snap_fit_begins_anew_without_friction(tmp_path: Path) -> None:
     summary = solve_scene(scenes.build(snap_fit(tmp_path / "clip.vtu", (30, 2, 6)))).summary
     assert summary["certificate"]["passed"]
     assert summary["solver"]["hessian_multiplications"] <= 120
-
-
-def test_contact_that_only_opens_is_not_unsettled() -> None:
-    """The turnovers of `configs/rough_rod.yaml` and of the clip."""
-    leaving = [(0, 124, 207), (0, 1, 83), (0, 2, 82), (0, 58, 80), (0, 20, 22), (1, 1, 2)]
-    changing = [(4, 5, 10), (5, 7, 9), (26, 4, 4), (9, 22, 26), (1, 8, 14), (5, 4, 8)]
-    options = ActiveSetOptions(settling=6)
-    assert not options.is_unsettled([Turnover(*numbers) for numbers in leaving])
-    assert options.is_unsettled([Turnover(*numbers) for numbers in changing])
-    assert not options.is_unsettled([Turnover(*numbers) for numbers in changing[:5]])

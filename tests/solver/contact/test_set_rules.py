@@ -137,3 +137,13 @@ def test_sets_do_not_settle_where_as_many_rows_change_as_in_an_earlier_set_with_
     assert OPTIONS.jumps([Turnover(*first, 440), *growing]) is jumps
     assert not OPTIONS.jumps([Turnover(*first, 440), *growing[:-1]])
     assert not OPTIONS.jumps([Turnover(*first, 440), *growing[:-1], Turnover(0, 30, 500)])
+
+
+def test_contact_that_only_opens_is_not_unsettled() -> None:
+    """The turnovers of `configs/rough_rod.yaml` and of the clip."""
+    leaving = [(0, 124, 207), (0, 1, 83), (0, 2, 82), (0, 58, 80), (0, 20, 22), (1, 1, 2)]
+    changing = [(4, 5, 10), (5, 7, 9), (26, 4, 4), (9, 22, 26), (1, 8, 14), (5, 4, 8)]
+    options = ActiveSetOptions(settling=6)
+    assert not options.is_unsettled([Turnover(*numbers) for numbers in leaving])
+    assert options.is_unsettled([Turnover(*numbers) for numbers in changing])
+    assert not options.is_unsettled([Turnover(*numbers) for numbers in changing[:5]])

@@ -13,7 +13,7 @@ from solver.tfeti.dual import DualProblem
 from solver.tfeti.methods.by_smalbe import solve_by_smalbe
 from solver.tfeti.methods.task import Task
 from solver.vectors import Array
-from tests.solver.tfeti.test_from_arrays import COLUMNS, ROWS, in_pieces
+from tests.solver.lattices import COLUMNS, ROWS, in_pieces
 
 PIECES, TOLERANCE = 3, 1e-8
 
