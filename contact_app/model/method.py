@@ -43,7 +43,7 @@ from contact_app.scene.conditions import Tie
 from contact_app.scene.scene import Scene
 from meshes.connected import connected
 from solver.contact.options import SolverOptions
-from solver.primal.factor import THIN
+from solver.primal.factor import FactorOptions
 from solver.tfeti.constraints.options import TotalFetiOptions
 
 
@@ -55,6 +55,8 @@ class MethodLimits:
     least_thin: int = 10_000
     """Unknowns from which on multigrid is used, and those where one body is thin. With friction it
     is used for all."""
+    thin: float = FactorOptions().thin
+    """Longest over shortest extent of a thin body."""
     largest_thin: Mapping[int, int] = field(default_factory=lambda: {2: 500_000, 3: 60_000})
     """Unknowns up to which factors of thin scenes are inexpensive, by dimension."""
     patience: int = 300
@@ -188,7 +190,7 @@ class MethodChoice:
         if not small or not (rubs or linear):
             return False
         meshes = [body.mesh for body in self.bodies]
-        return any(max(np.subtract(m.upper, m.lower)) ** 2 >= THIN * m.size for m in meshes)
+        return any(max(np.subtract(m.upper, m.lower)) ** 2 >= LIMITS.thin * m.size for m in meshes)
 
     def _is_one_piece(self) -> bool:
         """Whether there is one body, or ties join all bodies, directly or through others."""
@@ -197,7 +199,7 @@ class MethodChoice:
 
     def _has_thin_body(self) -> bool:
         extents = [np.subtract(body.mesh.upper, body.mesh.lower) for body in self.bodies]
-        return any(bool(e.max() >= THIN * e.min()) for e in extents)
+        return any(bool(e.max() >= LIMITS.thin * e.min()) for e in extents)
 
 
 def patience(bodies: Sequence[Body]) -> int:

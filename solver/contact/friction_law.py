@@ -64,6 +64,9 @@ class FrictionOptions:
     least_slip: float = 0.5
     """If no point sticks, compliance of a sliding point over its slip, which is at least this share
     of the largest slip, per force."""
+    sticking_compliance: float = 0.03
+    """Compliance of a point that sticks while its node is closed in another contact, over that of
+    the node: slips fall to about this share in each set."""
     turns_about: float = 0.5
     """Share of the last change of the limits that the next change has to undo before changes of
     limits are relaxed, as those of a cone in a cone turn about by 0.7. Scenes whose limits settle

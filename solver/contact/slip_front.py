@@ -18,12 +18,6 @@ from scipy.spatial import cKDTree
 from solver.contact.friction_points import FrictionPoints
 from solver.vectors import Array, Mask
 
-APART = 10.0
-"""Distance added between contacts, over the extent of all points.
-
-No force passes between contacts.
-"""
-
 
 @dataclass(frozen=True)
 class FrontOptions:
@@ -38,6 +32,9 @@ class FrontOptions:
     """Share of the excess force that is passed on each time, in the plane and in space. A sheet in
     space took 231 operator applications with a share of 1, 206 with 0.8 and 237 with 0.7. A rod in
     the plane took 4 sets with a share of 1 and 13 with less."""
+    separation: float = 10.0
+    """Distance added between contacts, over the extent of all points, so that no force passes
+    between them."""
     carried: float = 0.8
     """If only friction may hold a body, the rule applies to contacts whose forces are below this
     share of their limits. Otherwise a plate near its sliding load would be released altogether."""
@@ -69,7 +66,8 @@ class SlipFront:
         places = np.concatenate(comm.allgather(points.places))
         self._sources = np.concatenate(comm.allgather(points.sources))
         extent = float(np.linalg.norm(np.ptp(places, axis=0))) if len(places) else 0.0
-        self._places = np.column_stack([places / (extent or 1.0), APART * self._sources])
+        contacts = self.options.separation * self._sources
+        self._places = np.column_stack([places / (extent or 1.0), contacts])
 
     def sliding(self, forces: Array, limits: Array, sticks: Mask) -> tuple[Mask, Array]:
         """Points within their limits that slide because other points do (collective).
@@ -124,7 +122,8 @@ class SlipFront:
             distance, which = cKDTree(self._places[left]).query(
                 self._places[over], np.arange(1, min(most, len(left)) + 1)
             )
-            weight = np.where(distance < 0.5 * APART, 1.0 / np.maximum(distance, 1e-12), 0.0)
+            near = distance < 0.5 * options.separation
+            weight = np.where(near, 1.0 / np.maximum(distance, 1e-12), 0.0)
             total = weight.sum(axis=1, keepdims=True)
             weight = np.divide(weight, total, out=np.zeros_like(weight), where=total > 0.0)
             for takers, shares in zip(which.T, weight.T, strict=True):

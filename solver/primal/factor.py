@@ -27,10 +27,6 @@ from solver.primal.products import chosen_rows, multiply, multiply_transposed
 from solver.primal.projector import Projector
 from solver.vectors import Array, on_arrays
 
-THIN = 12.0
-"""Longest over shortest extent of a body from which on its contact may peel off row by row, and its
-bending, which smoothed aggregation cannot resolve, takes a hundred iterations on a set."""
-
 
 @dataclass(frozen=True)
 class FactorOptions:
@@ -41,16 +37,17 @@ class FactorOptions:
     all sets together then take less time than the levels of a multigrid. In space V-cycles are
     faster on small problems without friction: a leaf spring of 9,018 unknowns takes 0.34 s of CPU
     time and 3.1 s by factors, `configs/hertz_sphere.yaml` 0.22 and 0.60 s."""
-    thin: float = THIN
+    thin: float = 12.0
+    """Longest over shortest extent of a body from which on its contact may peel off row by row, and
+    its bending, which smoothed aggregation cannot resolve, takes a hundred iterations on a set."""
     thin_seconds: float = 3.0
-    """Longest over shortest extent of a body from which on it counts as thin, and predicted seconds
-    up to which a factor is taken for thin bodies at once. In space bodies that contact holds have
-    the V-cycle: on the leaf spring and the beam on rollers of `make_trials.py --size 1.8`, of
-    degree 2, it takes 2.4 and 1.2 s of CPU time, factors 6.7 and 1.6 s. So have bodies with
-    friction, where many sets would have a factor each and contact hardly peels off. With more
-    seconds, up to `slow_seconds`, factors begin where contact peels off: a pressed plate of degree
-    2 (75,615 unknowns, `pressed_plate --size 1.2`) takes 4.9 s by V-cycles and 7.7 s by factors, a
-    lifted one (72,225) 19 s and 9.5 s."""
+    """Predicted seconds up to which a factor is taken for thin bodies at once. In space bodies that
+    contact holds have the V-cycle: on the leaf spring and the beam on rollers of `make_trials.py
+    --size 1.8`, of degree 2, it takes 2.4 and 1.2 s of CPU time, factors 6.7 and 1.6 s. So have
+    bodies with friction, where many sets would have a factor each and contact hardly peels off.
+    With more seconds, up to `slow_seconds`, factors begin where contact peels off: a pressed plate
+    of degree 2 (75,615 unknowns, `pressed_plate --size 1.2`) takes 4.9 s by V-cycles and 7.7 s by
+    factors, a lifted one (72,225) 19 s and 9.5 s."""
     slow: int = 40
     slow_digit: int = 12
     slow_seconds: float = 10.0

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from solver.contact.friction_law import Friction
+from solver.contact.friction_law import Friction, FrictionOptions
 from solver.contact.law import ContactLaw, Frictionless
 from solver.contact.slip_front import SlipFront
 from solver.tfeti.dual import DualProblem
@@ -10,10 +10,6 @@ from solver.vectors import largest_magnitude
 
 FLAT = 1e-12
 """Gaps, over the largest coordinate, that count as zero."""
-
-STICKING_COMPLIANCE = 0.03
-"""Compliance of a point that sticks while its node is closed in another contact, over that of the
-node: slips fall to about this share in each set."""
 
 SURE = 0.3
 """Share of the tolerance that the friction numbers have to meet before an answer is certified: at
@@ -25,9 +21,10 @@ def contact_law(problem: DualProblem) -> ContactLaw:
     points = problem.friction
     if not points.acts:
         return Frictionless()
-    stiffness, shared_compliance = problem.row_stiffness(problem.tangential), None
+    options, shared_compliance = FrictionOptions(), None
+    stiffness = problem.row_stiffness(problem.tangential)
     if problem.comm.allreduce(len(points.shared)):
-        shared_compliance = STICKING_COMPLIANCE / stiffness
+        shared_compliance = options.sticking_compliance / stiffness
     held = problem.held_without_contact
     front = SlipFront(points, problem.comm, held)
     gaps = np.zeros(problem.size)
@@ -41,5 +38,6 @@ def contact_law(problem: DualProblem) -> ContactLaw:
         shared_compliance=shared_compliance,
         has_gap=has_gap,
         front=front,
+        options=options,
         may_vanish=held,
     )

@@ -27,12 +27,6 @@ from mpi4py import MPI
 from solver.tfeti.constraints.matrix import ConstraintMatrix
 from solver.vectors import Array, Mask
 
-DEPENDENT = 1e-6
-"""Eigenvalues of the scaled VᵀFV, over the largest, below which directions are dependent."""
-
-ABSENT = 1e-10
-"""Singular values of V on open rows, relative to the largest, that count as zero."""
-
 
 @dataclass(frozen=True)
 class RecyclingOptions:
@@ -49,6 +43,10 @@ class RecyclingOptions:
     """For directions above `light`: number of first steps whose directions are not stored. Once a
     set takes more steps, it stores the following directions, and later sets store all their
     directions."""
+    dependent: float = 1e-6
+    """Eigenvalues of the scaled VᵀFV, over the largest, below which directions are dependent."""
+    absent: float = 1e-10
+    """Singular values of V on open rows, relative to the largest, that count as zero."""
     memory: int = 2**27
     """Largest memory for directions on a rank, in bytes; large problems store no directions."""
 
@@ -207,17 +205,18 @@ class Directions:
         result = np.zeros((k, k))
         if k and not self.comm.rank:
             _, sizes, basis = np.linalg.svd(parts)
-            rank = int((sizes > ABSENT * sizes.max(initial=0.0)).sum())
-            result = _inverse_on(basis[rank:].T, gram * scale * scale[:, None])
+            options, scaled = self.options, gram * scale * scale[:, None]
+            rank = int((sizes > options.absent * sizes.max(initial=0.0)).sum())
+            result = _inverse_on(basis[rank:].T, scaled, options.dependent)
             result *= scale * scale[:, None]
         return np.asarray(self.comm.bcast(result))
 
 
-def _inverse_on(basis: Array, gram: Array) -> Array:
+def _inverse_on(basis: Array, gram: Array, dependent: float) -> Array:
     """Z (Zᵀ A Z)⁻¹ Zᵀ on the directions that are independent to working precision."""
     small = basis.T @ gram @ basis
     scale = 1.0 / np.sqrt(np.maximum(np.diag(small), np.finfo(np.float64).tiny))
     sizes, modes = np.linalg.eigh(0.5 * (small + small.T) * scale * scale[:, None])
-    good = sizes > DEPENDENT * sizes.max(initial=0.0)
+    good = sizes > dependent * sizes.max(initial=0.0)
     half = basis @ ((scale[:, None] * modes[:, good]) / np.sqrt(sizes[good]))
     return np.asarray(half @ half.T)
