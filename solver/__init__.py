@@ -18,23 +18,7 @@ from solver.qp.result import Counts, Monitor, Reason, Result, Step
 from solver.qp.smalbe import SMALBE
 
 __all__ = [
-    "MPRGP",
-    "SMALBE",
-    "BoxQP",
-    "Counts",
-    "Equalities",
-    "Expansion",
-    "IndefiniteError",
-    "Monitor",
-    "NotFiniteError",
-    "Operator",
-    "OuterState",
-    "QPError",
-    "Reason",
-    "Result",
-    "Step",
-    "UnboundedError",
-    "as_operator",
-    "expansion_by_name",
-    "expansion_names",
-]
+    "MPRGP", "SMALBE", "BoxQP", "Counts", "Equalities", "Expansion", "IndefiniteError", "Monitor",
+    "NotFiniteError", "Operator", "OuterState", "QPError", "Reason", "Result", "Step",
+    "UnboundedError", "as_operator", "expansion_by_name", "expansion_names",
+]  # fmt: skip
