@@ -3,18 +3,25 @@
 import numpy as np
 from mpi4py import MPI
 
-from meshes.arrays import Array, Mask, distinct_numbers
+from meshes.arrays import Array, Ints, Mask, distinct_numbers
 from meshes.crossing import Boxes, points_in_boxes
 from meshes.shares import joined, share
-from meshes.unstructured import MeshError, Topology
+from meshes.unstructured import MeshError
 
 HANGING = 1e-6
 """Distance to a facet, over its size, below which a node of other cells counts as hanging on it."""
 
 
-def refuse_hanging(points: Array, topology: Topology, comm: MPI.Intracomm) -> None:
-    """Refuse nodes that lie on a facet of the surface without being one of its corners."""
-    facets = topology.facets
+def refuse_hanging(points: Array, facets: Ints, comm: MPI.Intracomm) -> None:
+    """Refuse nodes that lie on a facet without being one of its corners (collective).
+
+    Parameters
+    ----------
+    facets : (facets, corners)
+        The facets of the surface that may touch others.
+    """
+    if len(facets) == 0:
+        return
     surface = distinct_numbers(facets)
     axis = np.argmax(np.ptp(points[surface], axis=0))
     surface = surface[np.argsort(points[surface, axis])[share(comm, len(surface))]]

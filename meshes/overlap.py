@@ -17,11 +17,13 @@ facet cuts, N is constant. So two tests together decide:
 1. *No two facets of the surface cross* (`meshes.crossing`; between the four sides of a proper
    crossing N takes the values k, k + 1, k + 1 and k + 2, so a crossing is an overlap). This finds,
    for example, a spiral that runs into itself.
-2. *N = 1 just inside every facet*: at its middle, and beside every node of the surface, which finds
+2. *N = 1 just inside every facet*: at its middle, and beside its nodes, which finds
    overlaps also where crossings are degenerate (edges through edges, facets in one plane), and
    cells within others where no facets cross: a sheet that winds twice about nodes inside, with one
    boundary around the other, has N = 2 within the inner one. Where w >= 2, a cell besides its own
-   has to be found in which the point lies before it counts.
+   has to be found in which the point lies before it counts. Between facets that share a node, and
+   neither touch nor nearly touch others there, N is the same; so one facet of each such piece of
+   the surface is tested, and all others that are in doubt.
 
 Bodies that touch do not overlap: both tests begin at a depth of `TOUCH` of the size of a facet (the
 least of its heights and of the height of its cell over it; the test 2 at that share of the way to
@@ -41,6 +43,7 @@ from mpi4py import MPI
 
 from meshes.arrays import Array, Ints, Mask
 from meshes.chords import chords, local_facets, reference_vertices
+from meshes.connected import connected
 from meshes.crossing import (
     Boxes,
     ClosedSurface,
@@ -103,7 +106,7 @@ def refuse_overlaps(
     middles: Array | None,
     number: Ints,
     comm: MPI.Intracomm = MPI.COMM_SELF,
-) -> None:
+) -> Mask:
     """Refuse a body that covers some place twice (collective).
 
     Parameters
@@ -118,6 +121,10 @@ def refuse_overlaps(
     comm
         Ranks that have the same mesh and share the tests.
 
+    Returns
+    -------
+    Mask (facets,) of facets of the surface that may touch others, of which they are no neighbours.
+
     Raises
     ------
     MeshError
@@ -129,9 +136,9 @@ def refuse_overlaps(
         parts.places, parts.simplices, TOUCH * parts.size[parts.facet], parts.deviation[parts.facet]
     )
     if points.shape[1] == 2:
-        crossed = segment_crossings(surface)
+        crossed, doubtful = segment_crossings(surface), np.ones(len(parts.simplices), bool)
     else:
-        crossed = triangle_crossings(surface, comm)
+        crossed, doubtful = triangle_crossings(surface, comm)
     pairs = topology.facet_cells[parts.facet[crossed]]
     pairs = pairs[pairs[:, 0] != pairs[:, 1]]
     if len(pairs):
@@ -140,9 +147,21 @@ def refuse_overlaps(
             _message(body, pairs, f"s whose {facets} on the surface of the body cross those of "
                      "others: the body overlaps itself", "crossed by") + ADVICE
         )  # fmt: skip
-    pairs = _covered(body, surface, comm)
-    if len(pairs):
+    may_touch = np.zeros(len(topology.facets), bool)
+    may_touch[parts.facet[doubtful]] = True
+    rest = np.flatnonzero(~may_touch[parts.facet])
+    some = parts.facet[rest[_one_of_each(surface.simplices[rest], len(parts.places))]]
+    tested = np.concatenate([np.flatnonzero(may_touch), some])
+    if len(_covered(body, surface, tested, comm)):
+        pairs = _covered(body, surface, np.arange(len(may_touch)), comm)
         raise MeshError(_message(body, pairs, "s that lie in other cells", "in") + ADVICE)
+    return may_touch
+
+
+def _one_of_each(simplices: Ints, nodes: int) -> Ints:
+    """The first simplex (simplices, d) of each piece that is connected through nodes."""
+    links = np.concatenate([simplices[:, :2], simplices[:, -2:]])
+    return np.unique(connected(links.T, nodes)[simplices[:, 0]], return_index=True)[1]
 
 
 def _message(body: CheckedBody, pairs: Ints, fault: str, relation: str) -> str:
@@ -160,12 +179,12 @@ def _message(body: CheckedBody, pairs: Ints, fault: str, relation: str) -> str:
     return f"{message}, {relation} cell {body.number[b] + 1} of the file"
 
 
-def _covered(body: CheckedBody, surface: ClosedSurface, comm: MPI.Intracomm) -> Ints:
+def _covered(body: CheckedBody, surface: ClosedSurface, tested: Ints, comm: MPI.Intracomm) -> Ints:
     """Pairs of cells (collective).
 
-    One on the surface, and another that contains a point just inside the first.
+    One behind a tested facet, and another that contains a point just inside the first.
     """
-    x, body_of = _just_inside(body)
+    x, body_of = _just_inside(body, tested)
     rows = np.flatnonzero(winding(x, surface, comm) > 1)
     for start in range(0, len(rows), CELLS_AT_ONCE):
         part = rows[start : start + CELLS_AT_ONCE]
@@ -177,11 +196,11 @@ def _covered(body: CheckedBody, surface: ClosedSurface, comm: MPI.Intracomm) -> 
     return np.zeros((0, 2), np.int64)
 
 
-def _just_inside(body: CheckedBody) -> tuple[Array, Ints]:
+def _just_inside(body: CheckedBody, tested: Ints) -> tuple[Array, Ints]:
     """Points just inside the middles of facets, and one beside each node; with their cells."""
-    facets, owner = body.topology.facets, body.topology.facet_cells
+    facets, owner = body.topology.facets[tested], body.topology.facet_cells[tested]
     corners = facets.shape[1]
-    local = local_facets(body.cells, body.cell, body.topology)
+    local = local_facets(body.cells, body.cell, body.topology)[tested]
     vertices = reference_vertices(body.cell)
     inside = TOUCH * vertices.mean(axis=0)
     first = np.unique(facets, return_index=True)[1]  # the first facet that has a node

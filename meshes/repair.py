@@ -153,9 +153,10 @@ def load_mesh(
         middles = _curved(points, cells, _turned(middles[number], turned, cell), cell, number)
     pieces = _pieces(cells, topology)
     # overlapping pieces are bodies of their own and have hanging nodes: they are refused as pieces
+    facets = topology.facets
     if pieces.max() == 0:
-        refuse_overlaps(points, cells, cell, topology, middles, number, comm)
-    refuse_hanging(points, topology, comm)
+        facets = facets[refuse_overlaps(points, cells, cell, topology, middles, number, comm)]
+    refuse_hanging(points, facets, comm)
     _refuse_pieces(points, cells, pieces, content.cell_groups, groups)
     place = np.full(len(distinct), -1, np.int64)
     place[chosen] = rows

@@ -249,6 +249,21 @@ def test_two_sheets_in_space(tmp_path: Path) -> None:
                               tmp_path)  # fmt: skip
 
 
+def test_two_sheets_in_a_ring(tmp_path: Path) -> None:
+    """Turned about an axis, the sheets bound two tubes that are nowhere near one another."""
+    flat, count = meshfiles.two_sheets(), 40
+    n, angle = len(flat.points), 2.0 * np.pi * np.arange(count) / count
+    radius, height = flat.points[:, 0] + 4.0, flat.points[:, 1]
+    points = [np.stack([radius * np.cos(a), radius * np.sin(a), height], axis=1) for a in angle]
+    sheets = [flat.cells[0].data + k * n for k in range(count)]
+    cells = np.concatenate([np.hstack([sheets[k - 1], sheets[k]]) for k in range(count)])
+    cells = cells[:, meshfiles.TETRAHEDRA].reshape(-1, 4)
+    mesh = meshfiles.of_cells("tetrahedron", np.concatenate(points), cells)
+    message = refused(mesh, "tetrahedron", tmp_path)
+    assert "tetrahedrons that lie in other cells" in message
+    assert int(message.split()[1]) > 16 * count  # not only those behind one facet
+
+
 # --- curved edges ------------------------------------------------------------------------------
 
 
@@ -467,7 +482,9 @@ def test_triangles_cross_where_distances_change_sign() -> None:
     places = (places + 0.2 * random.normal(size=(90, 3, 3))).reshape(-1, 3)
     triangles = np.arange(270).reshape(-1, 3)
     none = np.zeros(90)
-    pairs = triangle_crossings(ClosedSurface(places, triangles, none, none), MPI.COMM_SELF)
+    surface = ClosedSurface(places, triangles, none, none)
+    pairs, doubtful = triangle_crossings(surface, MPI.COMM_SELF)
+    assert doubtful[pairs].all()
     got = {tuple(sorted(pair)) for pair in pairs.tolist()}
     x = places[triangles]
     wanted = set()
@@ -482,6 +499,38 @@ def test_triangles_cross_where_distances_change_sign() -> None:
                         wanted.add((j, i))
     assert len(wanted) > 50
     assert got == wanted
+
+
+@pytest.mark.parametrize("slit", [0.0, 1e-5, 0.1])
+def test_facets_are_in_doubt_where_they_may_touch(slit: float) -> None:
+    """Two blocks: beside a narrow slit the facets of both sides are in doubt, no others are."""
+    points, cells = meshfiles.lattice("tetrahedron", (3, 3, 3))
+    facets = Topology.of(cells, "tetrahedron").facets
+    places = np.concatenate([points, points + [1.0 + slit, 0.0, 0.0]])
+    triangles = np.concatenate([facets, facets + len(points)])
+    touch, exact = np.full(len(triangles), 1e-4), np.zeros(len(triangles))
+    _, doubtful = triangle_crossings(ClosedSurface(places, triangles, touch, exact), MPI.COMM_SELF)
+    away = np.abs(places[triangles][:, :, 0] - 1.0 - 0.5 * slit)
+    beside = (away <= slit).all(axis=1)
+    if slit < 0.1:
+        assert doubtful[beside].all()
+        assert doubtful.sum() > beside.sum()  # the others that meet the edges of the slit
+        assert not doubtful[(away > 0.1).all(axis=1)].any()
+    else:
+        assert not doubtful.any()
+
+
+def test_facets_about_a_node_of_two_blocks_are_in_doubt() -> None:
+    points, cells = meshfiles.lattice("tetrahedron", (3, 3, 3))
+    facets = Topology.of(cells, "tetrahedron").facets
+    first, last = np.argmax(points.sum(axis=1)), np.argmin(points.sum(axis=1))
+    places = np.concatenate([points, points + 1.0])
+    other = facets + len(points)
+    other[other == last + len(points)] = first
+    triangles = np.concatenate([facets, other])
+    none = np.zeros(len(triangles))
+    _, doubtful = triangle_crossings(ClosedSurface(places, triangles, none, none), MPI.COMM_SELF)
+    np.testing.assert_array_equal(doubtful, (triangles == first).any(axis=1))
 
 
 @pytest.mark.parametrize("cell", CELLS)
