@@ -19,7 +19,9 @@ from contact_app.results.result_size import components, file_names, wanted_field
 from contact_app.results.series import Series
 from contact_app.results.vtu import VTUWriter
 from contact_app.results.xdmf import GridWriter, XDMFWriter, cell_type_name
+from meshes import Partition
 from meshes.arrays import Array, Ints
+from solver.exchange import NodeExchange
 
 
 @dataclass(frozen=True, eq=False)
@@ -49,7 +51,8 @@ def write_fields(
     wanted = wanted_fields(model.scene.output, model.scene.has_friction)
     point_fields = {name: getattr(nodes, name) for name in POINT_FIELDS if name in wanted}
     point_fields |= fields.nodal
-    cell_fields_by_name = {"stress": cells.stress, "von_mises": cells.von_mises, **_numbers(model)}
+    numbers = _numbers(model.partition)
+    cell_fields_by_name = {"stress": cells.stress, "von_mises": cells.von_mises, **numbers}
     cell_fields = {name: cell_fields_by_name[name] for name in CELL_FIELDS if name in wanted}
     contacts = ContactsOfWhole(model, nodes, whole)
     alone = contacts.overlapping() if "contact_pressure" in wanted else []
@@ -105,7 +108,8 @@ def write_grid(
                         writer.point_data(name, start, values)
             of_image = {name: image.field(name, v) for name, v in cell_fields.items()}
             first = number * partition.cells + first_cell
-            for start, (groups, fields) in slabs(comm, first, cells_of(model, image), of_image):
+            cells = cells_of(model.geometry, model.node_exchange, image)
+            for start, (groups, fields) in slabs(comm, first, cells, of_image):
                 starts = start + np.cumsum([0, *map(len, groups)])
                 for writer in writers:
                     for name, values in fields.items():
@@ -136,23 +140,22 @@ def _writers(
             yield VTUWriter(grid, runs, whole.nodes, at_nodes, at_cells)
 
 
-def _numbers(model: Model) -> dict[str, Array]:
+def _numbers(partition: Partition) -> dict[str, Array]:
     """Numbers, in the order of the file, of the body and the material of each cell of this rank."""
-    subdomains = model.partition.subdomains
+    subdomains = partition.subdomains
     tags = [s.reference.tags for s in subdomains]
     bodies = [np.full(len(local), s.body) for local, s in zip(tags, subdomains, strict=True)]
     none = [np.zeros(0)]
     return {"body": np.concatenate(none + bodies), "material": np.concatenate(none + tags)}
 
 
-def cells_of(model: Model, image: Image) -> list[Ints]:
+def cells_of(geometry: Geometry, exchange: NodeExchange, image: Image) -> list[Ints]:
     """Nodes of the image of this rank's cells, by body (collective)."""
-    exchange, partition = model.node_exchange, model.partition
     copies = exchange.from_owners(image.numbers[exchange.nodes - exchange.first])
     groups: dict[int, list[Ints]] = {}
     start = 0
-    for s in partition.subdomains:
-        body = model.scene.bodies[s.body]
+    for s in geometry.partition.subdomains:
+        body = geometry.bodies[s.body]
         nodes = copies[start : start + len(s.nodes)]
         cells = image.cells(s.reference.cells, body.mesh.cell, body.degree)
         groups.setdefault(s.body, []).append(nodes[cells])

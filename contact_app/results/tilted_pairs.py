@@ -12,7 +12,7 @@ import numpy as np
 from mpi4py import MPI
 from scipy.spatial import cKDTree
 
-from contact_app.model.model import Model
+from contact_app.model.geometry import Geometry
 from meshes.contact_surface import Surface
 from solver.contact.solution import Solution
 from solver.tfeti.dual import DualProblem
@@ -24,16 +24,15 @@ on a bead 0.012, and a rack on a pinion 0.0003. With exchanged sides the last th
 and 0.088: energies are 3, 1.4 and 1.1 times apart, forces up to 2.2 times."""
 
 
-def tilted_pairs(model: Model, solution: Solution) -> Iterator[str]:
+def tilted_pairs(geometry: Geometry, problem: DualProblem, solution: Solution) -> Iterator[str]:
     """Sentences on pairs whose gaps depend much on the side they are measured from (collective)."""
-    scene, geometry = model.scene, model.geometry
-    for source, pair in enumerate(scene.pairs, start=len(scene.contacts)):
+    for source, pair in enumerate(geometry.pairs, start=len(geometry.contacts)):
         surface = geometry.boundary_surface(pair.other, pair.other_boundary)
-        names = scene.bodies[pair.body].name, scene.bodies[pair.other].name
+        names = geometry.bodies[pair.body].name, geometry.bodies[pair.other].name
         moved = float(solution.measures.deformations[[pair.body, pair.other]].max())
         if surface is None:
             continue
-        text = tilted(model.problem, solution, source, surface, names, moved)
+        text = tilted(problem, solution, source, surface, names, moved)
         if text:
             yield f"{pair.source}: {text}"
 

@@ -253,6 +253,7 @@ def _answer(solved: SolvedScene, summary: dict[str, Any]) -> Answer:
     nodes, cells, model = solved.nodes, solved.cells, solved.model
     nodal = solved.nodal or nodal_stresses(model, solved.solution, ErrorEstimator(model))
     images, rough = full_mesh(model.geometry, nodes).images, model.scene.has_friction
+    places = model.geometry, model.node_exchange
 
     def at_nodes(values: Array, name: str = "") -> Array:
         """Values at the nodes of all images; a vector or stress is reflected, given its name."""
@@ -269,7 +270,7 @@ def _answer(solved: SolvedScene, summary: dict[str, Any]) -> Answer:
         friction_traction=nodes.friction_traction if rough else None,  # halves have no friction
         slip=nodes.slip if rough else None,
         contact_status=nodes.contact_status if rough else None,
-        cells=[of_body for image in images for of_body in cells_of(model, image)],
+        cells=[of_body for image in images for of_body in cells_of(*places, image)],
         stress=np.concatenate([image.field("stress", cells.stress) for image in images]),
         von_mises=np.tile(cells.von_mises, len(images)),
         **{name: at_nodes(nodal[name], name) if name in nodal else None for name in NODAL_FIELDS},

@@ -431,7 +431,7 @@ CHECKS: tuple[Callable[[SolvedScene], Iterable[str]], ...] = (
     _coarse_pressures,
     lambda answer: sharp_peaks(answer.model, answer.nodes, answer.pressed),
     _sliding_bodies,
-    lambda answer: tilted_pairs(answer.model, answer.solution),
+    lambda answer: tilted_pairs(answer.model.geometry, answer.model.problem, answer.solution),
     lambda answer: answer.model.scene.idle,
     _corners_only, _merged_nodes, _locking_in_volume, _locking_in_bending,
     _moved_beyond_sizes, _moved_far, _coarse_meshes, _stresses_beside_expansion,

@@ -113,7 +113,7 @@ class ErrorEstimator:
     def _recovered(self, solution: Solution) -> _Recovered:
         """The recovery of an answer in the cells of each material; the last one is stored."""
         if self._last is None or not self._last.is_of(solution):
-            touching = touching_nodes(self.model, solution)
+            touching = touching_nodes(self.model.geometry, self.model.problem, solution)
             elastic = self.model.elastic(solution.displacements)
             changes = self.recovery.patches.surface.changes(self.model, touching)
             sides = [self._meeting(patches, changes, elastic) for patches in self.of_materials]

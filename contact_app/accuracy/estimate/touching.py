@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from contact_app.model.model import Model
+from contact_app.model.geometry import Geometry
 from meshes.arrays import Array, Mask
 from solver.contact.solution import Solution
 from solver.tfeti.dual import DualProblem
@@ -38,14 +38,13 @@ class Touching:
     """Friction of each contact that has friction."""
 
 
-def touching_nodes(model: Model, solution: Solution) -> Touching:
+def touching_nodes(geometry: Geometry, problem: DualProblem, solution: Solution) -> Touching:
     """Contact in an answer (collective)."""
-    problem = model.problem
     pushing = np.where(problem.inequality, solution.multiplier, 0.0)
     pushed = [(force != 0.0).any(axis=2) for force in _at_nodes(problem, pushing)]
     touching = [
         _friction(problem, solution, number)
-        for number, contact in enumerate(model.scene.touching)
+        for number, contact in enumerate(geometry.touching)
         if contact.law.acts
     ]
     return Touching(pushed, tuple(touching))

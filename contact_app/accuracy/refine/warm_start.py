@@ -14,11 +14,13 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from contact_app.accuracy.solved_scene import SolvedScene
+from contact_app.model.geometry import Geometry
 from contact_app.model.model import Model
 from contact_app.results.pressure import boundary_shares
 from contact_app.results.surface_nodes import SurfaceNodes
 from meshes.arrays import Array
 from solver.contact.solution import Guess
+from solver.tfeti.constraints.conditions import ContactRows
 
 NEARER = 0.96
 """Distance of a row from a node in contact, over that from an open one, up to which it begins
@@ -66,7 +68,8 @@ class LastLevel:
                 closed = away <= NEARER * cKDTree(points[~pressed]).query(x)[0]
                 pressures[of_contact] = closed * np.maximum(_interpolated(points, pressure, x), 0.0)
         multiplier = np.zeros(problem.size)
-        multiplier[problem.inequality] = pressures * _areas(model) / contact.spread
+        forces = pressures * _areas(model.geometry, contact)
+        multiplier[problem.inequality] = forces / contact.spread
         return Guess(multiplier)
 
 
@@ -86,13 +89,13 @@ def _interpolated(points: Array, values: Array, at: Array) -> Array:
     return np.asarray(fitted[:, 0, 0])
 
 
-def _areas(model: Model) -> Array:
+def _areas(geometry: Geometry, contact: ContactRows) -> Array:
     """Area of each contact row on which its pressure acts: its own, or the share of its node."""
-    contact, surface = model.problem.contact, SurfaceNodes.of(model.partition)
+    surface = SurfaceNodes.of(geometry.partition)
     at = np.searchsorted(surface.owned, contact.nodes)
     areas = contact.areas.copy()
-    for i, touching in enumerate(model.scene.touching):
-        shares = boundary_shares(model.geometry, surface, touching)
+    for i, touching in enumerate(geometry.touching):
+        shares = boundary_shares(geometry, surface, touching)
         unknown = (contact.sources == i) & np.isnan(contact.areas)
         areas[unknown] = shares[at[unknown]]
     return areas
