@@ -1,19 +1,28 @@
 """Redundant contact rows beside tied rows.
 
-A contact row that is a combination of the tied rows of one node is decided by them, as at the edge
-where a tied and a contact boundary of the same bodies meet. If the contact row stayed, F would be
-singular on active sets that contain it. A tied row with a rigid body that may move decides nothing.
+A contact row that is a combination of tied rows is decided by them: of the tied rows of one node,
+as at the edge where a tied and a contact boundary of the same bodies meet, or of several nodes, as
+at the corner of two bodies that are tied to a third one. If the contact row stayed, F would be
+singular on active sets that contain it, and an interference would contradict the ties. A tied row
+with a rigid body that may move decides nothing.
 """
 
 import numpy as np
 from mpi4py import MPI
 from scipy import sparse
+from scipy.sparse.linalg import splu
 
 from solver.tfeti.constraints.conditions import ContactRows
 from solver.vectors import Array, Ints, Mask
 
 SAME = 1e-10
-"""Squared sine of the angle between a row and the tied rows of a node that contain it."""
+"""Squared sine of the angle between a row and the tied rows that contain it."""
+
+REDUNDANT = 1e-12
+"""Addition to the products of tied rows of unit length, which may be linearly dependent."""
+
+AT_ONCE = 100
+"""Number of contact rows that are compared with tied rows of several nodes at once."""
 
 
 def undecided(comm: MPI.Intracomm, contact: ContactRows, tied: ContactRows) -> Mask:
@@ -45,7 +54,33 @@ def undecided(comm: MPI.Intracomm, contact: ContactRows, tied: ContactRows) -> M
         shape=(len(contact.nodes), len(at_node)),
     )
     largest = np.asarray(share.max(axis=1).todense()).ravel()
-    return np.asarray(largest < 1.0 - SAME)
+    some = largest < 1.0 - SAME
+    some[some] = _independent(of_contact[some], every, all_columns % tied.normals.shape[1])
+    return np.asarray(some)
+
+
+def _independent(rows: sparse.csr_matrix, tied: sparse.csr_matrix, component: Ints) -> Mask:
+    """Mask (k,) of rows that are no combination of tied rows, all of unit length.
+
+    Tied rows on which translations do nothing have no combination on which they do something.
+
+    Parameters
+    ----------
+    component : (columns,)
+    """
+    touched = np.asarray(abs(tied).sum(axis=0)).ravel() > 0.0
+    may_be = abs(rows) @ ~touched == 0.0
+    sums = [abs(part @ (component[:, None] == np.arange(3))).max(axis=1) for part in (rows, tied)]
+    if sums[1].max() ** 2 < SAME:
+        may_be &= sums[0] ** 2 < SAME
+    result = np.ones(len(may_be), bool)
+    places = np.flatnonzero(may_be)
+    if len(places):
+        factor = splu((tied @ tied.T + REDUNDANT * sparse.identity(tied.shape[0])).tocsc())
+        for few in np.array_split(places, len(places) // AT_ONCE + 1):
+            cosines = (rows[few] @ tied.T).toarray().T
+            result[few] = (cosines * factor.solve(cosines)).sum(axis=0) < 1.0 - SAME
+    return result
 
 
 def _columns(rows: ContactRows) -> Ints:

@@ -311,6 +311,37 @@ def test_contact_next_to_a_tie(n: tuple[int, int], push: float) -> None:
         assert contact["nodes"]["open"] > 0
 
 
+def on_a_base(cells: tuple[int, ...], bodies: int) -> scenes.Config:
+    """Blocks side by side, tied to one base that is as wide as they are and held below."""
+    cell = "quadrilateral"
+    base = scenes.box("base", [bodies, 0.0], [4 * bodies, 4], [0.0, -1.0], cell)
+    blocks = [
+        scenes.block(cell, n, f"b{k}", (k, 0, 0), (k + 1, 1, 1))
+        for k, n in enumerate(cells[:bodies])
+    ]
+    ties = [{"on": f"b{k}.y-", "against": "base.y+", "tied": True} for k in range(bodies)]
+    return scenes.config(cell, [base, *blocks], [scenes.clamp(cell, "base.y-")], ties)
+
+
+@pytest.mark.parametrize("cells", [(4, 4), (5, 4), (4, 7)])
+def test_interference_of_bodies_tied_at_a_corner(cells: tuple[int, int]) -> None:
+    """Rows of several nodes decide the row at the corner; equal blocks mirror one beside a wall."""
+    depth, whole = 0.01, on_a_base(cells, 2)
+    whole["contacts"].append({"on": "b0.x+", "against": "b1.x-", "interference": depth})
+    both = [solve(whole, method=method) for method in ("auto", "primal")]
+    energies = [one.summary["solution"]["energy"] for one in both]
+    assert all(one.summary["certificate"]["passed"] for one in both)
+    assert energies[1] == pytest.approx(energies[0], rel=1e-7)
+    if cells == (4, 4):
+        half = on_a_base(cells, 1)
+        half["conditions"].append({"on": "base.x+", "displacement": [0.0, None]})
+        wall = scenes.plane("quadrilateral", (1, 0, 0), (-1, 0, 0))
+        half["contacts"].append({"on": "b0.x+", "obstacle": wall, "interference": 0.5 * depth})
+        alone = solve(half).summary
+        assert alone["certificate"]["passed"]
+        assert energies[0] == pytest.approx(2.0 * alone["solution"]["energy"], rel=1e-7)
+
+
 def test_tied_rings_turn_freely(tmp_path: Path) -> None:
     """Facets of the two rings do not match, so there are gaps; no row sees a rotation of both."""
     made = rings.fit(tmp_path, "plane_stress")
