@@ -17,7 +17,7 @@ nothing. M is as large as a contact surface; every rank holds and factors it.
 from copy import copy
 
 import numpy as np
-from petsc4py import PETSc
+from mpi4py import MPI
 from scipy import sparse
 from scipy.sparse.csgraph import connected_components
 
@@ -46,17 +46,20 @@ def _compliance(problem: DecomposedProblem) -> Array:
     """D⁻¹, (interface,); zero for rigid bodies, which have no springs."""
     parts = [np.zeros(0)]
     for cls in problem.classes:
-        compliance = 0.0 if cls.rigid else 1.0 / float(cls.stiffness.diagonal().mean())
-        parts.append(np.full(cls.members * len(cls.interface), compliance))
+        parts.append(np.full(cls.members * len(cls.interface), 1.0 / cls.resistance.mean()))
     return np.concatenate(parts)
 
 
-def _coupled(M: PETSc.Mat, wide: Mask) -> Mask:
-    """Mask of the rows of several nodes, and of the rows not perpendicular to one (collective)."""
-    local = local_rows(M)
-    every = np.concatenate(M.comm.tompi4py().allgather(wide))
-    met, diagonal = abs(local) @ every, local.diagonal(M.getOwnershipRange()[0])[: len(wide)]
-    return np.asarray(wide | (met > NEGLIGIBLE * diagonal))
+def _rows_near(rows: sparse.csr_matrix, wide: Mask, comm: MPI.Intracomm) -> Ints:
+    """The rows of several nodes, and those that share an unknown with one (collective)."""
+    touched = np.unique(np.concatenate(comm.allgather(np.unique(rows[wide].indices))))
+    met = np.concatenate([[0], np.cumsum(np.isin(rows.indices, touched))])[rows.indptr]
+    return np.flatnonzero(wide | (np.diff(met) > 0))
+
+
+def _of_all_ranks(rows: sparse.csr_matrix, comm: MPI.Intracomm) -> sparse.csr_matrix:
+    """The rows of all ranks, on every rank (collective)."""
+    return rows if comm.size == 1 else sparse.vstack(comm.allgather(rows), format="csr")
 
 
 def _with_rows(B: ConstraintMatrix, rows: sparse.csr_matrix, places: Ints) -> ConstraintMatrix:
@@ -84,7 +87,7 @@ class FactorOfParts:
     Where nothing couples the components of a tie, they have equal parts of M, which share a factor.
     """
 
-    def __init__(self, matrix: sparse.csc_matrix) -> None:
+    def __init__(self, matrix: sparse.csr_matrix) -> None:
         self._matrix = matrix
         self._free: bytes | None = None
 
@@ -106,7 +109,7 @@ class FactorOfParts:
         sizes, result = np.bincount(number), list[tuple[Ints, CholeskyFactor]]()
         if len(sizes) > MOST_PARTS:
             return [(chosen, CholeskyFactor(matrix))]
-        parts: list[sparse.csc_matrix] = []
+        parts: list[sparse.csr_matrix] = []
         for rows in np.split(np.argsort(number, kind="stable"), np.cumsum(sizes)[:-1]):
             parts.append(matrix[rows][:, rows])
             equal = next(k for k, part in enumerate(parts) if _are_equal(part, parts[-1]))
@@ -115,7 +118,7 @@ class FactorOfParts:
         return result
 
 
-def _are_equal(one: sparse.csc_matrix, other: sparse.csc_matrix) -> bool:
+def _are_equal(one: sparse.csr_matrix, other: sparse.csr_matrix) -> bool:
     """Whether two matrices differ by rounding errors at most."""
     pairs = [(part.indptr, part.indices) for part in (one, other)]
     if one.shape != other.shape or not all(map(np.array_equal, *pairs)):
@@ -136,22 +139,31 @@ class CoupledRows:
     def __init__(self, problem: DecomposedProblem) -> None:
         self.comm, deforming = problem.comm, problem.deforming
         others = np.flatnonzero(~np.isin(problem.kinds, (RowKind.GLUING, RowKind.DIRICHLET)))
-        rows = petsc_rows(self.comm, deforming.local[others], deforming.columns)
-        divided = rows.copy()
+        wide = problem.system.constraints.wide[others]
+        near = _rows_near(deforming.local[others], wide, self.comm)
+        others, wide = others[near], wide[near]
+        local = deforming.local[others]
+        rows = petsc_rows(self.comm, local.copy(), deforming.columns)
         with lent(self.comm, _compliance(problem)) as (right,):
-            divided.diagonalScale(R=right)
-        transpose = rows.transpose(PETSc.Mat())
-        M = divided.matMult(transpose)
-        coupled = _coupled(M, problem.system.constraints.wide[others])
-        self._rows = others[coupled]
-        gathered = self._gathered(M, np.flatnonzero(coupled))
-        self.B = _with_rows(deforming, local_rows(divided)[coupled], self._rows)
-        for matrix in (rows, divided, transpose, M):
-            matrix.destroy()
+            rows.diagonalScale(R=right)
+        divided = local_rows(rows)
+        rows.destroy()
+        M = _of_all_ranks(divided, self.comm) @ _of_all_ranks(local, self.comm).T
+        every = np.concatenate(self.comm.allgather(wide))
+        narrow, coupled = np.flatnonzero(~every), np.ones(len(every), bool)
+        coupled[narrow] = abs(M[narrow]) @ every > NEGLIGIBLE * M.diagonal()[narrow]
+        if not coupled.all():
+            M = M[coupled][:, coupled]
+        M.sort_indices()  # equal parts have equal arrays
+        M.setdiag((1.0 + REDUNDANT) * M.diagonal())
+        before = self.comm.exscan(len(near)) or 0
+        local_part = coupled[before : before + len(near)]
+        self._rows = others[local_part]
+        self.B = _with_rows(deforming, divided[local_part], self._rows)
         counts = self.comm.allgather(len(self._rows))
         first = sum(counts[: self.comm.rank])
         self._own_part = slice(first, first + len(self._rows))
-        self._filled, self._factor = gathered.diagonal() > 0.0, FactorOfParts(gathered)
+        self._filled, self._factor = M.diagonal() > 0.0, FactorOfParts(M)
 
     def on(self, rows: Mask) -> "CoupledRows":
         """The coupled rows of the problem in which only some rows (dual,) are left (collective)."""
@@ -160,13 +172,6 @@ class CoupledRows:
         every = np.concatenate(self.comm.allgather(rows[self._rows]))
         result._filled = self._filled & every
         return result
-
-    def _gathered(self, M: PETSc.Mat, coupled: Ints) -> sparse.csc_matrix:
-        """The coupled rows and columns, on every rank."""
-        every = np.concatenate(self.comm.allgather(M.getOwnershipRange()[0] + coupled))
-        parts = self.comm.allgather(local_rows(M)[coupled][:, every])
-        matrix = sparse.vstack(parts, format="csc")
-        return (matrix + sparse.diags(REDUNDANT * matrix.diagonal())).tocsc()
 
     def divide(self, x: Array, free: Mask | None) -> None:
         """Replace x on the coupled rows by M⁻¹ x on the free ones, and by zero on the others.
