@@ -11,7 +11,8 @@ closed, `hierarchy` has the levels, `vertices` the one of degree 1 below degree 
 their coarse spaces (Gräser and Kornhuber, 2009), `rigid_space` corrects rigid motions of bodies
 that only contact holds (A-DEF2 of Tang et al., 2009), `factor` replaces the cycle for thin bodies,
 `first_set` finds the first set on coarse levels, `augmented` continues with an augmented Lagrangian
-where sets do not settle, `recovery` computes all multipliers.
+where sets do not settle, `coupled` with Newton's method for Coulomb friction, `recovery` computes
+all multipliers.
 Theory: docs/theory/primal_multigrid.md.
 """
 

@@ -23,7 +23,8 @@ iterate:
    an unloaded roller lies loosely between its races, other rows press in each step.
 
 Friction has springs that yield at the slip limit (`solver.primal.augmented_rows`). The limits of
-Coulomb's law change with λ, and with the forces of a set that holds with equality.
+Coulomb's law change with λ, and with the forces of a set that holds with equality, where Newton's
+method with limits that follow the springs (`solver.primal.coupled`) does not succeed.
 """
 
 import math
@@ -98,7 +99,7 @@ class AugmentedOptions:
 
 
 @dataclass(frozen=True, eq=False)
-class _Iterate:
+class LagrangianIterate:
     """A displacement, its residual and the contact forces of its Lagrangian; local parts."""
 
     u: Array
@@ -150,7 +151,11 @@ class AugmentedLagrangian:
         u = u - tied.lifting((multiply(self.system.C, u) - self.system.c)[tied.rows])
         backend.begin_at(u)
         now = self._iterate(u, backend.left(), np.zeros(len(self.system.rows)))
-        rows, far = self.rows, self.rows.moves
+        return self._descend(now)
+
+    def _descend(self, now: LagrangianIterate) -> Outcome[PrimalState]:
+        """The steps of `solve` (collective)."""
+        backend, rows, far = self.backend, self.rows, self.rows.moves
         rows.begin(rows.forces(self._p(now)))
         outcome: Outcome[PrimalState] = Outcome(None, None, self._statuses(now), self._counts)
         load, stuck = self._norm(self.system.load), 0
@@ -193,7 +198,7 @@ class AugmentedLagrangian:
         """The 2-norm of local parts (collective)."""
         return math.sqrt(self.system.comm.allreduce(float(x @ x)))
 
-    def _gradient(self, now: _Iterate) -> float:
+    def _gradient(self, now: LagrangianIterate) -> float:
         """2-norm of the gradient of L on displacements that leave tied rows alone (collective)."""
         forces = multiply_transposed(self.system.C, self.rows.forces(self._p(now)))
         return self._norm(self._tied.apply_transpose(now.left - forces))
@@ -206,10 +211,10 @@ class AugmentedLagrangian:
         elif length > options.long:
             self._faint = max(0.1 * self._faint, options.faint)
 
-    def _iterate(self, u: Array, left: Array, forces: Array) -> _Iterate:
-        return _Iterate(u, left, multiply(self.system.C, u) - self.system.c, forces)
+    def _iterate(self, u: Array, left: Array, forces: Array) -> LagrangianIterate:
+        return LagrangianIterate(u, left, multiply(self.system.C, u) - self.system.c, forces)
 
-    def _p(self, now: _Iterate) -> Array:
+    def _p(self, now: LagrangianIterate) -> Array:
         """λ + W (C u - c), (rows,)."""
         return np.asarray(now.forces + self.rows.W * now.jumps)
 
@@ -217,7 +222,7 @@ class AugmentedLagrangian:
         """Whether any row differs (collective)."""
         return bool(self.system.comm.allreduce(int((one != other).any())))
 
-    def _statuses(self, now: _Iterate) -> Statuses:
+    def _statuses(self, now: LagrangianIterate) -> Statuses:
         """Rows with a compliance; those without a spring hold their last position (collective)."""
         on_all_rows, rows, jumps = self.system.on_all_rows, self.rows, now.jumps
         forces, springs, turn = rows.springs(self._p(now))
@@ -232,7 +237,7 @@ class AugmentedLagrangian:
             compliance=on_all_rows(compliance),
         )
 
-    def _on_set(self, now: _Iterate) -> Outcome[PrimalState]:
+    def _on_set(self, now: LagrangianIterate) -> Outcome[PrimalState]:
         """A few conjugate gradients on the set of an iterate (collective).
 
         Without a state where nothing holds some body.
@@ -252,7 +257,9 @@ class AugmentedLagrangian:
         tolerance = self.options.reduction * on_set.residual
         return on_set.solve(self._inner(), tolerance, self._monitor(on_set.statuses))
 
-    def _with_equality(self, now: _Iterate) -> tuple[Outcome[PrimalState], _Iterate | None]:
+    def _with_equality(
+        self, now: LagrangianIterate
+    ) -> tuple[Outcome[PrimalState], LagrangianIterate | None]:
         """The solve on the firm rows with equality, and its iterate if its law moves (collective).
 
         No iterate where the set is another one than that of the solution under this law.
@@ -290,7 +297,7 @@ class AugmentedLagrangian:
         rows = int(self.system.comm.allreduce(int(statuses.active.sum())))
         return on_active_set(self._sets.monitor, self._steps, rows, self._counts.inner)
 
-    def _length(self, now: _Iterate, state: PrimalState) -> float:
+    def _length(self, now: LagrangianIterate, state: PrimalState) -> float:
         """The share of a step with the least L and energy of faint springs (collective)."""
         comm, step, normal, p = self.system.comm, state.u - now.u, self.rows.normal, self._p(now)
         image = multiply(self.system.C, state.u) - self.system.c - now.jumps
@@ -307,7 +314,9 @@ class AugmentedLagrangian:
 
         return minimum_along(comm, rest, p[normal], rates[normal], image[normal])
 
-    def _moved(self, now: _Iterate, state: PrimalState, length: float) -> _Iterate:
+    def _moved(
+        self, now: LagrangianIterate, state: PrimalState, length: float
+    ) -> LagrangianIterate:
         """The iterate after a share of a step, from which the next set begins (collective)."""
         u = now.u + length * (state.u - now.u)
         left = now.left + length * (self.backend.left() - now.left)

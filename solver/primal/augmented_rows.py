@@ -10,11 +10,14 @@ P the projection onto the disc of radius s. Its force is P(p): a spring of stiff
 point sticks, |p| ≤ s. A sliding point has the force s d along d = p / |p|, and across d, in a
 turned frame, a spring of stiffness W s / |p|.
 
-The limits of Coulomb's law follow the contact forces in each step while L is far from its least
-value, and then by Anderson's acceleration (`solver.contact.slip_limits`).
+The limits of Coulomb's law are those of the pressing forces at p (`solver.primal.coupled`), or they
+follow the contact forces in each step while L is far from its least value, and then by Anderson's
+acceleration (`solver.contact.slip_limits`).
 """
 
 from collections.abc import Callable
+from copy import copy
+from typing import Self
 
 import numpy as np
 
@@ -24,6 +27,7 @@ from solver.contact.law import ContactLaw
 from solver.contact.slip_limits import SlipLimits
 from solver.primal.friction_springs import FrictionSprings
 from solver.primal.merged import MergedSystem
+from solver.primal.springs import Coupling
 from solver.vectors import Array, Mask
 
 
@@ -89,6 +93,8 @@ class FrictionRows(OneSidedRows):
         springs = FrictionSprings.of(system, stiffness)
         self._points = system.problem.friction
         self._tangential, self._point = springs.rows, springs.point
+        self._normals = springs.normals[self._points.first]
+        self._coefficients, self._fixed_limits = springs.coefficients, springs.limits
         count = np.bincount(self._point, minlength=len(self._points.first))
         mean = np.bincount(self._point, springs.sticking, len(count)) / np.maximum(count, 1)
         self._W = mean  # of both rows of a point
@@ -120,6 +126,40 @@ class FrictionRows(OneSidedRows):
         points = self._points
         self._limits, self._largest = limits, limits.values / points.spread[points.first]
         self.law = self.law.with_limits(limits.values)
+
+    def at(self, p: Array) -> Self:
+        """The rows with the slip limits of the pressing forces at p."""
+        result = copy(self)
+        result._largest = self._fixed_limits + self._coefficients * np.maximum(
+            p[self._normals], 0.0
+        )
+        return result
+
+    def stiffened(self, factor: float) -> Self:
+        """The rows with stiffer springs."""
+        result = copy(self)
+        result.W, result._W = factor * self.W, factor * self._W
+        return result
+
+    def turned_back(self, p: Array, after: Array) -> Mask:
+        """Tangential rows whose friction points against that before, (rows,)."""
+        result, rows = np.zeros(len(p), bool), self._tangential
+        result[rows] = (self._points.dots(p[rows], after[rows]) < 0.0)[self._point]
+        return result
+
+    def coupling(self, p: Array) -> Coupling:
+        """Changes of friction at sliding points by the jumps of their contact rows.
+
+        In space they belong to the frames of `springs`.
+        """
+        points, first = self._points, self._tangential[self._points.first]
+        slides = points.sizes(p[self._tangential]) > self._largest
+        some = np.flatnonzero(slides & (self._coefficients > 0.0) & (p[self._normals] > 0.0))
+        sign = np.where(p[first] < 0.0, -1.0, 1.0)
+        sign[points.planar] = 1.0
+        normals = self._normals[some]
+        factors = sign[some] * self._coefficients[some] * self.W[normals]
+        return Coupling(first[some], normals, factors)
 
     def forces(self, p: Array) -> Array:
         """Forces of the springs, in contact rows and in tangential rows."""

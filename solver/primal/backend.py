@@ -19,6 +19,7 @@ from solver.primal.cycle import Cycle, CycleOnSets
 from solver.primal.factor import Factor, FactorOptions, row_stiffness
 from solver.primal.factor_on_sets import FactorOnSets
 from solver.primal.first_set import FirstSet, corrected_set, find_first_set
+from solver.primal.gmres import GMRESLimits, gmres
 from solver.primal.held_energy import HeldEnergy
 from solver.primal.lanczos import Lanczos
 from solver.primal.matrices import Matrices, free_matrices
@@ -27,7 +28,7 @@ from solver.primal.preconditioner import Preconditioner
 from solver.primal.products import multiply, multiply_transposed
 from solver.primal.projector import REDUNDANT, Projector
 from solver.primal.rigid_space import OPTIONS, RigidSpace, lifts_of_means
-from solver.primal.springs import ProjectedStiffness, Springs
+from solver.primal.springs import CoupledStiffness, Coupling, ProjectedStiffness, Springs
 from solver.primal.state import PrimalState
 from solver.primal.step import Position, shortened
 from solver.qp.box_qp import BoxQP
@@ -250,7 +251,7 @@ class PrimalSet:
         self._load = system.load
         if system.comm.allreduce(int(self._prescribed.any())):
             self._load = system.load - multiply_transposed(system.C, self._prescribed)
-        operator = ProjectedStiffness(system, projector, springs)
+        self._stiffness = operator = ProjectedStiffness(system, projector, springs)
         applied = backend.prepare_motions(projector, springs)
         self._rigid = rigid = RigidSpace(system, projector, backend.motions, springs)
         closing = projector.narrow if rigid.holds_means else projector
@@ -382,6 +383,26 @@ class PrimalSet:
             return inner.minimise(self._iterate, stop, monitor)
         finally:
             self._iterate.watch = None
+
+    def solve_coupled(
+        self, coupling: Coupling, offset: Array, limits: GMRESLimits, monitor: Monitor | None
+    ) -> bool:
+        """Solve with friction that follows jumps; return whether the monitor stops (collective).
+
+        Parameters
+        ----------
+        offset : (rows,)
+            C u of a displacement without such friction.
+        """
+        it, A = self._iterate, CoupledStiffness(self._stiffness, coupling)
+        rhs = it.qp.b - A.forces(multiply(self._system.C, self._start) - offset)
+        steps, shares = gmres(self._system.comm, A, self._preconditioner, rhs, limits)
+        assert it.image is not None
+        it.x += shares @ np.array(steps)
+        it.image = it.image + shares @ np.array(A.images)
+        it.counts = it.counts + Counts(hessian=len(steps), cg=len(steps))
+        it.iterations += len(steps)
+        return it.record("cg", monitor)
 
     def _is_slow(self) -> bool:
         """Whether the set has taken many steps, and many for each digit of the residual."""

@@ -17,6 +17,7 @@ from solver.contact.solve_on_set import Outcome
 from solver.contact.stopping import CertificateTest, StoppingRule
 from solver.primal.augmented import AugmentedLagrangian
 from solver.primal.backend import Multigrid
+from solver.primal.coupled import CoupledLagrangian
 from solver.primal.factor import FactorOptions
 from solver.primal.first_set import FirstSet
 from solver.primal.matrices import freed_matrices
@@ -183,7 +184,9 @@ def _solve(
         if outcome.reason is not Reason.ACCEPTED:
             outcome = replace(last, counts=outcome.counts)
     if outcome.reason is None:
-        lagrangian = AugmentedLagrangian(backend, method.after(outcome))
+        follows = problem.comm.allreduce(int((problem.friction.coefficients > 0.0).any()))
+        made = CoupledLagrangian if follows else AugmentedLagrangian
+        lagrangian = made(backend, method.after(outcome))
         outcome = lagrangian.solve(backend.first_set().u)
     return _answer(test, outcome, before)
 

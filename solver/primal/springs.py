@@ -10,6 +10,8 @@ exactly, D the diagonal of K and S = B D⁻¹ Bᵀ. Then
 does not move the rows that hold exactly, and for M = D it is the inverse of D + Bᵀ C⁻¹ B.
 """
 
+from dataclasses import dataclass
+
 import numpy as np
 
 from solver.backend import Statuses
@@ -18,7 +20,7 @@ from solver.primal.factor import row_stiffness
 from solver.primal.merged import MergedSystem
 from solver.primal.products import chosen_rows, multiply, multiply_transposed
 from solver.primal.projector import Projector
-from solver.vectors import Array, Vector
+from solver.vectors import Array, Ints, Vector
 
 
 class Springs:
@@ -102,15 +104,57 @@ class ProjectedStiffness:
 
     def __init__(self, system: MergedSystem, projector: Projector, springs: Springs) -> None:
         self.comm, self.size = system.comm, system.size
-        self._system, self._projector, self._springs = system, projector, springs
+        self.system, self.projector, self._springs = system, projector, springs
         self.image = np.zeros(system.size)
 
     def product(self, x: Array) -> Array:
         """K x, with springs."""
-        image = multiply(in_blocks(self._system.K), x)
+        image = multiply(in_blocks(self.system.K), x)
         return image if self._springs.empty else image + self._springs.forces(x)
 
     def apply(self, x: Vector, out: Vector) -> None:
         """Put the product into out."""
         self.image = self.product(x)
-        out[:] = self._projector.apply_transpose(self.image)
+        out[:] = self.projector.apply_transpose(self.image)
+
+
+@dataclass(frozen=True, eq=False)
+class Coupling:
+    """Forces in some rows that follow the jumps of others, by local rows."""
+
+    rows: Ints
+    sources: Ints
+    factors: Array
+    """Row of each force, row of the jump, and force over jump. Shape (pairs,)."""
+
+    def forces(self, jumps: Array) -> Array:
+        """Forces (rows,) of jumps (rows,)."""
+        result = np.zeros(len(jumps))
+        result[self.rows] = self.factors * jumps[self.sources]
+        return result
+
+
+class CoupledStiffness:
+    """The stiffness of a set and the forces of a coupling, which make it unsymmetric.
+
+    Attributes
+    ----------
+    images
+        Products with the stiffness alone, without the projector.
+    """
+
+    def __init__(self, stiffness: ProjectedStiffness, coupling: Coupling) -> None:
+        self._stiffness, self._coupling = stiffness, coupling
+        self.images: list[Array] = []
+
+    def forces(self, image: Array) -> Array:
+        """Projected forces (unknowns,) of jumps (rows,) (collective)."""
+        C, projector = self._stiffness.system.C, self._stiffness.projector
+        return projector.apply_transpose(multiply_transposed(C, self._coupling.forces(image)))
+
+    def product(self, x: Array) -> Array:
+        """The product with all forces (collective)."""
+        out = np.empty_like(x)
+        self._stiffness.apply(x, out)
+        self.images.append(self._stiffness.image)
+        return out + self.forces(multiply(self._stiffness.system.C, x))

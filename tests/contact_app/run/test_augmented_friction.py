@@ -156,14 +156,14 @@ def hooked(x: np.ndarray) -> np.ndarray:
 
 
 @pytest.mark.ratchet
-@pytest.mark.parametrize("coefficient", [0.3, 0.8])
+@pytest.mark.parametrize("coefficient", [0.3, 0.8, 1.0])
 def test_a_hook_that_slides_on_a_peg_is_solved_by_multigrid(
     tmp_path: Path, coefficient: float
 ) -> None:
     """Its few contact points wander about the peg with each set.
 
-    With limits that follow each step, and earlier limits forgotten again and again, the
-    Lagrangian did not settle, and SMALBE-M ended after 1,600 operator applications.
+    With given limits, changed after each problem, the Lagrangian takes 160, 180 and 584 operator
+    applications.
     """
     sides = {"bore": "sqrt(x**2 + y**2) < 8.06 and y > -1e-6", "end": "y < -19.999"}
     body = meshfiles.part(tmp_path / "hook.vtu", "triangle", (60, 6), hooked, sides)
@@ -180,6 +180,6 @@ def test_a_hook_that_slides_on_a_peg_is_solved_by_multigrid(
     summary = solve(made, None, tolerance=1e-6, method="primal").summary
     assert summary["certificate"]["passed"]
     assert summary["solver"]["method"] == "primal"
-    assert summary["solver"]["hessian_multiplications"] <= 250
+    assert summary["solver"]["hessian_multiplications"] <= 220
     width = 16.0 - 8.05
     assert summary["contacts"][0]["force"][1] == pytest.approx(20 * width, rel=1e-3)
