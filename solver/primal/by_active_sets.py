@@ -252,10 +252,16 @@ def _required_reduction(
         Sum of the magnitudes of all loads on each body, for those that heat alone loads.
     """
     problem = backend.problem
-    pressed = problem.bodies.sum_rows(np.abs(state.multiplier * problem.spread), problem.inequality)
-    load = np.maximum(problem.mechanical_loads, problem.comm.allreduce(pressed))
+    forces = state.multiplier * problem.spread
+    pressed, pulled = problem.comm.allreduce(np.array([
+        problem.bodies.sum_rows(part, problem.inequality)
+        for part in (np.abs(forces), np.maximum(-forces, 0.0))
+    ]))  # fmt: skip
+    load = np.maximum(problem.mechanical_loads, pressed)
     size = float(load.max()) or float(loads.max()) or 1.0
     worst = max(problem.largest_distance(state), state.imbalance / size)
+    if rule.may_end_early:  # the answer has no tensile forces, and its gap takes it for balanced
+        worst = max(worst, float(np.divide(pulled, load, out=pulled, where=load > 0.0).max()))
     left = friction_residual(problem, state.multiplier, state.jumps, state.lengths)
     worst = max(worst, left / SURE)
     required = rule.required_reduction(worst, state.strained, lambda: 0.5 * state.error_square)

@@ -227,3 +227,23 @@ def test_a_body_that_moves_rigidly_with_a_load_on_its_held_face(cell: str, metho
         assert solved.solution.certificate.passed
         reaction = solved.summary["reactions"][0]["force"]
         assert reaction[0] == pytest.approx(-1.0 if load else 0.0, abs=1e-9)
+
+
+def test_tensile_forces_of_an_early_set_are_no_equilibrium() -> None:
+    """A plate that its held edge lifts off the floor: a set of the way has 75 times its energy."""
+    plate = box("plate", [0, 0, 0], [180, 90, 1], [14, 7, 2], young=580.0, poisson=0.05)
+    made = {
+        "dimension": 3,
+        "bodies": [plate],
+        "conditions": [
+            {"in": "plate", "force": [0, 0, -6.7e-7]},
+            {"on": "plate.x-", "displacement": [0, 0, 0.022]},
+        ],
+        "contacts": [{"on": "plate.z-", "obstacle": plane([0, 0, 0], [0, 0, 1])}],
+    }
+    right = solve(made | {"solver": {"tolerance": 1e-8, "method": "active-set"}})
+    loose = solve(made | {"solver": {"tolerance": "auto", "method": "primal"}})
+    assert right.solution.certificate.passed
+    assert loose.solution.certificate.passed
+    energies = [one.summary["solution"]["energy"] for one in (loose, right)]
+    assert energies[0] == pytest.approx(energies[1], rel=0.05)
