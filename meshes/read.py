@@ -11,6 +11,7 @@ Cells with nodes on their edges keep them, in VTK's order.
 import contextlib
 import io
 import re
+from collections.abc import Collection
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -119,8 +120,17 @@ def _all_differ(cells: Ints) -> bool:
     return not bool((sums[1:] == sums[:-1]).any())
 
 
-def read_file(path: Path, dimension: int) -> FileContent:
+class MixedCellsError(MeshError):
+    """A file has cells of several types, or of a type that is not usable."""
+
+
+def read_file(path: Path, dimension: int, only: Collection[str] = ()) -> FileContent:
     """Read the cells of a dimension and the groups from a mesh file.
+
+    Parameters
+    ----------
+    only
+        Names of groups of cells; cells of other groups may be of other types and are left out.
 
     Raises
     ------
@@ -141,9 +151,11 @@ def read_file(path: Path, dimension: int) -> FileContent:
         used = np.asarray(block.data)
         if used.size and not (0 <= used.min() and used.max() < len(points)):
             raise MeshError(f"has a {block.type} that names a node the file does not define")
-    kind = _kind(mesh, dimension)
+    groups = _groups(mesh, _gmsh_names(path))
+    chosen = {block for name, block, _ in groups if name in only} or set(range(len(mesh.cells)))
+    kind = _kind(mesh, dimension, chosen)
     names = (kind.first, *kind.second)
-    own_blocks = [i for i, block in enumerate(mesh.cells) if block.type in names]
+    own_blocks = [i for i in sorted(chosen) if mesh.cells[i].type in names]
     cells = np.concatenate([_corners(mesh.cells[i], kind.corners) for i in own_blocks])
     notes = []
     facet_types = {n for n, c in FACET_CORNERS.items() if c == len(FACETS[kind.name][0])}
@@ -155,7 +167,7 @@ def read_file(path: Path, dimension: int) -> FileContent:
     cell_groups: dict[str, list[Ints]] = {}
     facet_groups: dict[str, list[Ints]] = {}
     lower = set()
-    for name, block, rows in _groups(mesh, _gmsh_names(path)):
+    for name, block, rows in groups:
         if block in starts:
             cell_groups.setdefault(name, []).append(starts[block] + rows)
         elif block in facets:
@@ -232,10 +244,10 @@ def _as_meshio_reads(path: Path) -> tuple[Any, ...]:
     return (path,)
 
 
-def _kind(mesh: Any, dimension: int) -> CellKind:
-    """The one type of cell of a dimension in a file."""
+def _kind(mesh: Any, dimension: int, chosen: Collection[int]) -> CellKind:
+    """The one type of cell of a dimension in some blocks of a file."""
     count: dict[str, int] = {}
-    for block in mesh.cells:
+    for block in (mesh.cells[i] for i in sorted(chosen)):
         count[block.type] = count.get(block.type, 0) + len(block.data)
     possible = [k for k in KINDS if k.dimension == dimension]
     present = {t: n for t, n in count.items() if n and _dimension(mesh, t) == dimension}
@@ -255,7 +267,10 @@ def _kind(mesh: Any, dimension: int) -> CellKind:
         )
     if len(kinds) != 1 or any(t not in (kinds[0].first, *kinds[0].second) for t in present):
         mixed = ", ".join(f"{n} {t}" for t, n in present.items())
-        raise MeshError(f"holds {mixed}; the cells of a body are of one type: {allowed}")
+        raise MixedCellsError(
+            f"holds {mixed}; the cells of a body are of one type: {allowed}; choose those of a "
+            "body by `group`"
+        )
     return kinds[0]
 
 

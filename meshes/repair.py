@@ -38,7 +38,7 @@ from meshes.quadratic import (
     reordering,
     with_middles,
 )
-from meshes.read import FileContent, distinct_cells, read_file
+from meshes.read import FileContent, MixedCellsError, distinct_cells, read_file
 from meshes.unstructured import CellMesh, MeshError, Topology, first_of, row_places
 
 FLAT = 1e-9
@@ -123,8 +123,14 @@ def load_mesh(
     MeshError
         The message says what is wrong and how to correct it.
     """
-    content, comm = read(path, dimension), comm or MPI.COMM_SELF
-    notes, groups, cell = list(content.notes), tuple(groups), content.kind.name
+    groups, comm = tuple(groups), comm or MPI.COMM_SELF
+    try:
+        content = read(path, dimension)
+    except MixedCellsError:
+        if not groups:
+            raise
+        content = read_file(path, dimension, groups)
+    notes, cell = list(content.notes), content.kind.name
     distinct, row, _ = content.distinct  # Gmsh 2.2 repeats a cell for each of its groups
     members = {name: np.unique(row[rows]) for name, rows in content.cell_groups.items()}
     chosen = _chosen(members, groups) if groups else np.arange(len(distinct))

@@ -411,6 +411,24 @@ def test_the_wrong_dimension(tmp_path: Path) -> None:
     assert "reaches from z = 0 to 1" in refused(flat, tmp_path, "triangle")
 
 
+def test_bodies_of_one_file_may_have_cells_of_their_own_type(tmp_path: Path) -> None:
+    """Each is chosen by its group; a file with both was refused."""
+    points = np.array([[0, 0], [1, 0], [1, 1], [0, 1], [2, 0], [3, 0], [2, 1]], float)
+    cells = [("quad", [[0, 1, 2, 3]]), ("triangle", [[4, 5, 6]]), ("line", [[1, 0], [4, 5]])]
+    mesh = meshio.Mesh(
+        np.pad(points, ((0, 0), (0, 1))), cells,
+        cell_data={name: [np.array([1]), np.array([2]), np.array([3, 4])]
+                   for name in ("gmsh:physical", "gmsh:geometrical")},
+        field_data={"a": np.array([1, 2]), "b": np.array([2, 2]), "foot": np.array([3, 1])},
+    )  # fmt: skip
+    path = meshfiles.write(mesh, tmp_path / "two.msh")
+    square, corner = (load_mesh(path, 2, groups=[name]) for name in "ab")
+    assert [total_volume(square), total_volume(corner)] == pytest.approx([1.0, 0.5])
+    assert len(square.sides["foot"]) == 1
+    with pytest.raises(MeshError, match="choose those of a body by `group`"):
+        load_mesh(path, 2)
+
+
 def test_mixed_cell_types(tmp_path: Path) -> None:
     given = meshfiles.block("triangle", 2)
     mesh = meshio.Mesh(given.points, [given.cells[0], ("quad", [[0, 1, 2, 3]])])
