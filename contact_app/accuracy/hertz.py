@@ -260,11 +260,14 @@ def hertz_peak(
         beyond = np.abs(points[:, axis]) > LIMITS.reaches * size
         points = np.concatenate([points, points[beyond] * _mirror(axis)])
         gaps = np.concatenate([gaps, gaps[beyond]])
-        normals[:, axis] = 0.0
-    if not normals.any():
+        normals[~beyond, axis] = 0.0
+        normals = np.concatenate([normals, normals[beyond] * _mirror(axis)[:d]])
+    total = normals.sum(axis=0)
+    if np.linalg.norm(total) <= LIMITS.reaches * len(normals):
         return None
-    normal, *tangents = np.linalg.svd(normals.sum(axis=0)[None])[2]
+    normal, *tangents = np.linalg.svd(total[None])[2]
     along = np.array(tangents)
+    points, gaps = _between(points, gaps, normals, normal)
     bends, axes = _curvatures(points[:, :d] @ along.T / (REACH * size), gaps)
     if not bends[0] > 0.0:  # nor if it is no number
         return None
@@ -277,6 +280,19 @@ def hertz_peak(
         return None
     room = np.append(room, 0.5 * spaces[1])
     return peak_of(force, spaces[0], bends / (REACH * size) ** 2, lengths, size, room)
+
+
+def _between(points: Array, gaps: Array, normals: Array, normal: Array) -> tuple[Array, Array]:
+    """Middles of the lines from nodes to the other surface, and gaps along the mean normal.
+
+    A gap is the length of this line. Under a ball the mean of it and of its part along the normal
+    is that of the paraboloid, but for the fourth power of the distance over the radius R: a contact
+    of one facet of R/4 has a peak 1.8 instead of 10 % too low, and of R/8 0.1 instead of 3 %.
+    """
+    d = normals.shape[1]
+    middles = points.copy()
+    middles[:, :d] -= 0.5 * gaps[:, None] * normals
+    return middles, 0.5 * gaps * (1.0 + np.abs(normals @ normal))
 
 
 def _mirror(axis: int) -> Array:

@@ -49,6 +49,37 @@ def test_the_end_of_a_boundary_and_thin_bodies_give_no_peak(place: int) -> None:
     assert found == [pytest.approx(1.5 * FORCE / (np.pi * HALF**2), rel=1e-5), None]
 
 
+@pytest.mark.parametrize(("radius", "error"), [(0.5, 0.025), (1.0, 0.003)])
+@pytest.mark.parametrize("cell", ["hexahedron", "quadrilateral"])
+def test_facets_large_beside_the_radius_have_the_peak(
+    cell: str, radius: float, error: float
+) -> None:
+    """Facets of R/4 and R/8: gaps are lengths along the radius, not along the normal."""
+    d, half, modulus = scenes.dimension(cell), 0.0625, 1000.0 / 0.91
+    force = np.pi * half**2 * modulus / (4.0 * radius)
+    peak = 2.0 * force / (np.pi * half)
+    if d == 3:
+        force = 4.0 * modulus * half**3 / (3.0 * radius)
+        peak = 1.5 * force / (np.pi * half**2)
+    cells = [8] * (d - 1) + [4]
+    block = scenes.box("block", [0.5] * (d - 1) + [0.0], cells, [-0.5] * d)
+    ball = {"sphere": {"center": [0.0] * (d - 1) + [radius], "radius": radius}}
+    conditions = [
+        scenes.clamp(cell, f"block.{scenes.down(cell)}"),
+        {
+            "in": "ball",
+            "displacement": [0.0] * (d - 1) + [None],
+            "rotation": [0.0] * 3 if d == 3 else 0.0,
+        },
+        {"in": "ball", "total_force": [0.0] * (d - 1) + [-force]},
+    ]
+    contact = {"on": f"block.{scenes.up(cell)}", "against": "ball"}
+    bodies = [block, {"name": "ball", "rigid": ball}]
+    answer = contact_app.solve(scenes.config(cell, bodies, conditions, [contact]))
+    found = answer.summary["contacts"][0]["max_smoothed_pressure"]
+    assert found == pytest.approx(peak, rel=error)
+
+
 @pytest.mark.parametrize("thickness", [0.05, 0.2])
 @pytest.mark.parametrize("angle", [0.0, 0.7])
 def test_a_thin_strip_of_any_direction_has_no_peak(
