@@ -51,7 +51,7 @@ def test_the_end_of_a_boundary_and_thin_bodies_give_no_peak(place: int) -> None:
 
 @pytest.mark.parametrize(("radius", "error"), [(0.5, 0.025), (1.0, 0.003)])
 @pytest.mark.parametrize("cell", ["hexahedron", "quadrilateral"])
-def test_facets_large_beside_the_radius_have_the_peak(
+def test_peaks_of_facets_as_large_as_a_part_of_the_radius(
     cell: str, radius: float, error: float
 ) -> None:
     """Facets of R/4 and R/8: gaps are lengths along the radius, not along the normal."""
