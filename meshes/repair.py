@@ -92,6 +92,18 @@ class Placement:
         return placed + np.array(self.translation)
 
 
+def _content(
+    path: Path, dimension: int, groups: tuple[str, ...], read: Callable[[Path, int], FileContent]
+) -> FileContent:
+    """The content of a file; that of some groups alone if its cells are of several types."""
+    try:
+        return read(path, dimension)
+    except MixedCellsError:
+        if not groups:
+            raise
+        return read_file(path, dimension, groups)
+
+
 def load_mesh(
     path: Path,
     dimension: int,
@@ -124,12 +136,7 @@ def load_mesh(
         The message says what is wrong and how to correct it.
     """
     groups, comm = tuple(groups), comm or MPI.COMM_SELF
-    try:
-        content = read(path, dimension)
-    except MixedCellsError:
-        if not groups:
-            raise
-        content = read_file(path, dimension, groups)
+    content = _content(path, dimension, groups, read)
     notes, cell = list(content.notes), content.kind.name
     distinct, row, _ = content.distinct  # Gmsh 2.2 repeats a cell for each of its groups
     members = {name: np.unique(row[rows]) for name, rows in content.cell_groups.items()}
