@@ -29,7 +29,8 @@ from solver.contact.options import Method, SolverOptions
 from solver.contact.solution import Guess, Solution
 from solver.contact.stopping import Assess, stopping_rule
 from solver.qp.mprgp import MPRGP
-from solver.qp.result import Monitor, Reason
+from solver.qp.result import Counts, Monitor, Reason
+from solver.tfeti.certify import certify
 from solver.tfeti.dual import DualProblem
 from solver.tfeti.least_motion import with_least_motion
 from solver.tfeti.methods.answers import (
@@ -119,9 +120,29 @@ def solve(
     return with_least_motion(problem, solution)
 
 
+def _rests(problem: DualProblem) -> bool:
+    """Whether nothing loads the bodies and all rows hold without displacements (collective)."""
+    loads, rows = problem.system.loads, problem.inequality
+    moving = (*loads.forces, *loads.lifting, *loads.displacements_before)
+    unmet = np.where(rows, np.minimum(problem.c, 0.0), problem.c)
+    moved = unmet.any() or any(values.any() for values in moving)
+    return not problem.comm.allreduce(int(moved))
+
+
+def _at_rest(task: Task) -> Solution:
+    """The answer without displacements and forces, with its certificate (collective)."""
+    problem, rule = task.problem, task.rule
+    rest = np.zeros(problem.size), [np.zeros_like(forces) for forces in problem.forces]
+    certificate, measures = certify(problem, *rest, rule.tolerance)
+    answer = Solution(*rest, certificate, measures, Counts(), Reason.CONVERGED, rule.tolerance)
+    return rule.judge(answer)
+
+
 def _solved(task: Task, method: Method, start: Guess | None) -> Solution:
     """The answer of a method (collective)."""
     problem, checkpoint = task.problem, task.checkpoint
+    if _rests(problem):
+        return _at_rest(task)
     if not problem.factored:
         from solver.primal.by_active_sets import solve_by_multigrid
 

@@ -285,3 +285,27 @@ def test_terms_with_derivatives_of_the_argument_are_stress_loads() -> None:
     of_product = ufl.div(x[0] * v) * ufl.dx  # x div v + v_x
     expected = loads(x[0] * ufl.div(v) * ufl.dx)
     assert loads(stress_loads(of_product)) == pytest.approx(expected, abs=1e-15)
+
+
+@pytest.mark.parametrize("method", ["auto", "primal"])
+def test_a_sweep_of_loads_may_begin_with_zero(method: str) -> None:
+    """The answer at rest took up to 805 operator applications, with a warning of another method."""
+    rough = Rough("tetrahedron", 1, {"coulomb": 0.3})
+    wavy = Contact(
+        rough.floor.facet_tags,
+        1,
+        lambda x: x[:, 1] + 0.02 * x[:, 0] ** 2,
+        friction=rough.floor.friction,
+    )
+    problem = ContactProblem(*rough.forms, [], [wavy], tolerance=1e-8, method=method)
+    push = rough.push.value.copy()
+    rough.push.value[:] = 0.0
+    u = problem.solve()
+    assert problem.certificate.passed
+    assert not re.search("multigrid|close or open", " ".join(problem.certificate.warnings))
+    assert problem.summary["solver"]["hessian_multiplications"] == 0
+    assert not u.x.array.any()
+    rough.push.value[:] = push
+    problem.solve()
+    force = problem.summary["contacts"][0]["force"]
+    assert force[1] == pytest.approx(0.5 * SIZE[0] * SIZE[2], rel=1e-6)
