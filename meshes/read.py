@@ -21,7 +21,6 @@ import meshio
 import numpy as np
 
 from meshes.arrays import Array, Ints
-from meshes.gmsh_text import read_gmsh
 from meshes.unstructured import FACETS, MeshError
 from meshes.vtu_arrays import read_vtu
 
@@ -203,8 +202,6 @@ def _meshio(path: Path) -> Any:
         with contextlib.redirect_stdout(output), contextlib.redirect_stderr(output):
             if path.suffix == ".vtu":
                 return read_vtu(path)
-            if path.suffix == ".msh":
-                return read_gmsh(path)
             return meshio.read(*_as_meshio_reads(path))
     except SystemExit:
         reason = output.getvalue()
