@@ -154,8 +154,8 @@ class CoupledRows:
         coupled[narrow] = abs(M[narrow]) @ every > NEGLIGIBLE * M.diagonal()[narrow]
         if not coupled.all():
             M = M[coupled][:, coupled]
+        M = (M + sparse.diags(REDUNDANT * M.diagonal())).tocsr()
         M.sort_indices()  # equal parts have equal arrays
-        M.setdiag((1.0 + REDUNDANT) * M.diagonal())
         before = self.comm.exscan(len(near)) or 0
         local_part = coupled[before : before + len(near)]
         self._rows = others[local_part]
