@@ -207,9 +207,12 @@ def table(names: Sequence[str], directory: Path) -> Iterator[str]:
 def main() -> None:
     """The command."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("names", nargs="*", choices=PARTS, help="all unless given")
+    parser.add_argument("names", nargs="*", help=f"of {', '.join(PARTS)}; all unless given")
     parser.add_argument("-o", "--output", type=Path, default=Path("results/calculix"))
     arguments = parser.parse_args()
+    unknown = sorted(set(arguments.names) - set(PARTS))
+    if unknown:
+        parser.error(f"unknown part {unknown[0]}; known: {', '.join(PARTS)}")
     if shutil.which(COMMAND) is None:
         print(f"skipped: there is no {COMMAND} (Debian: calculix-ccx)")
         return

@@ -146,10 +146,13 @@ def table(names: Sequence[str], directory: Path) -> Iterator[str]:
 def main() -> None:
     """The command: the table, or one of its runs."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("names", nargs="*", choices=SCENES, help="all unless given")
+    parser.add_argument("names", nargs="*", help=f"of {', '.join(SCENES)}; all unless given")
     parser.add_argument("-o", "--output", type=Path, default=Path("results/case_costs"))
     parser.add_argument("--solve", type=Path, help=argparse.SUPPRESS)
     arguments = parser.parse_args()
+    unknown = sorted(set(arguments.names) - set(SCENES))
+    if unknown:
+        parser.error(f"unknown scene {unknown[0]}; known: {', '.join(SCENES)}")
     if arguments.solve is None:
         for line in table(arguments.names, arguments.output):
             print(line, flush=True)

@@ -261,9 +261,12 @@ def draw(results: Sequence[dict[str, Any]], name: str, path: Path) -> None:
 def main(arguments: Sequence[str] | None = None) -> None:
     """The command."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("names", nargs="*", choices=ROUGH, help="all unless given")
+    parser.add_argument("names", nargs="*", help=f"of {', '.join(ROUGH)}; all unless given")
     parser.add_argument("-o", "--output", type=Path, default=Path("results/friction_beside"))
     options = parser.parse_args(arguments)
+    unknown = sorted(set(options.names) - set(ROUGH))
+    if unknown:
+        parser.error(f"unknown scene {unknown[0]}; known: {', '.join(ROUGH)}")
     names, output = options.names or list(ROUGH), options.output.resolve()
     results = []
     for row in rows(names, output):

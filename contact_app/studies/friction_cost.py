@@ -305,9 +305,12 @@ def main() -> None:
     """The command."""
     names = [*SCENES, *HISTORIES]
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("names", nargs="*", choices=names, help="all unless given")
+    parser.add_argument("names", nargs="*", help=f"of {', '.join(names)}; all unless given")
     parser.add_argument("--methods", default=",".join(METHODS))
     arguments = parser.parse_args()
+    unknown = sorted(set(arguments.names) - set(names))
+    if unknown:
+        parser.error(f"unknown scene {unknown[0]}; known: {', '.join(names)}")
     for line in table(arguments.names or names, arguments.methods.split(",")):
         print(line, flush=True)
 

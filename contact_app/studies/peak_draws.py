@@ -137,7 +137,7 @@ def _row(name: str, facets: float, of_row: Sequence[Draw]) -> str:
 def main() -> None:
     """Print the table."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("kinds", nargs="*", choices=KINDS, help="all unless given")
+    parser.add_argument("kinds", nargs="*", help=f"of {', '.join(KINDS)}; all unless given")
     parser.add_argument("--draws", type=int, default=20)
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--half", action="store_true", help="half models, the ball at their planes")

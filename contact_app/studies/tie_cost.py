@@ -113,9 +113,12 @@ def measured(row: str, runs: int = RUNS, comm: MPI.Intracomm = MPI.COMM_WORLD) -
 def main() -> None:
     """Print the table."""
     parser = argparse.ArgumentParser(description=__doc__.split("\n", 1)[0])
-    parser.add_argument("rows", nargs="*", choices=ROWS, help="all unless given")
+    parser.add_argument("rows", nargs="*", help=f"of {', '.join(ROWS)}; all unless given")
     parser.add_argument("--runs", type=int, default=RUNS, help="solves that count")
     arguments = parser.parse_args()
+    for row in arguments.rows:
+        if row not in ROWS:
+            parser.error(f"unknown row {row}; known: {', '.join(ROWS)}")
     for row in arguments.rows or ROWS:
         line = measured(row, arguments.runs)
         if MPI.COMM_WORLD.rank == 0:

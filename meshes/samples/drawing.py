@@ -44,7 +44,7 @@ def run(description: str, shapes: Shapes, fused: Mapping[str, Draw]) -> None:
         Functions that draw the bodies of a shape as one.
     """
     parser = argparse.ArgumentParser(description=description)
-    parser.add_argument("names", nargs="*", choices=shapes, help="all unless given")
+    parser.add_argument("names", nargs="*", help=f"of {', '.join(shapes)}; all unless given")
     sizes = parser.add_mutually_exclusive_group()
     sizes.add_argument("--size", type=float, help="size of the cells, near contact if they grow")
     sizes.add_argument("--factor", type=float, default=1.0, help="multiple of the shape's own size")

@@ -405,7 +405,7 @@ def write(name: str, size: float, directory: Path, friction: float | None = None
 def main() -> None:
     """Make the parts named on the command line, or all of them."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("names", nargs="*", choices=TRIALS, help="all unless given")
+    parser.add_argument("names", nargs="*", help=f"of {', '.join(TRIALS)}; all unless given")
     parser.add_argument("--size", type=float, default=1.0, help="of cells over the part's own")
     parser.add_argument("--to", type=Path, default=Path("trials"), help="directory to write to")
     parser.add_argument("--friction", type=float, help="coefficient at all contacts")
