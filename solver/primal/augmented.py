@@ -28,6 +28,7 @@ method with limits that follow the springs (`solver.primal.coupled`) does not su
 """
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -237,15 +238,17 @@ class AugmentedLagrangian:
             compliance=on_all_rows(compliance),
         )
 
-    def _on_set(self, now: LagrangianIterate) -> Outcome[PrimalState]:
-        """A few conjugate gradients on the set of an iterate (collective).
+    def _on_set(
+        self, now: LagrangianIterate, solve: Callable[[PrimalSet], Reason] | None = None
+    ) -> Outcome[PrimalState]:
+        """The solution on the set of an iterate, without a state where nothing holds some body.
 
-        Without a state where nothing holds some body.
+        Collective. By a few conjugate gradients unless another solve is given.
         """
         statuses = self._statuses(now)
         try:
             self._last = on_set = self.backend.on_set(statuses, None)
-            ended = self._iterated(on_set)
+            ended = (solve or self._iterated)(on_set)
         except (ArithmeticError, QPError):
             return Outcome(None, None, statuses, self._counts)
         self._counts = self._counts + on_set.counts

@@ -28,9 +28,9 @@ from typing import cast
 import numpy as np
 
 from solver.contact.solve_on_set import Outcome
-from solver.errors import QPError
 from solver.primal.augmented import AugmentedLagrangian, LagrangianIterate
 from solver.primal.augmented_rows import FrictionRows
+from solver.primal.backend import PrimalSet
 from solver.primal.gmres import GMRESLimits
 from solver.primal.products import multiply_transposed
 from solver.primal.state import PrimalState
@@ -166,19 +166,16 @@ class CoupledLagrangian(AugmentedLagrangian):
     def _coupled_on_set(self, now: LagrangianIterate) -> Outcome[PrimalState]:
         """The solution of a Newton step (collective); none where nothing holds some body."""
         rows, p = cast(FrictionRows, self.rows), self._p(now)
-        self.rows = at_limits = rows.at(p)
-        statuses = self._statuses(now)
-        self.rows = rows
-        if self._inner().max_iterations <= 0:
-            return Outcome(Reason.MAX_ITERATIONS, None, statuses, self._counts)
-        try:
-            self._last = on_set = self.backend.on_set(statuses, None)
-            offset, monitor = now.jumps + self.system.c, self._monitor(statuses)
-            coupling = at_limits.coupling(p)
+        at_limits, offset = rows.at(p), now.jumps + self.system.c
+
+        def solve(on_set: PrimalSet) -> Reason:
+            if self._inner().max_iterations <= 0:
+                return Reason.MAX_ITERATIONS
+            coupling, monitor = at_limits.coupling(p), self._monitor(on_set.statuses)
             stops = on_set.solve_coupled(coupling, offset, self.coupled.linear, monitor)
-        except (ArithmeticError, QPError):
-            return Outcome(None, None, statuses, self._counts)
-        self._counts = self._counts + on_set.counts
-        self.backend.release()
-        reason = Reason.STOPPED if stops else None
-        return Outcome(reason, on_set.state(), statuses, self._counts)
+            return Reason.STOPPED if stops else Reason.CONVERGED
+
+        self.rows = at_limits
+        outcome = self._on_set(now, solve)
+        self.rows = rows
+        return outcome
