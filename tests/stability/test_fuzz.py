@@ -8,11 +8,7 @@ import pytest
 import scipy.sparse as sp
 
 from contact_app.run.solve import solve_scene
-from solver.backend import Statuses
-from solver.tfeti.active_set_problem import ActiveSetProblem
-from solver.tfeti.backend import TotalFeti
 from tests import scenes
-from tests.loops import loop
 from tests.scenes import Config
 from tests.stability import fuzz
 from tests.stability.defect_scenes import EVERY, KINDS, kind_of, overlapping_cells
@@ -35,46 +31,6 @@ degree 1; bodies that are moved far, of degree 2 (83, 755, 1363); loads that are
 def test_random_scene(seed: int) -> None:
     verdict = fuzz.judge(seed)
     assert not verdict.fault, verdict
-
-
-@pytest.mark.slow
-def test_500_random_scenes() -> None:
-    verdicts = [fuzz.judge(seed) for seed in range(FAST, FAST + SLOW)]
-    assert [v for v in verdicts if v.fault] == []
-    kinds = [v.kind for v in verdicts]
-    assert kinds.count("agrees") > 0.4 * SLOW
-    assert kinds.count("degraded") + kinds.count("undecided") < 0.05 * SLOW
-
-
-@pytest.mark.slow
-def test_an_active_set_that_rounding_holds_up_is_left() -> None:
-    """Nine rows hardly hold three bodies: they took all 10,000 steps there, without an answer.
-
-    Steps on a set are limited by its unknowns.
-    """
-    taken: list[float] = []
-
-    class Watched(TotalFeti):
-        def on_set(self, statuses: Statuses, multiplier: Any) -> ActiveSetProblem:
-            found = super().on_set(statuses, multiplier)
-            sets.append(found)
-            return found
-
-        def release(self) -> None:
-            taken.append(sets.pop().counts.cg / self.problem.size)
-            super().release()
-
-    sets: list[ActiveSetProblem] = []
-    made, subdomains = random_scene(269)
-    loop(Watched(scenes.problem(made, subdomains)), 1e-10)
-    assert 0.0 < max(taken) <= 2.0
-    assert fuzz.judge(269, method="auto").kind == "agrees"
-
-
-@pytest.mark.slow
-def test_a_named_method_that_fails_is_replaced() -> None:
-    """The paper's algorithm ends there at rounding errors, in the fewest subdomains, too."""
-    assert fuzz.judge(269, method="smalbe").kind == "agrees"
 
 
 @pytest.mark.ratchet

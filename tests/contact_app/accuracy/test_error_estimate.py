@@ -1,7 +1,5 @@
 """The estimate of the discretisation error: its size, and its independence of the decomposition."""
 
-from pathlib import Path
-
 import numpy as np
 import pytest
 
@@ -10,7 +8,6 @@ from tests.comparison import solve
 from tests.contact_app.model.test_convergence import column, confined_modulus
 from tests.contact_app.model.test_two_bodies import stack
 from tests.rows import covering
-from tests.scenes_on_ranks import summary_of
 
 CELLS = scenes.CELLS_3D + scenes.CELLS_2D
 
@@ -123,15 +120,3 @@ def test_algebraic_error_bounds_the_distance_from_the_exact_answer(cell: str) ->
     assert loose.accuracy.total == pytest.approx(
         np.hypot(loose.accuracy.discretisation, loose.accuracy.algebraic)
     )
-
-
-@pytest.mark.mpi
-@pytest.mark.slow
-def test_independent_of_ranks(tmp_path: Path) -> None:
-    made = scenes.ALL["sphere"]("tetrahedron", 4)
-    made["decomposition"] = {"subdomains": [2, 2, 2]}
-    one, three = (summary_of(made, tmp_path, n)["accuracy"] for n in (1, 3))
-    # what the solver leaves of its tolerance goes by rounding
-    left = [accuracy.pop("algebraic") for accuracy in (one, three)]
-    assert max(left) < 1e-6
-    assert three == pytest.approx(one, rel=1e-9)

@@ -42,20 +42,3 @@ def test_column_under_its_own_weight(cell: str) -> None:
         errors.append(found["energy"] - exact)
     assert all(error > 0 for error in errors), "a subspace cannot have less energy"
     assert rates(errors, sizes)[-1] == pytest.approx(2.0, abs=0.12)
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("cell", scenes.CELLS_2D)
-@pytest.mark.parametrize("name", ["rollers_and_floor", "no_contacts", "wall"])
-def test_energy_settles(name: str, cell: str) -> None:
-    """Nested meshes: energies fall to a limit. Corners between held and free sides cost order."""
-    energies = []
-    for n in (4, 8, 16, 32):
-        made = scenes.ALL[name](cell, n)
-        if name == "rollers_and_floor":
-            made["conditions"].append({"in": "block", "force": [0, -60]})
-        energies.append(solve(made, [2, 2]).summary["solution"]["energy"])
-    steps = -np.diff(energies)
-    assert np.all(steps > 0), "nested spaces lower the energy"
-    observed = np.log2(steps[:-1] / steps[1:])
-    assert observed[-1] > (1.8 if name == "rollers_and_floor" else 1.0), observed

@@ -2,7 +2,6 @@
 
 import re
 from functools import cache
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -16,7 +15,6 @@ from solver.tfeti.dual import DualProblem
 from tests import scenes
 from tests.comparison import solve
 from tests.rows import covering
-from tests.scenes_on_ranks import summary_of
 from tests.stability.increments import changes
 
 CELLS = ("quadrilateral", "tetrahedron")
@@ -230,35 +228,6 @@ def test_the_other_method_goes_on_from_the_place_of_a_rigid_body(
     for one, other in zip(found, known, strict=True):
         places = [r["rigid_bodies"]["plate"]["displacement"] for r in (one, other)]
         assert places[0] == pytest.approx(places[1], rel=1e-3)
-
-
-@pytest.mark.slow
-def test_a_history_of_a_roller_that_turns_is_that_of_one_held_there() -> None:
-    made = roller(-9.0)
-    *_, load = made["conditions"]
-    turn = {"name": "turn", "in": "roller", "total_moment": load.pop("total_moment")}
-    made["conditions"] = [*made["conditions"][:2], {**load, "name": "press"}, turn]
-    found = history(made, [{"press": 1}, {"turn": 1, "increments": 2}, {"turn": -1}])
-    lower = {"name": "lower", "in": "roller", "displacement": [0.0, 1.0]}
-    turned = {"name": "turned", "in": "roller", "rotation": 1.0}
-    made["conditions"] = [made["conditions"][0], lower, turned]
-    places = [record["rigid_bodies"]["roller"] for record in found]
-    steps = [{"lower": at["displacement"][1], "turned": at["rotation"]} for at in places]
-    assert abs(places[-1]["rotation"]) > 1e-5
-    agree(found, history(made, steps))
-
-
-@pytest.mark.mpi
-@pytest.mark.slow
-@pytest.mark.parametrize("method", ["active-set", "primal"])
-def test_ranks(method: str, tmp_path: Path) -> None:
-    load = plate("tetrahedron", [None] * 3, total_force=[4.0, 2.0, -40.0])
-    made = under_a_plate("tetrahedron", {"coulomb": 0.3}, load)
-    made["solver"] = {"tolerance": 1e-9, "method": method}
-    one, *others = (summary_of(made, tmp_path, ranks) for ranks in (1, 2, 3))
-    for other in others:
-        for key in ("energy", "dissipated_work"):
-            assert other["solution"][key] == pytest.approx(one["solution"][key], rel=1e-7)
 
 
 @pytest.mark.parametrize("free", [False, pytest.param(True, marks=pytest.mark.slow)])

@@ -19,7 +19,6 @@ from contact_app.run.solve import solve_scene
 from contact_app.scene.scene import Scene
 from tests import meshfiles, scenes
 from tests.comparison import same_contacts
-from tests.scenes_on_ranks import one_and_two
 
 SAMPLES = Path(__file__).parents[3] / "meshes" / "samples"
 HARD, SOFT = {"young": 4000.0, "poisson": 0.35}, {"young": 500.0, "poisson": 0.2}
@@ -381,20 +380,6 @@ def test_bodies_that_are_images(
     assert [body.name for body in half.scene.bodies] == ["left", "slab"]
     assert "right is the mirror image of another body" in half.notes[1]
     hold(solve_scene(scene), solve_scene(half.scene), 1e-6)
-
-
-@pytest.mark.slow
-@pytest.mark.mpi
-def test_two_ranks(tmp_path: Path) -> None:
-    """A quarter of two feet and a slab, cut into parts: rows of pairs beside planes, images."""
-    made = {**table("hexahedron", 1, tmp_path), "symmetry": "allow"}
-    one, two = one_and_two(made, tmp_path, 6)
-    assert one["symmetry"] == two["symmetry"]
-    assert one["symmetry"]["images"] == 4
-    for key in ("energy", "mean_displacement", "max_contact_pressure"):
-        assert two["solution"][key] == pytest.approx(one["solution"][key], rel=1e-7), key
-    for pair, force in one["solution"]["pair_forces"].items():
-        assert two["solution"]["pair_forces"][pair] == pytest.approx(force, abs=1e-6)
 
 
 @pytest.mark.parametrize(

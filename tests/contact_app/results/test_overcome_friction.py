@@ -104,20 +104,6 @@ def test_a_block_turned_in_a_history_ends_it_with_the_factor(
     assert "--resume goes on from there" in told
 
 
-@pytest.mark.slow
-def test_a_block_turned_in_small_increments_ends_the_history_with_the_factor(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    """The last increment holds 0.998 of the loads or more: exit 1 without the answer before it."""
-    made = turned_block(0.5)
-    made["bodies"][0]["mesh"]["box"]["cells"] = [3, 3, 1]
-    made["conditions"][1]["name"] = "turn"
-    made["steps"] = [{"turn": 0.832}, {"turn": 0.836}]
-    assert run(scenes.build(made), tmp_path) == Exit.NO_EQUILIBRIUM
-    told = capsys.readouterr().err.splitlines()[-1]
-    assert re.match(r"step 2, between its factors .* block from leaving along a turn about z", told)
-
-
 def test_a_turned_block_slides_below_the_limit_of_rigid_equilibrium() -> None:
     """Pressed at its corners alone it could carry √½ μ W, but its pressure is nearly uniform.
 

@@ -133,21 +133,6 @@ def top(cells: list[int], degree: int) -> dict[tuple[float, float], float]:
     return {(x, y): p for (x, y), p in zip(at, nodes.contact_pressure[surface], strict=True)}
 
 
-@pytest.mark.slow
-def test_flat_faces_are_as_accurate_as_degree_1_on_as_many_nodes() -> None:
-    """Under a ball, against a mesh twice as fine: errors of nodal pressures over the peak."""
-    second, first, fine = top([20, 20, 8], 2), top([40, 40, 16], 1), top([80, 80, 16], 1)
-    peak = max(fine.values())
-    assert second.keys() == first.keys() <= fine.keys()
-    inner = [at for at in first if np.hypot(*at) < 2.3]
-    errors = [
-        np.sqrt(np.mean([(found[at] - fine[at]) ** 2 for at in inner])) / peak
-        for found in (second, first)
-    ]
-    assert errors[0] < 0.02
-    assert errors[0] < 1.5 * errors[1]
-
-
 @pytest.mark.parametrize("cell", [*scenes.CELLS_2D, *scenes.CELLS_3D])
 @pytest.mark.parametrize("subdomains", [1, 5])
 def test_the_resultant_is_that_of_the_forces(cell: str, subdomains: int) -> None:

@@ -89,24 +89,6 @@ def test_a_split_that_does_not_divide_the_cells(name: str) -> None:
     check(name, "hexahedron", 5, [2, 3, 1])
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("subdomains", SPLITS_3D, ids=str)
-@pytest.mark.parametrize("cell", scenes.CELLS_3D)
-@pytest.mark.parametrize("name", scenes.ALL)
-def test_every_scene_and_split_in_space(name: str, cell: str, subdomains: int | list[int]) -> None:
-    check(name, cell, 6, subdomains)
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("subdomains", SPLITS_2D, ids=str)
-@pytest.mark.parametrize("cell", scenes.CELLS_2D)
-@pytest.mark.parametrize("name", [n for n in scenes.ALL if n not in scenes.ONLY_3D])
-def test_every_scene_and_split_in_the_plane(
-    name: str, cell: str, subdomains: int | list[int]
-) -> None:
-    check(name, cell, 6, subdomains)
-
-
 @pytest.mark.parametrize("name", ["floating_in_corner", "wall"])
 @pytest.mark.parametrize("cell", scenes.CELLS_2D)
 def test_plane_stress(name: str, cell: str) -> None:

@@ -131,13 +131,6 @@ def test_half_of_a_symmetric_pair_is_half_of_the_whole(cell: str, degree: int) -
         np.testing.assert_allclose(one, other, rtol=0, atol=1e-6 * np.abs(other).max())
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("law", LAWS, ids=str)
-@pytest.mark.parametrize("cell", ["hexahedron", "tetrahedron"])
-def test_pairs_of_degree_two_in_space(cell: str, law: dict[str, float]) -> None:
-    check(pair(cell, law, 2), 4)
-
-
 @pytest.mark.parametrize("cell", ["quadrilateral", "tetrahedron"])
 def test_obstacles_of_degree_two(cell: str) -> None:
     made = scenes.wall(cell, 2)

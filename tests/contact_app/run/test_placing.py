@@ -4,12 +4,10 @@ from typing import Any
 
 import pytest
 
-import contact_app
 from contact_app.accuracy import solved_scene
 from contact_app.accuracy.hertz import coarse_pressures
 from contact_app.run.placing import PLACINGS, Relaxation, never_placed
 from contact_app.run.solve import solve_scene
-from contact_app.run.step_equilibrium import LeavesInStepError
 from contact_app.run.summary import warned
 from contact_app.scene.rigid import Placement
 from tests import scenes
@@ -58,24 +56,3 @@ def test_an_answer_that_is_never_placed_has_its_verdict_and_warnings_in_the_summ
     assert not certificate["passed"]
     assert certificate["warnings"][-2] == "first"
     assert certificate["warnings"] == list(answer.solution.certificate.warnings)
-
-
-@pytest.mark.slow
-def test_a_circle_that_rolls_away_in_a_history_ends_it_with_the_factor() -> None:
-    """It ended with exit 1: each solve from the positions of the last one was certified."""
-    scene = {
-        "dimension": 2,
-        "bodies": [
-            scenes.box("block", [2, 0], [40, 4], [-2, -1]),
-            {"name": "ball", "rigid": {"sphere": {"center": [0, 1], "radius": 1}}},
-        ],
-        "conditions": [
-            {"on": "block.y-", "displacement": [0, 0]},
-            {"name": "press", "in": "ball", "total_force": [0, -10]},
-            {"name": "push", "in": "ball", "total_force": [0.5, 0]},
-        ],
-        "contacts": [{"on": "block.y+", "against": "ball", "friction": {"coulomb": 0.3}}],
-        "steps": [{"press": 1}, {"push": 1}],
-    }
-    with pytest.raises(LeavesInStepError, match="step 2, between .*ball from leaving along a turn"):
-        contact_app.solve(scene)

@@ -1,7 +1,5 @@
 """Friction on undecomposed bodies against an independent method and against Total FETI."""
 
-from pathlib import Path
-
 import numpy as np
 import pytest
 from mpi4py import MPI
@@ -27,7 +25,6 @@ from tests.contact_app.run import test_friction
 from tests.contact_app.run.test_friction import LAWS, on_a_slope, pair, rough
 from tests.rows import covering
 from tests.scenes import CONFIGS
-from tests.scenes_on_ranks import summary_of
 from tests.stability.fuzz_friction import judge
 
 CELLS = ("quadrilateral", "triangle", "hexahedron", "tetrahedron")
@@ -142,18 +139,6 @@ def test_steps() -> None:
         assert last.solved.summary["solver"]["method"] == method
         ends.append(last.solved.nodes.displacement)
     np.testing.assert_allclose(ends[1], ends[0], rtol=0, atol=1e-7 * np.abs(ends[0]).max())
-
-
-@pytest.mark.mpi
-@pytest.mark.slow
-@pytest.mark.parametrize("ranks", [2, 3])
-def test_ranks(ranks: int, tmp_path: Path) -> None:
-    made = pair("tetrahedron", {"coulomb": 0.3})
-    made["solver"] = {"tolerance": 1e-9, "method": "primal"}
-    one, more = (summary_of(made, tmp_path, n) for n in (1, ranks))
-    assert more["solver"]["method"] == "primal"
-    for key in ("energy", "dissipated_work"):
-        assert more["solution"][key] == pytest.approx(one["solution"][key], rel=1e-7)
 
 
 @pytest.mark.ratchet

@@ -8,7 +8,7 @@ import pytest
 
 from contact_app.run.solve import solve_scene
 from contact_app.studies import failing_scenes
-from contact_app.studies.failing_friction import FRICTION_CASES, solve_rough
+from contact_app.studies.failing_friction import FRICTION_CASES, solve_rough, two_floors
 from contact_app.studies.failing_qps import QP_CASES, QPCase
 from contact_app.studies.failing_scenes import CASES, HOLDS, REFUSED, Case
 from contact_app.studies.outcomes import Outcome
@@ -66,11 +66,10 @@ def test_each_of_several_bodies_is_right(case: Case) -> None:
             assert math.isclose(strain, body.strain, rel_tol=1e-3), method
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("case", FRICTION_CASES, ids=lambda case: case.name)
 def test_this_application_certifies_or_refuses_with_friction(case: Case) -> None:
     """And where the body is held, with the energy of sweeps over contact points."""
-    for method, outcome in run_case(case, (APPLICATION, WHOLE, "multigrid"), solve_rough).items():
+    for method, outcome in run_case(case, (APPLICATION, "multigrid"), solve_rough).items():
         allowed = {HOLDS, "degrades"} if case.expected == HOLDS else {REFUSED}
         assert outcome.verdict in allowed, f"{method}: {outcome}"
     made = case.make()
@@ -79,6 +78,14 @@ def test_this_application_certifies_or_refuses_with_friction(case: Case) -> None
         energy = solve_rough(APPLICATION, made, list(case.subdomains)).energy
         known = friction_reference.solve(scenes.build(made, 1)).energy
         assert math.isclose(energy, known, rel_tol=1e-6)
+
+
+@pytest.mark.ratchet
+def test_an_edge_in_two_frictional_planes_takes_few_applications() -> None:
+    """Directions of slip that lagged behind its state took 10,125, by SMALBE-M in the end."""
+    found = solve_rough(APPLICATION, two_floors(3), [2, 2, 2])
+    assert not found.verdict
+    assert found.applications <= 100
 
 
 @pytest.mark.parametrize("case", QP_CASES, ids=lambda case: case.name)

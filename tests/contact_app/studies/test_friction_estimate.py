@@ -1,7 +1,6 @@
 """The error estimate and runs to an accuracy with friction."""
 
 from functools import cache
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -17,7 +16,6 @@ from contact_app.studies.effectivity import AnswerOnMesh, Case, errors_from_diff
 from tests import scenes
 from tests.comparison import solve
 from tests.rows import covering
-from tests.scenes_on_ranks import summary_of
 
 YOUNG, POISSON = 1000.0, 0.3
 SHEAR = YOUNG / (2 * (1 + POISSON))
@@ -213,11 +211,3 @@ def test_the_estimate_is_that_of_any_decomposition() -> None:
         made = pushed("quadrilateral", 8, {"coulomb": 0.3})
         split = solve(made, parts, tolerance=1e-10)
         assert split.accuracy.discretisation == pytest.approx(whole, rel=1e-5)
-
-
-@pytest.mark.mpi
-@pytest.mark.slow
-def test_the_estimate_is_that_of_one_rank(tmp_path: Path) -> None:
-    made = {**pushed("hexahedron", 4, {"coulomb": 0.3}), "decomposition": {"subdomains": [2, 2, 2]}}
-    one, three = (summary_of(made, tmp_path, n)["accuracy"] for n in (1, 3))
-    assert three["discretisation"] == pytest.approx(one["discretisation"], rel=1e-6)

@@ -10,7 +10,6 @@ from typer.testing import CliRunner
 from contact_app.cli import app
 from contact_app.studies import parts, parts_meshes
 from contact_app.studies.parts_meshes import Meshes
-from contact_app.studies.peers import METHODS
 from contact_app.studies.processes import RunError
 from contact_app.studies.tables import read
 
@@ -43,20 +42,6 @@ def test_the_command_measures_a_part_and_writes_table_and_figure(
     assert rows["primal"]["energy"] < rows["linear-gamg"]["energy"]  # glued, it is held more
     assert (tmp_path / "parts.png").stat().st_size > 10_000
     assert done.output.splitlines()[:4] == (tmp_path / "parts.md").read_text().splitlines()
-
-
-@pytest.mark.slow
-def test_all_methods_find_one_energy_of_the_cube(tmp_path: Path) -> None:
-    methods = ("auto", *METHODS)
-    settings = parts.Settings(limit=60.0, parallel=False)
-    list(parts.bench(tmp_path, [parts.CUBE], [Meshes("4³", cells=4)], methods, settings))
-    rows = {row["method"]: row for row in read(tmp_path / "parts.csv", parts.TEXTS)}
-    assert all(row["converged"] and row["unknowns"] == 375 for row in rows.values())
-    assert rows["auto"]["ranks"] == 1
-    for name, method in METHODS.items():
-        known = rows["auto" if method.contact else "linear-cholmod"]["energy"]
-        assert rows[name]["energy"] == pytest.approx(known, rel=1e-8)
-    assert rows["auto"]["energy"] < rows["linear-cholmod"]["energy"]  # glued, it is held more
 
 
 def measured(seconds: float) -> parts.Row:
