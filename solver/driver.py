@@ -29,19 +29,15 @@ from solver.contact.options import Method, SolverOptions
 from solver.contact.solution import Guess, Solution
 from solver.contact.stopping import Assess, stopping_rule
 from solver.qp.mprgp import MPRGP
-from solver.qp.result import Counts, Monitor, Reason
-from solver.tfeti.certify import certify
+from solver.qp.result import Monitor, Reason
+from solver.tfeti.answer import certified, without_rounded_forces
 from solver.tfeti.dual import DualProblem
 from solver.tfeti.least_motion import with_least_motion
-from solver.tfeti.methods.answers import (
-    answer_of_iterate,
-    answer_of_state,
-    without_rounded_forces,
-)
+from solver.tfeti.methods.answers import answer_of_iterate, answer_of_state
 from solver.tfeti.methods.by_active_sets import METHOD, solve_from_first_set
 from solver.tfeti.methods.by_mprgp import solve_by_mprgp
 from solver.tfeti.methods.by_smalbe import solve_as_in_the_paper, solve_by_smalbe
-from solver.tfeti.methods.task import Task
+from solver.tfeti.task import Task
 
 INNER = 0.1
 """Residual over the right-hand side of the dual problem, for one unit of the tolerance."""
@@ -129,16 +125,14 @@ def _rests(problem: DualProblem) -> bool:
     return not problem.comm.allreduce(int(moved))
 
 
-def _at_rest(task: Task) -> Solution:
+def _at_rest(task: Task[DualProblem]) -> Solution:
     """The answer without displacements and forces, with its certificate (collective)."""
     problem, rule = task.problem, task.rule
     rest = np.zeros(problem.size), [np.zeros_like(forces) for forces in problem.forces]
-    certificate, measures = certify(problem, *rest, rule.tolerance)
-    answer = Solution(*rest, certificate, measures, Counts(), Reason.CONVERGED, rule.tolerance)
-    return rule.judge(answer)
+    return rule.judge(certified(problem, *rest, rule.tolerance))
 
 
-def _solved(task: Task, method: Method, start: Guess | None) -> Solution:
+def _solved(task: Task[DualProblem], method: Method, start: Guess | None) -> Solution:
     """The answer of a method (collective)."""
     problem, checkpoint = task.problem, task.checkpoint
     if _rests(problem):

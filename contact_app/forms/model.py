@@ -40,9 +40,10 @@ from solver.rigid_motions import MOTIONS
 from solver.tfeti.build import CongruentSubdomains, ConstraintRows, build_system
 from solver.tfeti.constraints.conditions import ContactRows, HeldRows
 from solver.tfeti.constraints.options import TotalFetiOptions
-from solver.tfeti.constraints.rows import SharedRows, write_rows
+from solver.tfeti.constraints.rows import write_rows
 from solver.tfeti.constraints.supports import SupportRows
 from solver.tfeti.dual import DualProblem
+from solver.tfeti.shared_rows import SharedRows
 from solver.tfeti.subdomain.kernels import fixing_nodes
 from solver.tfeti.system import NodePlaces
 
@@ -189,7 +190,7 @@ def build_model(
     system = build_system(
         pieces, constraints, groups, lambda: measure("factorization"), options, state.loose
     )
-    problem = DualProblem(system).sharing(SharedPlace())
+    problem = DualProblem(system, SharedPlace())
     linear = dolfinx_compat.lagrange_degree(space) == 1
     moduli = Moduli.of(parts, forms[0], equal) if linear else None
     return FormModel(

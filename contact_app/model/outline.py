@@ -50,7 +50,7 @@ from solver.exchange import NodeExchange
 from solver.tfeti.constraints.conditions import ContactRows, ContradictionError, HeldRows
 from solver.tfeti.constraints.friction import FrictionRows
 from solver.tfeti.constraints.merge import merge_contact, merge_held
-from solver.tfeti.constraints.rows import SharedRows
+from solver.tfeti.shared_rows import SharedRows
 
 
 def partition_scene(scene: Scene, comm: MPI.Intracomm) -> Partition:

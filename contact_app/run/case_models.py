@@ -140,7 +140,7 @@ class CaseModels:
                 model = self._shared(scene, outline, timings, needed, report)
         if model.problem.factored:
             return model
-        return replace(model, problem=model.problem.sharing(self._place))
+        return replace(model, problem=replace(model.problem, place=self._place))
 
     def _outline(self, scene: Scene, timings: Timings) -> Outline | None:
         """The outline of a loading; within a step, with the rows that the steps need."""

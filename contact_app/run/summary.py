@@ -22,7 +22,7 @@ from solver.contact.row_kinds import RowKind
 from solver.contact.solution import Solution
 from solver.driver import reason_text
 from solver.tfeti.dual import DualProblem
-from solver.tfeti.subdomain.classes import SubdomainClass
+from solver.tfeti.subdomain.classes import FactoredClass
 
 
 def summary_of(solved: SolvedScene) -> dict[str, Any]:
@@ -146,7 +146,7 @@ def distinct_classes(problem: DualProblem) -> int:
     return len(set().union(*problem.comm.allgather(classes)))
 
 
-def _without_round_off(cls: SubdomainClass) -> tuple[str, ...]:
+def _without_round_off(cls: FactoredClass) -> tuple[str, ...]:
     """Numbers that tell classes apart; ranks have one from others of its similar subdomains."""
     K, probe = cls.stiffness, np.sin(np.arange(cls.unknowns))
     energies = probe @ (K @ probe), np.abs(probe) @ K.diagonal()

@@ -26,11 +26,11 @@ from solver.primal.recovery import recover
 from solver.primal.state import PrimalState
 from solver.qp.outer_state import Restart
 from solver.qp.result import Counts, Reason
-from solver.tfeti.certify import certify, friction_residual
+from solver.tfeti.answer import certified, without_rounded_forces
+from solver.tfeti.certify import friction_residual
 from solver.tfeti.contact_law import SURE
-from solver.tfeti.dual import DualProblem
-from solver.tfeti.methods.answers import without_rounded_forces
-from solver.tfeti.methods.task import Task, saved_by
+from solver.tfeti.decomposed import DecomposedProblem
+from solver.tfeti.task import Task, saved_by
 from solver.vectors import Array, Mask
 
 METHOD = "primal"
@@ -85,7 +85,10 @@ class MultigridSetOptions:
 
 
 def solve_by_multigrid(
-    task: Task, guess: Guess | None, restart: Restart | None, factors: FactorOptions | None = None
+    task: Task[DecomposedProblem],
+    guess: Guess | None,
+    restart: Restart | None,
+    factors: FactorOptions | None = None,
 ) -> Solution:
     """Solve by active sets, from the contact on coarse levels or from a guess (collective).
 
@@ -122,7 +125,7 @@ def solve_by_multigrid(
             raise ArithmeticError("a matrix of the multigrid has no factor") from error
 
 
-def _rubs_at_tied_nodes(problem: DualProblem) -> bool:
+def _rubs_at_tied_nodes(problem: DecomposedProblem) -> bool:
     """Whether a node with friction is tied to a rigid body that may move (collective).
 
     The tied row and the tangential rows of a node differ in the motions of the rigid body alone,
@@ -136,10 +139,13 @@ def _rubs_at_tied_nodes(problem: DualProblem) -> bool:
 
 
 def _solve(
-    task: Task, guess: Guess | None, restart: Restart | None, factors: FactorOptions | None
+    task: Task[DecomposedProblem],
+    guess: Guess | None,
+    restart: Restart | None,
+    factors: FactorOptions | None,
 ) -> Solution:
     """Run `solve_by_multigrid` without handling of errors."""
-    place = task.problem.reused.place or SharedPlace()
+    place = task.problem.place or SharedPlace()
     backend = Multigrid(task.problem, factors, place)
     before = Counts() if restart is None else restart.counts
     problem = task.problem
@@ -234,10 +240,7 @@ def _certified(backend: Multigrid, rule: StoppingRule, state: PrimalState) -> So
     problem = backend.problem
     pressing = np.where(problem.inequality, np.maximum(state.multiplier, 0.0), state.multiplier)
     u, multiplier = recover(backend.system, state.u, pressing)
-    certificate, measures = certify(problem, multiplier, u, rule.tolerance, state.errors)
-    answer = Solution(
-        multiplier, u, certificate, measures, Counts(), Reason.CONVERGED, rule.tolerance
-    )
+    answer = certified(problem, multiplier, u, rule.tolerance, state.errors)
     return without_rounded_forces(problem, rule, rule.judge(answer), state.errors)
 
 

@@ -25,7 +25,7 @@ from solver.primal.merged_nodes import MergedNodes
 from solver.primal.products import chosen_rows, multiply_transposed, set_diagonal
 from solver.rigid_motions import rigid_motions
 from solver.tfeti.decomposed import DecomposedProblem
-from solver.tfeti.subdomain.classes import interface_slices
+from solver.tfeti.subdomains import interface_slices
 from solver.vectors import Array, Ints, Mask, largest_magnitude
 
 

@@ -13,17 +13,19 @@ from solver.exchange import NodeExchange
 from solver.tfeti.bodies import bodies_of
 from solver.tfeti.coarse.coarse_problem import CoarseProblem
 from solver.tfeti.constraints.options import TotalFetiOptions
-from solver.tfeti.constraints.rows import Rows, SharedRows
+from solver.tfeti.constraints.rows import Rows
 from solver.tfeti.constraints.supports import SupportRows
+from solver.tfeti.dual import DualSystem
 from solver.tfeti.free_motions import FreeMotions, LooseBodies
 from solver.tfeti.row_order import order_rows
+from solver.tfeti.shared_rows import SharedRows
 from solver.tfeti.subdomain.classes import (
     ClassData,
-    SubdomainClass,
+    FactoredClass,
     subdomain_classes,
     unfactored_class,
 )
-from solver.tfeti.system import Constraints, ContactSystem, NodePlaces, loads_on
+from solver.tfeti.system import Constraints, NodePlaces, loads_on
 from solver.vectors import Array, Ints, Mask
 
 Measure = Callable[[], AbstractContextManager[None]]
@@ -80,7 +82,7 @@ def build_system(
     measure: Measure = nullcontext,
     options: TotalFetiOptions | None = None,
     loose: LooseBodies | None = None,
-) -> ContactSystem:
+) -> DualSystem:
     """Factor the stiffness matrices, number the interface, write B and the coarse problem.
 
     Collective: each rank gives its own subdomains and rows.
@@ -128,11 +130,10 @@ def build_system(
     bodies = bodies_of(comm, ordered.B, groups, [s.bodies for s in subdomains], widths,
                        [cls.rigid for cls in classes])  # fmt: skip
     matrix = Constraints(
-        ordered.B, ordered.kinds, wide, coarse, constraints.held_without_contact,
-        ordered.held_unknowns,
+        ordered.B, ordered.kinds, wide, constraints.held_without_contact, ordered.held_unknowns,
     )  # fmt: skip
     places = () if factored else tuple(s.places for s in subdomains if s.places is not None)
-    return ContactSystem(
+    return DualSystem(
         comm,
         d,
         tuple(classes),
@@ -143,6 +144,7 @@ def build_system(
         places,
         exchange.total,
         _free_motions(exchange, d, subdomains, classes, groups, loose),
+        coarse,
     )
 
 
@@ -150,7 +152,7 @@ def _free_motions(
     exchange: NodeExchange,
     d: int,
     subdomains: Sequence[CongruentSubdomains],
-    classes: Sequence[SubdomainClass],
+    classes: Sequence[FactoredClass],
     groups: Ints,
     loose: LooseBodies | None,
 ) -> FreeMotions | None:
@@ -179,7 +181,7 @@ def _classes(
     touched: Mask,
     measure: Measure,
     factored: bool,
-) -> list[SubdomainClass]:
+) -> list[FactoredClass]:
     """The class of each set of congruent subdomains (collective).
 
     Parameters
@@ -194,7 +196,7 @@ def _classes(
             group.stiffness, group.points, d, group.nodes[node] * d + component, len(group.bodies),
             group.eliminated, group.kernel,
         ))  # fmt: skip
-    classes: list[SubdomainClass] = []
+    classes: list[FactoredClass] = []
     failed = ""
     with measure():
         try:
@@ -210,7 +212,7 @@ def _number_columns(
     comm: MPI.Intracomm,
     d: int,
     subdomains: Sequence[CongruentSubdomains],
-    classes: Sequence[SubdomainClass],
+    classes: Sequence[FactoredClass],
     copies: int,
 ) -> tuple[Ints, int]:
     """Interface column of each component of this rank's copies, and how many columns it has."""

@@ -18,7 +18,7 @@ from mpi4py import MPI
 
 from solver.backend import ConstraintHierarchy
 from solver.tfeti.decomposed import DecomposedProblem
-from solver.tfeti.subdomain.classes import interface_slices
+from solver.tfeti.subdomains import interface_slices
 from solver.vectors import Ints, Mask
 
 FEWEST = 8

@@ -5,7 +5,7 @@ import numpy as np
 from solver.contact.friction_law import Friction, FrictionOptions
 from solver.contact.law import ContactLaw, Frictionless
 from solver.contact.slip_front import SlipFront
-from solver.tfeti.dual import DualProblem
+from solver.tfeti.decomposed import DecomposedProblem
 from solver.vectors import largest_magnitude
 
 FLAT = 1e-12
@@ -16,7 +16,7 @@ SURE = 0.3
 1e-6 displacements are then right to 9e-7, and to 3e-6 with a share of one."""
 
 
-def contact_law(problem: DualProblem) -> ContactLaw:
+def contact_law(problem: DecomposedProblem) -> ContactLaw:
     """The law of the contacts of a problem."""
     points = problem.friction
     if not points.acts:

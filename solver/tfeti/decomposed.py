@@ -13,17 +13,16 @@ from mpi4py import MPI
 from numpy.typing import NDArray
 from petsc4py import PETSc
 
-from solver.backend import SetState
+from solver.backend import SetState, SharedPlace
 from solver.contact.bodies import Bodies, body_lengths
 from solver.contact.friction_points import FrictionPoints
 from solver.contact.row_kinds import RowKind
 from solver.distributed import local_rows, petsc_rows
-from solver.tfeti.coarse.coarse_problem import CoarseProblem
 from solver.tfeti.constraints.conditions import ContactRows, HeldRows
 from solver.tfeti.constraints.friction import friction_points
 from solver.tfeti.constraints.matrix import ConstraintMatrix, without_columns
-from solver.tfeti.constraints.rows import SharedRows
-from solver.tfeti.subdomain.classes import SubdomainClass, interface_slices
+from solver.tfeti.shared_rows import SharedRows
+from solver.tfeti.subdomains import SubdomainClass, interface_slices
 from solver.tfeti.system import ContactSystem
 from solver.tfeti.unfactored_loads import (
     given_motions,
@@ -47,6 +46,8 @@ class DecomposedProblem:
 
     system: ContactSystem
     """Stiffness, constraints, contact points and loads."""
+    place: SharedPlace | None = None
+    """For the matrices of methods without factors; problems at one place share them."""
 
     @property
     def comm(self) -> MPI.Intracomm:
@@ -72,11 +73,6 @@ class DecomposedProblem:
     def kinds(self) -> NDArray[np.int8]:
         """`RowKind` of each row, (dual,)."""
         return self.system.constraints.kinds
-
-    @property
-    def coarse(self) -> CoarseProblem | None:
-        """The coarse problem; None where no subdomain floats."""
-        return self.system.constraints.coarse
 
     @property
     def held_without_contact(self) -> bool:
@@ -365,8 +361,3 @@ class DecomposedProblem:
         result = np.empty(squares.shape[0])
         ConstraintMatrix(self.comm, squares, self.B.columns).apply(diagonal, result)
         return result
-
-    def kernel_slices(self) -> list[slice]:
-        """Slices of the kernels of each class in a coarse vector."""
-        ends = np.cumsum([0, *(c.members * c.kernel.shape[1] for c in self.classes)])
-        return [slice(int(a), int(b)) for a, b in zip(ends[:-1], ends[1:], strict=True)]

@@ -45,26 +45,28 @@ def with_active(
         every_row,
         B=problem.B.scaled(keep),
         kinds=np.where(problem.conditional, np.int8(RowKind.SUPPORT), problem.kinds),
-        coarse=None if every_row.coarse is None else every_row.coarse.weighted(keep),
     )
+    every_coarse = problem.coarse
+    coarse = None if every_coarse is None else every_coarse.weighted(keep)
     none = problem.contact.none()
     system = replace(
         problem.system,
         constraints=constraints,
         shared=replace(problem.shared, contact=none, friction=FrictionRows.none(none)),
         loads=replace(loads, c=problem.c * keep),
+        coarse=coarse,
     )
     offset = moved = None
     if near is not None or tractions is not None:
         offset = np.zeros(problem.size) if near is None else near * keep
-    if offset is not None and constraints.coarse is not None:
+    if offset is not None and coarse is not None:
         missing, change = np.empty_like(problem.e), np.empty(problem.size)
-        constraints.coarse.restrict(offset, missing)
+        coarse.restrict(offset, missing)
         if tractions is not None:
             loaded = np.empty_like(missing)
-            every_row.coarse.restrict(tractions, loaded)  # type: ignore[union-attr]
+            every_coarse.restrict(tractions, loaded)  # type: ignore[union-attr]
             missing += loaded
-        constraints.coarse.least_multiplier(problem.e - missing, change)
+        coarse.least_multiplier(problem.e - missing, change)
         offset += change
     if offset is not None and tractions is not None:
         moved = np.empty_like(problem.free_displacements)
@@ -72,7 +74,7 @@ def with_active(
         np.subtract(problem.free_displacements, moved, out=moved)
     return DualProblem(
         system,
-        Reused(
+        reused=Reused(
             free_solution=problem.free_solution,
             d=keep * problem.d,
             offset=offset,
@@ -84,22 +86,23 @@ def with_active(
 def beside_moved(problem: DualProblem, moved: Array) -> DualProblem:
     """The problem with other right-hand sides of the constraints: c + moved, (dual,)."""
     loads = replace(problem.system.loads, c=problem.c + moved)
-    return DualProblem(replace(problem.system, loads=loads), replace(problem.reused, d=None))
+    reused = replace(problem.reused, d=None)
+    return replace(problem, system=replace(problem.system, loads=loads), reused=reused)
 
 
 def turned(problem: DualProblem, turn: Turn) -> DualProblem:
     """The problem in turned tangential frames."""
     constraints, loads = problem.system.constraints, problem.system.loads
     B = TurnedConstraintMatrix(problem.B, turn)
-    coarse = None if constraints.coarse is None else constraints.coarse.turned(B)
+    coarse = None if problem.coarse is None else problem.coarse.turned(B)
     system = replace(
         problem.system,
-        constraints=replace(constraints, B=B, coarse=coarse),
+        constraints=replace(constraints, B=B),
         loads=replace(loads, c=turn.turned(loads.c)),
+        coarse=coarse,
     )
-    return DualProblem(
-        system, Reused(free_solution=problem.free_solution, d=turn.turned(problem.d))
-    )
+    reused = Reused(free_solution=problem.free_solution, d=turn.turned(problem.d))
+    return DualProblem(system, reused=reused)
 
 
 def beginning_at(problem: DualProblem, change: Array, displacements: Array) -> DualProblem:
@@ -115,4 +118,4 @@ def beginning_at(problem: DualProblem, change: Array, displacements: Array) -> D
         problem.F, problem.free_solution, problem.d, problem.offset + change,
         problem.displacements_of_offset - displacements,
     )  # fmt: skip
-    return DualProblem(problem.system, reused)
+    return DualProblem(problem.system, reused=reused)

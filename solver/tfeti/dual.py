@@ -9,16 +9,28 @@ F is projected, which leaves
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
 
-from solver.backend import SharedPlace
+from solver.tfeti.coarse.coarse_problem import CoarseProblem
 from solver.tfeti.decomposed import DecomposedProblem
 from solver.tfeti.dual_operator import DualOperator, FreeSolution, solve_free
 from solver.tfeti.projected import ProjectedOperator
+from solver.tfeti.subdomain.classes import FactoredClass
+from solver.tfeti.system import ContactSystem
 from solver.vectors import Array, largest_magnitude
+
+
+@dataclass(frozen=True, eq=False)
+class DualSystem(ContactSystem):
+    """A contact problem whose subdomains have factors, unless methods for displacements apply."""
+
+    classes: tuple[FactoredClass, ...]
+    """Congruence classes of subdomains on this rank, with the factors of their stiffness."""
+    coarse: CoarseProblem | None = None
+    """The coarse problem of rigid motions; None where no subdomain floats."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -34,15 +46,14 @@ class Reused:
     offset: Array | None = None
     displacements: Array | None = None
     """λ̃ if it is not the smallest one, and K⁺ (f - Bᵀ λ̃). Shapes (dual,), (interface,)."""
-    place: SharedPlace | None = None
-    """For the matrices of backends without a dual operator."""
 
 
 @dataclass(frozen=True, eq=False)
 class DualProblem(DecomposedProblem):
     """The dual problem with all data of solve, recovery and certificate; local parts."""
 
-    reused: Reused = Reused()
+    system: DualSystem
+    reused: Reused = field(default_factory=Reused, kw_only=True)
     """Results that other problems of the same system have computed already."""
 
     def with_loads(
@@ -56,17 +67,14 @@ class DualProblem(DecomposedProblem):
 
         Parameters are those of `ContactSystem.with_loads`.
         """
-        reused = Reused(operator=self.F if self.factored else None, place=self.reused.place)
-        return DualProblem(self.system.with_loads(forces, lifting, c, thermal), reused)
+        reused = Reused(operator=self.F if self.factored else None)
+        system = self.system.with_loads(forces, lifting, c, thermal)
+        return DualProblem(system, self.place, reused=reused)
 
     def without_factors(self) -> "DualProblem":
         """The problem without factors, for the evaluation of its answer alone."""
         classes = tuple(replace(cls, inverse=None, block=None) for cls in self.classes)
         return DualProblem(replace(self.system, classes=classes))
-
-    def sharing(self, place: SharedPlace) -> "DualProblem":
-        """The problem that shares a backend's matrices with those at the same place."""
-        return DualProblem(self.system, replace(self.reused, place=place))
 
     def with_slip_from(self, displacements: list[Array]) -> "DualProblem":
         """The problem with slip measured from given displacements, not from the unstrained state.
@@ -85,7 +93,8 @@ class DualProblem(DecomposedProblem):
         c = np.where(self.tangential, moved, self.c)
         lengths = self.bodies.largest_on_interface(self.comm, interface)
         loads = replace(self.system.loads, c=c, lengths_before=lengths)
-        return DualProblem(replace(self.system, loads=loads), replace(self.reused, d=None))
+        reused = replace(self.reused, d=None)
+        return replace(self, system=replace(self.system, loads=loads), reused=reused)
 
     def with_least_motion_from(self, displacements: list[Array]) -> "DualProblem":
         """The problem with the least undetermined motions from given displacements (collective).
@@ -100,7 +109,17 @@ class DualProblem(DecomposedProblem):
         if self.comm.allreduce(int(other)):
             return self
         loads = replace(self.system.loads, displacements_before=tuple(displacements))
-        return DualProblem(replace(self.system, loads=loads), self.reused)
+        return replace(self, system=replace(self.system, loads=loads))
+
+    @property
+    def classes(self) -> tuple[FactoredClass, ...]:
+        """Congruence classes of this rank."""
+        return self.system.classes
+
+    @property
+    def coarse(self) -> CoarseProblem | None:
+        """The coarse problem; None where no subdomain floats."""
+        return self.system.coarse
 
     @cached_property
     def F(self) -> DualOperator:
@@ -227,3 +246,8 @@ class DualProblem(DecomposedProblem):
         if not self.one_sided:
             return None
         return np.where(self.inequality, -self.offset, -np.inf)
+
+    def kernel_slices(self) -> list[slice]:
+        """Slices of the kernels of each class in a coarse vector."""
+        ends = np.cumsum([0, *(c.members * c.kernel.shape[1] for c in self.classes)])
+        return [slice(int(a), int(b)) for a, b in zip(ends[:-1], ends[1:], strict=True)]

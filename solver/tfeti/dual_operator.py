@@ -5,7 +5,8 @@ from collections.abc import Sequence
 import numpy as np
 
 from solver.tfeti.constraints.matrix import ConstraintMatrix
-from solver.tfeti.subdomain.classes import SubdomainClass, interface_slices
+from solver.tfeti.subdomain.classes import FactoredClass
+from solver.tfeti.subdomains import interface_slices
 from solver.vectors import Array
 
 FreeSolution = tuple[Array, list[Array]]
@@ -23,7 +24,7 @@ class DualOperator:
         The congruence classes of this rank, in the order of the columns.
     """
 
-    def __init__(self, B: ConstraintMatrix, classes: tuple[SubdomainClass, ...]) -> None:
+    def __init__(self, B: ConstraintMatrix, classes: tuple[FactoredClass, ...]) -> None:
         self.comm = B.comm
         self.B = B
         self.classes = classes
@@ -45,7 +46,7 @@ class DualOperator:
             cls.apply_interface(loads[part].reshape(shape), out[part].reshape(shape))
 
 
-def solve_free(classes: tuple[SubdomainClass, ...], loads: Sequence[Array]) -> FreeSolution:
+def solve_free(classes: tuple[FactoredClass, ...], loads: Sequence[Array]) -> FreeSolution:
     """Solve with the factor of each class, for the subdomains with a load.
 
     Parameters

@@ -18,10 +18,11 @@ from solver.exchange import NodeExchange
 from solver.tfeti.build import CongruentSubdomains, ConstraintRows, build_system
 from solver.tfeti.constraints.conditions import NodeConditions
 from solver.tfeti.constraints.merge import merge_contact, merge_held
-from solver.tfeti.constraints.rows import SharedRows, write_rows
+from solver.tfeti.constraints.rows import write_rows
 from solver.tfeti.constraints.supports import SupportRows
 from solver.tfeti.derived import with_active
 from solver.tfeti.dual import DualProblem
+from solver.tfeti.shared_rows import SharedRows
 from solver.vectors import Array, Ints, Mask
 
 

@@ -18,8 +18,8 @@ import numpy as np
 from scipy import sparse
 
 from solver.tfeti.coupled import CoupledRows, coupled_rows
-from solver.tfeti.decomposed import DecomposedProblem
-from solver.tfeti.subdomain.classes import interface_slices
+from solver.tfeti.dual import DualProblem
+from solver.tfeti.subdomains import interface_slices
 from solver.vectors import Array, Mask
 
 
@@ -38,7 +38,7 @@ class DualPreconditioner:
     """
 
     def __init__(
-        self, problem: DecomposedProblem, rho: float, coupled: CoupledRows | None = None
+        self, problem: DualProblem, rho: float, coupled: CoupledRows | None = None
     ) -> None:
         assert problem.coarse is not None
         self.comm, self.coarse, self.rho = problem.comm, problem.coarse, rho

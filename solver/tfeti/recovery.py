@@ -12,7 +12,7 @@ by their gradient. Open rows do not influence α, so they cause no jumps of u.
 import numpy as np
 
 from solver.tfeti.dual import DualProblem
-from solver.tfeti.subdomain.classes import interface_slices
+from solver.tfeti.subdomains import interface_slices
 from solver.vectors import Array
 
 

@@ -15,7 +15,7 @@ from solver.contact.row_kinds import RowKind
 from solver.tfeti.decomposed import DecomposedProblem
 from solver.tfeti.duality_gap import group_gaps
 from solver.tfeti.free_motions import FreeMotions
-from solver.tfeti.subdomain.classes import interface_slices
+from solver.tfeti.subdomains import interface_slices
 from solver.vectors import Array, Mask
 
 

@@ -9,6 +9,7 @@ belong to parts that are independent of the loads, so that another load case nee
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import Self
 
 import numpy as np
 from mpi4py import MPI
@@ -17,11 +18,10 @@ from scipy import sparse
 
 from solver.contact.bodies import Bodies
 from solver.contact.row_kinds import RowKind
-from solver.tfeti.coarse.coarse_problem import CoarseProblem
 from solver.tfeti.constraints.matrix import ConstraintMatrix
-from solver.tfeti.constraints.rows import SharedRows
 from solver.tfeti.free_motions import FreeMotions
-from solver.tfeti.subdomain.classes import SubdomainClass
+from solver.tfeti.shared_rows import SharedRows
+from solver.tfeti.subdomains import SubdomainClass
 from solver.vectors import Array, Ints, Mask
 
 
@@ -35,8 +35,6 @@ class Constraints:
     """`RowKind` of each row."""
     wide: Mask  # (dual,)
     """Contact, tangential and tied rows over several nodes, which overlap others."""
-    coarse: CoarseProblem | None
-    """The coarse problem of rigid motions; None where no subdomain floats."""
     held_without_contact: bool
     """Whether the rows that always hold with equality stop every rigid motion."""
     held_unknowns: Ints  # (dual,)
@@ -88,7 +86,7 @@ class ContactSystem:
     dimension: int
     """Components of a node."""
     classes: tuple[SubdomainClass, ...]
-    """Congruence classes of subdomains on this rank, with the factors of their stiffness."""
+    """Congruence classes of subdomains on this rank."""
     constraints: Constraints
     shared: SharedRows
     """Geometry of the contact, tangential, tied and mean rows, each in row order."""
@@ -108,7 +106,7 @@ class ContactSystem:
         lifting: Sequence[Array] | None = None,
         c: Array | None = None,
         thermal: Sequence[Array | None] = (),
-    ) -> "ContactSystem":
+    ) -> Self:
         """The system with other loads; parameters as in `Loads`.
 
         Displacements and gaps stay unchanged unless given.

@@ -12,7 +12,7 @@ import numpy as np
 from mpi4py import MPI
 
 from solver.contact.bodies import Bodies, largest
-from solver.tfeti.subdomain.classes import SubdomainClass
+from solver.tfeti.subdomains import SubdomainClass
 from solver.vectors import Array
 
 

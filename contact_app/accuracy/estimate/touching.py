@@ -13,7 +13,7 @@ from contact_app.model.geometry import Geometry
 from meshes.arrays import Array, Mask
 from solver.contact.solution import Solution
 from solver.tfeti.dual import DualProblem
-from solver.tfeti.subdomain.classes import interface_slices
+from solver.tfeti.subdomains import interface_slices
 
 
 @dataclass(frozen=True, eq=False)

@@ -45,7 +45,7 @@ from meshes import Subdomain
 from solver.contact.solution import Solution
 from solver.tfeti.duality_gap import nearest_admissible
 from solver.tfeti.least_motion import with_supports_at
-from solver.tfeti.subdomain.classes import interface_slices
+from solver.tfeti.subdomains import interface_slices
 from solver.vectors import Array, Ints, Mask, largest_magnitude
 
 RULE = 4

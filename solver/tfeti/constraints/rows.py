@@ -38,47 +38,12 @@ from solver.contact.row_kinds import RowKind
 from solver.exchange import NodeExchange
 from solver.tfeti.constraints.conditions import ContactEntries, ContactRows, HeldRows, points_of
 from solver.tfeti.constraints.cross_points import Neighbours, coarse_solves_matter
-from solver.tfeti.constraints.friction import FrictionRows
 from solver.tfeti.constraints.options import TotalFetiOptions
+from solver.tfeti.shared_rows import SHARED, SharedRows
 from solver.vectors import Array, Ints, Mask
 
 MOST_COMPONENTS = 3
 """Largest number of components of a node."""
-
-SHARED = RowKind.CONTACT, RowKind.TANGENT, RowKind.TIED, RowKind.MEAN
-"""Kinds of rows over nodes that other ranks may own, in the order of `SharedRows`."""
-
-
-@dataclass(frozen=True, eq=False)
-class SharedRows:
-    """Rows over nodes of any ranks, each kind sorted by node."""
-
-    contact: ContactRows
-    friction: FrictionRows
-    """Tangential rows, sorted by contact within a node."""
-    tied: ContactRows
-    """Rows of tied boundaries; they hold with equality."""
-    means: ContactRows
-    """Held rigid motions of bodies in the mean."""
-
-    @classmethod
-    def of(
-        cls,
-        contact: ContactRows,
-        friction: FrictionRows | None = None,
-        tied: ContactRows | None = None,
-        means: ContactRows | None = None,
-    ) -> "SharedRows":
-        """Shared rows with the given kinds; the other kinds are empty."""
-        none = contact.none()
-        friction = friction or FrictionRows.none(contact)
-        return cls(contact, friction, tied or none, means or none)
-
-    @property
-    def by_kind(self) -> dict[RowKind, ContactRows]:
-        """The rows by their kind in B."""
-        rows = self.contact, self.friction.rows, self.tied, self.means
-        return dict(zip(SHARED, rows, strict=True))
 
 
 @dataclass(frozen=True, eq=False)

@@ -1,6 +1,6 @@
 """Methods that solve a dual problem to a certified answer.
 
-Input is a `task.Task`: the dual problem, the stopping rule, the options of MPRGP and the callbacks;
+Input is a `solver.tfeti.task.Task`: the dual problem, the stopping rule, the options of MPRGP and the callbacks;
 the product is a `Solution` with its certificate. `by_active_sets` is the active-set loop of
 `solver.contact` (Hintermüller, Ito and Kunisch, 2002) with conjugate gradients on each set.
 `by_mprgp` solves problems without a coarse problem or without contact rows by MPRGP. `by_smalbe`
@@ -9,4 +9,4 @@ settle. `answers` recovers displacements from multipliers and certifies them. `s
 chooses the method.
 """
 
-__all__ = ["answers", "by_active_sets", "by_mprgp", "by_smalbe", "task"]
+__all__ = ["answers", "by_active_sets", "by_mprgp", "by_smalbe"]

@@ -21,7 +21,7 @@ from solver.tfeti.dual import DualProblem
 from solver.tfeti.duality_gap import duality_gap
 from solver.tfeti.friction_share import may_hold
 from solver.tfeti.methods.answers import answer_of_state
-from solver.tfeti.methods.task import Task, saved_by
+from solver.tfeti.task import Task, saved_by
 from solver.tfeti.winkler import winkler_contact
 from solver.vectors import largest_magnitude
 
@@ -38,7 +38,7 @@ LOOSE = 1e-2
 
 
 def solve_from_first_set(
-    task: Task, restart: Restart | None, saver: Saver, guess: Guess | None
+    task: Task[DualProblem], restart: Restart | None, saver: Saver, guess: Guess | None
 ) -> tuple[Outcome[State], Solution | None]:
     """Solve by active sets, from an initial set or the state of an interrupted solve (collective).
 
@@ -96,7 +96,7 @@ def gaps_are_zero(problem: DualProblem) -> bool:
 
 
 def solve_from(
-    task: Task, start: Start, save: SaveState[State]
+    task: Task[DualProblem], start: Start, save: SaveState[State]
 ) -> tuple[Outcome[State], Solution | None]:
     """The loop from an initial active set, with the certificate as its test (collective).
 

@@ -9,8 +9,9 @@ from solver.contact.solution import Solution
 from solver.qp.box_qp import BoxQP
 from solver.qp.iterate import Iterate
 from solver.qp.result import Counts, Reason
+from solver.tfeti.dual import DualProblem
 from solver.tfeti.methods.answers import answer_of_iterate
-from solver.tfeti.methods.task import Task
+from solver.tfeti.task import Task
 from solver.vectors import Array
 
 METHOD = "mprgp"
@@ -20,7 +21,9 @@ STEPS_PER_ROW, FEWEST_STEPS = 2, 1000
 MPRGP takes fewer on random scenes, and does not end on a body 500 times as long as thick."""
 
 
-def solve_by_mprgp(task: Task, start: Array | None, accelerated: bool = True) -> Solution:
+def solve_by_mprgp(
+    task: Task[DualProblem], start: Array | None, accelerated: bool = True
+) -> Solution:
     """Solve by MPRGP; without contact rows it is the conjugate gradient method (collective).
 
     Parameters

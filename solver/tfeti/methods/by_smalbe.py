@@ -37,10 +37,10 @@ from solver.tfeti.admissible import admissible_set
 from solver.tfeti.dual import DualProblem
 from solver.tfeti.methods.answers import answer_of_iterate
 from solver.tfeti.methods.by_active_sets import solve_from
-from solver.tfeti.methods.task import Task
 from solver.tfeti.preconditioner import DualPreconditioner
 from solver.tfeti.projected import ProjectorEquality
 from solver.tfeti.recovery import interface_displacements, kernel_coefficients
+from solver.tfeti.task import Task
 from solver.vectors import Array
 
 METHOD = "smalbe"
@@ -67,7 +67,7 @@ class SmalbeOptions:
 OPTIONS = SmalbeOptions()
 
 
-def solve_as_in_the_paper(task: Task) -> Solution:
+def solve_as_in_the_paper(task: Task[DualProblem]) -> Solution:
     """The paper's algorithm from zero, or from the state of an interrupted solve (collective)."""
     problem = task.problem
     assert problem.coarse is not None
@@ -86,7 +86,10 @@ def solve_as_in_the_paper(task: Task) -> Solution:
 
 
 def solve_by_smalbe(
-    task: Task, before: Outcome[State] | None, restart: Restart | None, active_sets: bool = True
+    task: Task[DualProblem],
+    before: Outcome[State] | None,
+    restart: Restart | None,
+    active_sets: bool = True,
 ) -> Solution:
     """Go on where active sets did not settle, or from an interrupted SMALBE (collective).
 
@@ -178,7 +181,10 @@ class _Frozen:
 
 
 def _to_a_certificate(
-    task: Task, frozen: _Frozen, iterations: OuterIterations, sets: "_ActiveSetsBetween | None"
+    task: Task[DualProblem],
+    frozen: _Frozen,
+    iterations: OuterIterations,
+    sets: "_ActiveSetsBetween | None",
 ) -> Solution:
     """Run outer iterations until their answer, or that of active sets between them, is certified.
 
@@ -224,7 +230,7 @@ class _Judge:
         The last answer that was certified, or None.
     """
 
-    def __init__(self, task: Task) -> None:
+    def __init__(self, task: Task[DualProblem]) -> None:
         self.answer: Solution | None = None
         self._problem, self._rule = task.problem, task.rule
         self._lengths: Array | None = None
@@ -276,7 +282,7 @@ class _ActiveSetsBetween:
         Work of the active sets so far.
     """
 
-    def __init__(self, task: Task, saver: Saver) -> None:
+    def __init__(self, task: Task[DualProblem], saver: Saver) -> None:
         self.set_work = Counts()
         self._task, self._saver = task, saver
         self._residuals: list[float] = []

@@ -6,7 +6,7 @@ sparse solves with a column for each member. Classes of similar subdomains (`sim
 factor and a block.
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -29,59 +29,18 @@ from solver.tfeti.subdomain.kernels import (
 from solver.tfeti.subdomain.reflections import find_symmetry
 from solver.tfeti.subdomain.rigid import ZeroInverse
 from solver.tfeti.subdomain.similar import MovedInverse, ScaledBlock, Shape, Similarity
+from solver.tfeti.subdomains import SubdomainClass
 from solver.vectors import Array, Ints
-
-MEMBERS_AT_ONCE = 128
-"""Number of members whose full vectors are processed together."""
 
 
 @dataclass(frozen=True, eq=False)
-class SubdomainClass:
-    """Subdomains of equal stiffness on this rank."""
+class FactoredClass(SubdomainClass):
+    """Subdomains of equal stiffness with its generalised inverse, where the class is factored."""
 
-    stiffness: sparse.csr_matrix  # (n, n)
-    """K, before any condition is imposed."""
-    kernel: Array  # (n, k)
-    """Orthonormal rigid motions R; k = 0 where held unknowns are eliminated instead."""
-    motions: Array  # (n, r)
-    """Orthonormal rigid motions, also where held unknowns are eliminated."""
-    free: Ints  # (m,)
-    """Unknowns that are solved for; all unknowns unless held ones are eliminated."""
-    interface: Ints  # (i,)
-    """Unknowns with entries in B in some member, in the order of vectors for K⁺."""
-    members: int
-    """Number of subdomains in the class."""
-    inverse: Inverse | None
+    inverse: Inverse | None = None
     """K⁺ on the free unknowns; None where the class is not factored."""
-    block: Block | None  # (i, i) or None
+    block: Block | None = None  # (i, i) or None
     """K⁺ between interface unknowns; None where it does not pay."""
-
-    @property
-    def unknowns(self) -> int:
-        """Unknowns of one member."""
-        return self.stiffness.shape[0]
-
-    @property
-    def rigid(self) -> bool:
-        """Whether the members are rigid bodies, without any stiffness."""
-        return self.stiffness.nnz == 0
-
-    @cached_property
-    def resistance(self) -> Array:
-        """Diagonal of K, (n,); infinite for rigid bodies, which no force strains."""
-        if self.rigid:
-            return np.full(self.unknowns, np.inf)
-        return np.asarray(self.stiffness.diagonal())
-
-    @cached_property
-    def interface_stiffness(self) -> sparse.csr_matrix:
-        """K between interface unknowns, (i, i)."""
-        return self.stiffness[self.interface][:, self.interface].tocsr()
-
-    @cached_property
-    def row_sums(self) -> Array:
-        """Σ_j |K_ij| of each unknown, (n,)."""
-        return np.asarray(abs(self.stiffness).sum(axis=1)).ravel()
 
     @cached_property
     def preconditioning(self) -> Block | sparse.csr_matrix:
@@ -97,11 +56,6 @@ class SubdomainClass:
             return self.block.schur_complement(self.kernel[self.interface])
         except np.linalg.LinAlgError:  # a body so slender that its block has no correct digits
             return None
-
-    def batches(self) -> Iterator[slice]:
-        """Slices of members, for operations whose temporary arrays should stay small."""
-        for begin in range(0, self.members, MEMBERS_AT_ONCE):
-            yield slice(begin, min(begin + MEMBERS_AT_ONCE, self.members))
 
     def solve(self, loads: Array) -> Array:
         """K⁺ on full vectors, (n, s) to (n, s); held unknowns stay zero."""
@@ -179,7 +133,7 @@ class ClassData:
         return basis
 
 
-def unfactored_class(data: ClassData) -> SubdomainClass:
+def unfactored_class(data: ClassData) -> FactoredClass:
     """A class without factor and kernel, for methods that solve for the displacements.
 
     Raises
@@ -190,14 +144,14 @@ def unfactored_class(data: ClassData) -> SubdomainClass:
     K, every, free, members = data.stiffness, data.every, data.free, data.members
     if data.is_rigid:
         unit = np.eye(len(every))
-        return SubdomainClass(K, unit[:, :0], unit, free, every, members, None, None)
+        return FactoredClass(K, unit[:, :0], unit, free, every, members)
     rigid, interface = data.motions(), np.unique(data.touched)
-    return SubdomainClass(K, rigid[:, :0], rigid, free, interface, members, None, None)
+    return FactoredClass(K, rigid[:, :0], rigid, free, interface, members)
 
 
 @dataclass(frozen=True, eq=False)
 class _Inverse:
-    """A generalised inverse and its class, with the field names of `SubdomainClass`."""
+    """A generalised inverse and its class, with the field names of `FactoredClass`."""
 
     stiffness: sparse.csr_matrix
     kernel: Array
@@ -208,7 +162,7 @@ class _Inverse:
     """Whether K⁺ between interface unknowns pays."""
 
 
-def subdomain_classes(data: Sequence[ClassData]) -> list[SubdomainClass]:
+def subdomain_classes(data: Sequence[ClassData]) -> list[FactoredClass]:
     """The classes of subdomains; similar ones share a factor.
 
     Raises
@@ -216,7 +170,7 @@ def subdomain_classes(data: Sequence[ClassData]) -> list[SubdomainClass]:
     ValueError, ArithmeticError
         A stiffness resists a rigid motion, or has further zero-energy modes.
     """
-    classes: dict[int, SubdomainClass] = {}
+    classes: dict[int, FactoredClass] = {}
     for first, others in _similar(data):
         touched = [data[first].touched]
         touched += [similarity.back(data[k].touched) for k, similarity in others.items()]
@@ -251,11 +205,11 @@ def _similar(data: Sequence[ClassData]) -> list[tuple[int, dict[int, Similarity]
     return result
 
 
-def _moved(original: SubdomainClass, similarity: Similarity, members: int) -> SubdomainClass:
+def _moved(original: FactoredClass, similarity: Similarity, members: int) -> FactoredClass:
     """The class of subdomains that are similar to those of another class."""
     factor, block = similarity.factor, original.block
     assert original.inverse is not None
-    return SubdomainClass(
+    return FactoredClass(
         similarity.stiffness(original.stiffness), similarity.moved(original.kernel),
         similarity.moved(original.motions), original.free, similarity.image[original.interface],
         members, MovedInverse(original.inverse, similarity),
@@ -263,7 +217,7 @@ def _moved(original: SubdomainClass, similarity: Similarity, members: int) -> Su
     )  # fmt: skip
 
 
-def subdomain_class(data: ClassData) -> SubdomainClass:
+def subdomain_class(data: ClassData) -> FactoredClass:
     """Factor the stiffness of a congruence class and choose how K⁺ is applied.
 
     Raises
@@ -278,7 +232,7 @@ def subdomain_class(data: ClassData) -> SubdomainClass:
     block: Block | None = None
     if inverted.block_pays:
         block = inverted.inverse.restricted(np.searchsorted(inverted.free, inverted.interface))
-    return SubdomainClass(
+    return FactoredClass(
         inverted.stiffness, inverted.kernel, rigid, inverted.free, inverted.interface, data.members,
         inverted.inverse, block,
     )  # fmt: skip
@@ -317,17 +271,11 @@ def _floating(data: ClassData, rigid: Array) -> _Inverse:
     return _Inverse(stiffness, rigid, data.every, interface, inverse, pays)
 
 
-def _rigid_class(data: ClassData) -> SubdomainClass:
+def _rigid_class(data: ClassData) -> FactoredClass:
     """The class of rigid bodies: all unknowns are on the interface, and free ones are kernel."""
     every, free = data.every, data.free
     unit, inverse = np.eye(len(every)), ZeroInverse()
-    return SubdomainClass(
+    return FactoredClass(
         data.stiffness, unit[:, free], unit, free, every, data.members, inverse,
         inverse.restricted(every),
     )  # fmt: skip
-
-
-def interface_slices(classes: tuple[SubdomainClass, ...]) -> list[slice]:
-    """Slice of each class in an interface vector."""
-    ends = np.cumsum([0, *(c.members * len(c.interface) for c in classes)])
-    return [slice(int(a), int(b)) for a, b in zip(ends[:-1], ends[1:], strict=True)]

@@ -14,7 +14,7 @@ from solver.primal.backend import Multigrid
 from solver.primal.by_active_sets import solve_by_multigrid
 from solver.qp.mprgp import MPRGP
 from solver.tfeti.dual import DualProblem
-from solver.tfeti.methods.task import Task
+from solver.tfeti.task import Task
 from solver.vectors import Mask
 from tests import scenes
 from tests.contact_app.run.test_primal import MULTIGRID_ALWAYS

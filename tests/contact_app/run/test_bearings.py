@@ -9,7 +9,7 @@ from solver.contact.stopping import StoppingRule
 from solver.primal import by_active_sets
 from solver.primal.factor import FactorOptions
 from solver.qp.mprgp import MPRGP
-from solver.tfeti.methods.task import Task
+from solver.tfeti.task import Task
 from tests import scenes
 from tests.bearings import half_bearing
 from tests.comparison import solve

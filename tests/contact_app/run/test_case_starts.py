@@ -13,7 +13,7 @@ from solver.contact.solution import Guess
 from solver.contact.stopping import StoppingRule
 from solver.primal.by_active_sets import solve_by_multigrid
 from solver.qp.mprgp import MPRGP
-from solver.tfeti.methods.task import Task
+from solver.tfeti.task import Task
 from tests import scenes
 
 

@@ -202,7 +202,7 @@ def test_cases_by_multigrid_share_its_matrices(made: Config) -> None:
     matrices = []
     for solved in solved_cases(scenes.build(made), MPI.COMM_WORLD, lambda name: None):
         assert solved.solution.method == "primal"
-        place = solved.model.problem.reused.place
+        place = solved.model.problem.place
         assert place is not None
         matrices.append(place.take())
         place.leave(matrices[-1])

@@ -22,7 +22,7 @@ from solver.qp.result import Reason
 from solver.tfeti.active_set_problem import ActiveSetProblem, State
 from solver.tfeti.backend import TotalFeti
 from solver.tfeti.dual import DualProblem
-from solver.tfeti.feasible import feasible_multiplier
+from solver.tfeti.feasible_multiplier import feasible_multiplier
 from solver.tfeti.methods.answers import certified_answer
 from solver.vectors import Array, Mask
 from tests import scenes

@@ -18,7 +18,7 @@ from solver.primal.matrices import Matrices
 from solver.primal.merged import merge
 from solver.primal.products import multiply
 from solver.qp.mprgp import MPRGP
-from solver.tfeti.methods.task import Task
+from solver.tfeti.task import Task
 from tests import scenes
 from tests.comparison import solve
 from tests.contact_app.run import test_friction

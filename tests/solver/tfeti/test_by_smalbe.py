@@ -11,7 +11,7 @@ from solver.qp.mprgp import MPRGP
 from solver.qp.result import Reason
 from solver.tfeti.dual import DualProblem
 from solver.tfeti.methods.by_smalbe import solve_by_smalbe
-from solver.tfeti.methods.task import Task
+from solver.tfeti.task import Task
 from solver.vectors import Array
 from tests.solver.lattices import COLUMNS, ROWS, in_pieces
 

@@ -10,7 +10,8 @@ from solver.contact.row_kinds import RowKind
 from solver.exchange import NodeExchange
 from solver.tfeti.constraints.conditions import ContradictionError, NodeConditions
 from solver.tfeti.constraints.merge import merge_contact, merge_held
-from solver.tfeti.constraints.rows import SharedRows, write_rows
+from solver.tfeti.constraints.rows import write_rows
+from solver.tfeti.shared_rows import SharedRows
 
 D = 3
 

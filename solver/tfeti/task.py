@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from typing import Generic, TypeVar
 
 from solver.backend import Backend, S
 from solver.contact.active_set import ActiveSetMethod
@@ -12,14 +13,16 @@ from solver.contact.stopping import CertificateTest, StoppingRule
 from solver.qp.mprgp import MPRGP
 from solver.qp.result import Counts, Monitor
 from solver.tfeti.contact_law import contact_law
-from solver.tfeti.dual import DualProblem
+from solver.tfeti.decomposed import DecomposedProblem
+
+Problem = TypeVar("Problem", bound=DecomposedProblem, covariant=True)
 
 
 @dataclass(frozen=True, eq=False)
-class Task:
-    """A dual problem with the stopping rule, the options and the callbacks of its solve."""
+class Task(Generic[Problem]):
+    """A problem with the stopping rule, the options and the callbacks of its solve."""
 
-    problem: DualProblem
+    problem: Problem
     rule: StoppingRule
     """Stopping rule; it may tighten its tolerance during a solve."""
     inner: MPRGP
