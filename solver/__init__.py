@@ -1,7 +1,8 @@
 """The numerical core: quadratic programs with bounds and equalities, and contact problems.
 
-`qp` holds the quadratic programs and `contact` the discrete contact problem. `tfeti` and `primal`
-are two methods to solve the contact problem, and `driver` chooses between them.
+`qp` holds the quadratic programs, `contact` the active sets and laws of contact, and `problem` the
+matrices of a contact problem with the certificate of its answers. `tfeti` and `primal` are two
+methods to solve it, and `driver` chooses between them.
 
 Input is a contact problem as matrices and records; the product is a `contact.Solution` with its
 certificate. Nothing here depends on dolfinx or on scene files.

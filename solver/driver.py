@@ -28,16 +28,16 @@ from solver.contact.monitoring import with_bounds
 from solver.contact.options import Method, SolverOptions
 from solver.contact.solution import Guess, Solution
 from solver.contact.stopping import Assess, stopping_rule
+from solver.problem.answer import certified, without_rounded_forces
+from solver.problem.least_motion import with_least_motion
+from solver.problem.task import Task
 from solver.qp.mprgp import MPRGP
 from solver.qp.result import Monitor, Reason
-from solver.tfeti.answer import certified, without_rounded_forces
 from solver.tfeti.dual import DualProblem
-from solver.tfeti.least_motion import with_least_motion
 from solver.tfeti.methods.answers import answer_of_iterate, answer_of_state
 from solver.tfeti.methods.by_active_sets import METHOD, solve_from_first_set
 from solver.tfeti.methods.by_mprgp import solve_by_mprgp
 from solver.tfeti.methods.by_smalbe import solve_as_in_the_paper, solve_by_smalbe
-from solver.tfeti.task import Task
 
 INNER = 0.1
 """Residual over the right-hand side of the dual problem, for one unit of the tolerance."""

@@ -8,7 +8,7 @@ from mpi4py import MPI
 from scipy.spatial import cKDTree
 
 from contact_app.model.outline import outline_of_scene
-from solver.tfeti.certify import certify
+from solver.problem.certify import certify
 from tests import reference, scenes
 
 

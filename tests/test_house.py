@@ -18,7 +18,7 @@ PACKAGES = ("solver", "meshes", "contact_app")
 
 SOLVER = (
     "errors", "vectors", "exchange", "distributed", "rigid_motions", "openmp", "factors", "qp",
-    "backend", "contact", "tfeti", "primal", "driver",
+    "backend", "contact", "problem", "tfeti", "primal", "driver",
 )  # fmt: skip
 """Rooms and modules of `solver`, lower ones first; each may import those before it."""
 

@@ -31,10 +31,10 @@ from meshes.connected import connected
 from solver.contact.equilibrium import BodyBalance, slide
 from solver.contact.group_balance import GroupRows
 from solver.exchange import NodeExchange
+from solver.problem.constraints.conditions import ContactRows, HeldRows
+from solver.problem.constraints.friction import FrictionRows
+from solver.problem.free_motions import LooseBodies
 from solver.rigid_motions import MOTIONS, rigid_motions
-from solver.tfeti.constraints.conditions import ContactRows, HeldRows
-from solver.tfeti.constraints.friction import FrictionRows
-from solver.tfeti.free_motions import LooseBodies
 from solver.tfeti.subdomain.kernels import orthonormal_kernel
 
 RESISTED = 1e-12

@@ -14,7 +14,7 @@ import numpy as np
 from mpi4py import MPI
 
 from contact_app.forms.contacts import Contact
-from solver.tfeti.constraints.conditions import ContactEntries, ContactRows, HeldRows
+from solver.problem.constraints.conditions import ContactEntries, ContactRows, HeldRows
 
 
 def fingerprint_of_form(form: Any, mesh: Any, contacts: Sequence[Contact] = ()) -> bytes:

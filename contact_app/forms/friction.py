@@ -17,8 +17,8 @@ from contact_app.model.ties import decided_by
 from meshes.arrays import Array, Ints, Mask
 from meshes.ties import MeanJumps, mean_jumps
 from solver.exchange import NodeExchange
-from solver.tfeti.constraints.conditions import ContactRows, HeldRows
-from solver.tfeti.constraints.friction import FrictionRows
+from solver.problem.constraints.conditions import ContactRows, HeldRows
+from solver.problem.constraints.friction import FrictionRows
 
 
 def jumps_of(

@@ -36,16 +36,16 @@ from meshes.contact_surface import Surface
 from meshes.ties import MeanJumps
 from solver.backend import SharedPlace
 from solver.exchange import NodeExchange
+from solver.problem.constraints.conditions import ContactRows, HeldRows
+from solver.problem.constraints.shared_rows import SharedRows
+from solver.problem.system import NodePlaces
 from solver.rigid_motions import MOTIONS
 from solver.tfeti.build import CongruentSubdomains, ConstraintRows, build_system
-from solver.tfeti.constraints.conditions import ContactRows, HeldRows
 from solver.tfeti.constraints.options import TotalFetiOptions
 from solver.tfeti.constraints.rows import write_rows
 from solver.tfeti.constraints.supports import SupportRows
 from solver.tfeti.dual import DualProblem
-from solver.tfeti.shared_rows import SharedRows
 from solver.tfeti.subdomain.kernels import fixing_nodes
-from solver.tfeti.system import NodePlaces
 
 
 class NotCongruentError(ArithmeticError):

@@ -18,13 +18,13 @@ from contact_app.model.pairs import owned_rows
 from meshes import dolfinx_compat
 from meshes.arrays import Array, Ints, Mask
 from solver.exchange import NodeExchange
-from solver.tfeti.constraints.conditions import (
+from solver.problem.constraints.conditions import (
     ContactRows,
     ContradictionError,
     HeldRows,
     NodeConditions,
 )
-from solver.tfeti.constraints.merge import merge_contact, merge_held
+from solver.problem.constraints.merge import merge_contact, merge_held
 
 
 def rows_of(

@@ -2,7 +2,7 @@
 
 ∫ S : grad v does no work in a translation, so these loads balance themselves on each body. The
 reactions to them do so, too, and both may be far larger than contact forces. So the certificate
-measures forces without them (`solver.tfeti.sizes.force_references`), as in a heated scene. In
+measures forces without them (`solver.problem.sizes.force_references`), as in a heated scene. In
 cylindrical coordinates the circumferential stress acts on v_r / r, which is no derivative: that
 part counts as a load.
 """

@@ -55,7 +55,7 @@ from contact_app.scene.obstacles import Plane
 from meshes import dolfinx_compat
 from meshes.contact_surface import Surface, is_curved
 from solver.contact.solution import Solution
-from solver.tfeti.sizes import SIZES
+from solver.problem.sizes import SIZES
 from solver.vectors import Array, largest_magnitude
 
 

@@ -28,7 +28,7 @@ from meshes.arrays import Array, Ints
 from meshes.facet_overlaps import smallest
 from meshes.mortar import POINTED
 from solver.exchange import NodeExchange
-from solver.tfeti.constraints.conditions import ContactEntries, ContactRows
+from solver.problem.constraints.conditions import ContactEntries, ContactRows
 
 LEVEL = 0.1
 """Slope over an obstacle from which on an edge rises from it."""

@@ -15,7 +15,7 @@ import numpy as np
 
 from meshes.arrays import Array, Mask
 from solver.exchange import NodeExchange
-from solver.tfeti.constraints.conditions import ContactRows, pairs_at_nodes
+from solver.problem.constraints.conditions import ContactRows, pairs_at_nodes
 
 NEARLY_PARALLEL = 1e-2
 """Distance of two unit directions at a node below which only the nearer row remains."""

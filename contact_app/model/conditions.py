@@ -16,7 +16,7 @@ from meshes.arrays import Ints
 from meshes.facing import SurfacesApartError
 from meshes.mortar import mean_gaps
 from solver.exchange import NodeExchange
-from solver.tfeti.constraints.conditions import ContactRows, ContradictionError, NodeConditions
+from solver.problem.constraints.conditions import ContactRows, ContradictionError, NodeConditions
 
 
 def node_conditions(

@@ -29,10 +29,10 @@ from solver.contact.equilibrium import (
     slide,
 )
 from solver.contact.group_balance import GroupRows
+from solver.problem.constraints.conditions import ContactEntries, ContactRows, HeldRows
+from solver.problem.constraints.friction import FrictionRows
+from solver.problem.free_motions import LooseBodies
 from solver.rigid_motions import MOTIONS, rigid_motions
-from solver.tfeti.constraints.conditions import ContactEntries, ContactRows, HeldRows
-from solver.tfeti.constraints.friction import FrictionRows
-from solver.tfeti.free_motions import LooseBodies
 
 CLOSES = 1e-6
 """Speed at which a gap closes, over the largest relative motion, that is no rounding error."""

@@ -20,9 +20,9 @@ from contact_app.model.equilibrium import body_frame
 from contact_app.model.geometry import Geometry
 from meshes.arrays import Array, Ints
 from solver.exchange import NodeExchange
+from solver.problem.constraints.conditions import ContactEntries, ContactRows, HeldRows
+from solver.problem.constraints.merge import cut_held
 from solver.rigid_motions import MOTIONS, rigid_motions
-from solver.tfeti.constraints.conditions import ContactEntries, ContactRows, HeldRows
-from solver.tfeti.constraints.merge import cut_held
 
 
 def mean_motion_rows(

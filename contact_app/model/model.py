@@ -41,12 +41,12 @@ from contact_app.scene.scene import Scene
 from meshes import Partition
 from meshes.arrays import Array, Ints, Mask
 from solver.exchange import NodeExchange
+from solver.problem.constraints.conditions import ContactRows
+from solver.problem.system import NodePlaces
 from solver.tfeti.build import CongruentSubdomains, ConstraintRows, build_system
-from solver.tfeti.constraints.conditions import ContactRows
 from solver.tfeti.constraints.options import TotalFetiOptions
 from solver.tfeti.constraints.rows import write_rows
 from solver.tfeti.dual import DualProblem
-from solver.tfeti.system import NodePlaces
 
 Part = TypeVar("Part")
 

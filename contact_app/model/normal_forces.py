@@ -7,7 +7,7 @@ from mpi4py import MPI
 
 from meshes.arrays import Array, Ints
 from solver.contact.solution import Solution
-from solver.tfeti.constraints.conditions import ContactRows
+from solver.problem.constraints.conditions import ContactRows
 from solver.tfeti.dual import DualProblem
 
 Stored = list[list[list[float]]]

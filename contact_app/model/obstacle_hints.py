@@ -10,7 +10,7 @@ from mpi4py import MPI
 
 from contact_app.model.geometry import Geometry
 from meshes.arrays import Array
-from solver.tfeti.constraints.conditions import ContactRows
+from solver.problem.constraints.conditions import ContactRows
 
 SAME_WAY = 0.5
 """Cosine of the angle between the normals of a boundary and of its obstacle, at every facet, from

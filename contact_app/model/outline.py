@@ -47,10 +47,10 @@ from meshes import Partition, decompose
 from meshes.arrays import Array, Mask
 from solver.contact.equilibrium import BodyBalance
 from solver.exchange import NodeExchange
-from solver.tfeti.constraints.conditions import ContactRows, ContradictionError, HeldRows
-from solver.tfeti.constraints.friction import FrictionRows
-from solver.tfeti.constraints.merge import merge_contact, merge_held
-from solver.tfeti.shared_rows import SharedRows
+from solver.problem.constraints.conditions import ContactRows, ContradictionError, HeldRows
+from solver.problem.constraints.friction import FrictionRows
+from solver.problem.constraints.merge import merge_contact, merge_held
+from solver.problem.constraints.shared_rows import SharedRows
 
 
 def partition_scene(scene: Scene, comm: MPI.Intracomm) -> Partition:

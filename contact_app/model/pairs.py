@@ -20,7 +20,7 @@ from contact_app.scene.conditions import BodyContact, Tie
 from meshes.contact_surface import Surface
 from meshes.mortar import NEGLIGIBLE, MeanGaps
 from solver.exchange import NodeExchange
-from solver.tfeti.constraints.conditions import ContactEntries, ContactRows
+from solver.problem.constraints.conditions import ContactEntries, ContactRows
 
 
 def sides_of(geometry: Geometry, pair: BodyContact | Tie) -> tuple[Surface, Surface]:

@@ -31,17 +31,17 @@ from contact_app.scene.rigid import RigidBodies
 from meshes import Partition
 from meshes.arrays import Array, Ints, Mask
 from solver.exchange import NodeExchange
-from solver.rigid_motions import MOTIONS
-from solver.tfeti.build import CongruentSubdomains
-from solver.tfeti.constraints.conditions import (
+from solver.problem.constraints.conditions import (
     ContactEntries,
     ContactRows,
     HeldRows,
     NodeConditions,
 )
-from solver.tfeti.constraints.merge import contact_rows, cut_held, tightest_of_each_node
+from solver.problem.constraints.merge import contact_rows, cut_held, tightest_of_each_node
+from solver.problem.system import NodePlaces
+from solver.rigid_motions import MOTIONS
+from solver.tfeti.build import CongruentSubdomains
 from solver.tfeti.subdomain.rigid import zero_stiffness
-from solver.tfeti.system import NodePlaces
 
 NODES = 2
 """Number of nodes that represent a rigid body: one for its displacement, one for its rotation."""

@@ -21,7 +21,7 @@ from meshes.arrays import Array, Ints
 
 ENTERS = 1e-9
 """Penetration over the length of the scene that counts as a rounding error, as of held nodes that
-are pushed into an obstacle (`solver.tfeti.constraints.merge`)."""
+are pushed into an obstacle (`solver.problem.constraints.merge`)."""
 
 
 @dataclass(frozen=True, eq=False)

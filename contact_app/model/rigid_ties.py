@@ -29,7 +29,7 @@ from contact_app.model.rigid import (
 from contact_app.scene.conditions import RigidTie, Tie
 from meshes.arrays import Array, Ints, Mask
 from solver.exchange import NodeExchange
-from solver.tfeti.constraints.conditions import ContactEntries, ContactRows
+from solver.problem.constraints.conditions import ContactEntries, ContactRows
 
 SAME = 1e-9
 """Rounding errors of rows on rigid motions, and of displacements over the length of the scene."""

@@ -1,7 +1,7 @@
 """Rows that hold rigid motions which nothing else holds.
 
 No load does work on such a motion. It is held at a few nodes; the choice of nodes does not change
-stresses. In the answer the motion is zero in the mean (`solver.tfeti.least_motion`).
+stresses. In the answer the motion is zero in the mean (`solver.problem.least_motion`).
 """
 
 import numpy as np

@@ -25,10 +25,10 @@ from contact_app.scene.conditions import Friction
 from meshes.arrays import Array, Ints, Mask
 from meshes.ties import MeanJumps
 from solver.exchange import NodeExchange
-from solver.tfeti.constraints.conditions import ContactEntries, ContactRows, HeldRows
-from solver.tfeti.constraints.friction import FrictionRows
-from solver.tfeti.constraints.merge import cut_held
-from solver.tfeti.constraints.ties import undecided
+from solver.problem.constraints.conditions import ContactEntries, ContactRows, HeldRows
+from solver.problem.constraints.friction import FrictionRows
+from solver.problem.constraints.merge import cut_held
+from solver.problem.constraints.ties import undecided
 
 PARALLEL = 1e-8
 """Difference of the normals of a contact row and of one that was merged into it."""

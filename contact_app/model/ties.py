@@ -21,9 +21,9 @@ from meshes.arrays import Mask
 from meshes.facing import SurfacesApartError
 from meshes.ties import Decided, mean_jumps
 from solver.exchange import NodeExchange
-from solver.tfeti.constraints.conditions import ContactRows, ContradictionError, HeldRows
-from solver.tfeti.constraints.merge import cut_held
-from solver.tfeti.constraints.ties import undecided
+from solver.problem.constraints.conditions import ContactRows, ContradictionError, HeldRows
+from solver.problem.constraints.merge import cut_held
+from solver.problem.constraints.ties import undecided
 
 FAR = 0.1
 """Distance of tied surfaces, relative to the size of a facet, from which on a warning is given."""

@@ -18,8 +18,8 @@ from contact_app.results.undetermined import PRESSING, SMALL_PLAY, Movable, reac
 from solver.contact.equilibrium import held_motions
 from solver.contact.friction_points import FrictionPoints
 from solver.contact.solution import Solution
+from solver.problem.constraints.conditions import ContactRows
 from solver.rigid_motions import MOTIONS
-from solver.tfeti.constraints.conditions import ContactRows
 from solver.tfeti.dual import DualProblem
 from solver.vectors import Array
 

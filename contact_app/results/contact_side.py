@@ -55,7 +55,7 @@ from contact_app.results.alternation import Lines, alternation
 from meshes.arrays import Array, Ints, Mask
 from meshes.mortar import COVERED
 from solver.exchange import NodeExchange
-from solver.tfeti.constraints.conditions import ContactRows
+from solver.problem.constraints.conditions import ContactRows
 
 STRIP = {2: 0.27, 3: 0.2}
 """Covered share of the area about a vertex of degree 2 up to which it has the mean where the other

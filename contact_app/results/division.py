@@ -31,7 +31,7 @@ from contact_app.results.surface_nodes import SurfaceNodes
 from meshes.arrays import Array, Ints, Mask
 from meshes.connected import connected
 from solver.contact.solution import Solution
-from solver.tfeti.constraints.conditions import ContactRows, pairs_at_nodes, unit_rows
+from solver.problem.constraints.conditions import ContactRows, pairs_at_nodes, unit_rows
 from solver.tfeti.dual import DualProblem
 
 TIED = 1e-9

@@ -3,7 +3,7 @@
 A ball between races may rotate: round surfaces slide along themselves. The facets of a mesh resist
 slightly, so the rotation of the ball depends on the mesh only. The motion is the combination of the
 loose motions of a group (`solver.contact.equilibrium.loose_motions`) that is nearest to the
-displacement in the mean square (`solver.tfeti.free_motions`).
+displacement in the mean square (`solver.problem.free_motions`).
 """
 
 from collections.abc import Callable

@@ -21,7 +21,7 @@ from scipy.sparse.linalg import lsmr
 from contact_app.model.candidates import NEARLY_PARALLEL
 from meshes.arrays import Array, Ints, Mask
 from meshes.connected import connected
-from solver.tfeti.constraints.conditions import ContactRows, pairs_at_nodes
+from solver.problem.constraints.conditions import ContactRows, pairs_at_nodes
 
 ACCURACY = 1e-13
 """Relative accuracy of the least squares problem."""

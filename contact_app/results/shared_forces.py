@@ -30,7 +30,7 @@ from meshes.arrays import Array, Ints, Mask
 from meshes.connected import connected
 from solver.contact.friction_points import AT_LIMIT
 from solver.contact.solution import Solution
-from solver.tfeti.constraints.conditions import ContactRows
+from solver.problem.constraints.conditions import ContactRows
 from solver.tfeti.dual import DualProblem
 
 DEPENDENT = 1e-6

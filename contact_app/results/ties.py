@@ -15,7 +15,7 @@ from contact_app.results.surface_nodes import SurfaceNodes
 from contact_app.scene.conditions import ContactName, RigidTie, Tie
 from meshes.arrays import Array, Ints, Mask
 from solver.contact.solution import Solution
-from solver.tfeti.constraints.conditions import ContactRows
+from solver.problem.constraints.conditions import ContactRows
 from solver.tfeti.dual import DualProblem
 
 WITHOUT = 1e-9

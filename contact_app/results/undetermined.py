@@ -30,8 +30,8 @@ from contact_app.model.equilibrium import (
 from contact_app.model.geometry import Geometry
 from solver.contact.equilibrium import undetermined_motions
 from solver.contact.solution import Solution
+from solver.problem.constraints.conditions import ContactRows
 from solver.rigid_motions import MOTIONS
-from solver.tfeti.constraints.conditions import ContactRows
 from solver.tfeti.dual import DualProblem
 from solver.vectors import Array, Ints, largest_magnitude
 

@@ -27,7 +27,7 @@ from contact_app.scene.scene import Scene
 from meshes.arrays import Array
 from solver.backend import SharedPlace
 from solver.contact.solution import Guess, Solution
-from solver.tfeti.constraints.matrix import ConstraintMatrix
+from solver.problem.constraints.matrix import ConstraintMatrix
 from solver.tfeti.dual import DualProblem
 
 FAR = 0.7

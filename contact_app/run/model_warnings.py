@@ -52,10 +52,10 @@ from meshes.quadratic import CORNERS_ONLY
 from solver.contact.certificate import EQUILIBRIUM_FLOOR
 from solver.driver import reason_text
 from solver.exchange import NodeExchange
+from solver.problem.sizes import SIZES
 from solver.qp.result import Reason
 from solver.rigid_motions import MOTIONS
 from solver.tfeti.dual import DualProblem
-from solver.tfeti.sizes import SIZES
 
 SIMPLICES = ("triangle", "tetrahedron")
 

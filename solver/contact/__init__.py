@@ -6,8 +6,8 @@ product is the active set of the solution with its state. `active_set` is the lo
 makes the next one, and `retries` begins the loop anew where sets do not settle. `law` and
 `friction_law` are the contact laws (Signorini, Tresca, Coulomb), `stopping` decides when an answer
 is accurate enough, and `certificate` has the numbers that say how far it may be off, which
-`solver.tfeti.certify` computes. Nothing in this package depends on a backend. The backends stand in
-packages of their own, and `solver.driver` chooses one. Theory: docs/theory/active_sets.md.
+`solver.problem.certify` computes. Nothing in this package depends on a backend. The backends stand
+in packages of their own, and `solver.driver` chooses one. Theory: docs/theory/active_sets.md.
 """
 
 from solver.contact.certificate import Certificate

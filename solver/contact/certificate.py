@@ -1,6 +1,6 @@
 """The certificate: bounds on the errors of an answer, recomputed from the answer.
 
-The certificate uses no residual of the solver. `solver.tfeti.certify` computes it anew, from the
+The certificate uses no residual of the solver. `solver.problem.certify` computes it anew, from the
 multiplier λ and the displacements u: jumps and penetration B u - c, the residual of equilibrium
 K u - f + Bᵀ λ on every unknown, the sign of the contact forces, complementarity, and the duality
 gap.
@@ -26,9 +26,9 @@ the change of the answer by it.
 
 References of the relative numbers. Each body is measured by its own sizes: lengths by its largest
 displacement without rigid motions that nothing resists, or nothing that presses
-(`solver.tfeti.free_motions`), forces by its load (the largest of the sums of the magnitudes of
+(`solver.problem.free_motions`), forces by its load (the largest of the sums of the magnitudes of
 loads, of reactions and of contact forces; with heat, and for bodies that carry nearly no load, see
-`solver.tfeti.sizes.force_references`), the gap by its strain energy ½ a(u,u). So a weak body
+`solver.problem.sizes.force_references`), the gap by its strain energy ½ a(u,u). So a weak body
 beside a strong one, or a stiff body on a soft one, is certified by its own sizes
 (`solver.contact.bodies`). Bodies that can touch form a group; the gap of a group bounds the error
 of each of its bodies. The worst body decides.

@@ -1,8 +1,7 @@
 """The contact problem solved for displacements, in the unknowns of undecomposed bodies.
 
-Input and product are those of the dual methods: a `DualProblem`, here one without factors, and
-multipliers with displacements and their certificate. `solver.tfeti.decomposed` is the description
-of a contact problem that both backends take, and both give the same answers and certificates.
+Input and product are those of the dual methods: a `solver.problem.decomposed.DecomposedProblem`,
+here one without factors, and multipliers with displacements and their certificate.
 
 `by_active_sets` solves to a certified answer, `backend` is conjugate gradients with algebraic
 multigrid (smoothed aggregation; Vaněk, Mandel and Brezina, 1996) on an active set: `merged` puts

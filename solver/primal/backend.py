@@ -31,12 +31,12 @@ from solver.primal.rigid_space import OPTIONS, RigidSpace, lifts_of_means
 from solver.primal.springs import CoupledStiffness, Coupling, ProjectedStiffness, Springs
 from solver.primal.state import PrimalState
 from solver.primal.step import Position, shortened
+from solver.problem.constraint_hierarchy import constraint_hierarchy
+from solver.problem.decomposed import DecomposedProblem
 from solver.qp.box_qp import BoxQP
 from solver.qp.iterate import Iterate, Watch
 from solver.qp.mprgp import MPRGP
 from solver.qp.result import Counts, Monitor, Reason
-from solver.tfeti.constraint_hierarchy import constraint_hierarchy
-from solver.tfeti.decomposed import DecomposedProblem
 from solver.vectors import Array, Mask
 
 

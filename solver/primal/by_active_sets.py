@@ -24,13 +24,13 @@ from solver.primal.matrices import freed_matrices
 from solver.primal.products import multiply
 from solver.primal.recovery import recover
 from solver.primal.state import PrimalState
+from solver.problem.answer import certified, without_rounded_forces
+from solver.problem.certify import friction_residual
+from solver.problem.contact_law import SURE
+from solver.problem.decomposed import DecomposedProblem
+from solver.problem.task import Task, saved_by
 from solver.qp.outer_state import Restart
 from solver.qp.result import Counts, Reason
-from solver.tfeti.answer import certified, without_rounded_forces
-from solver.tfeti.certify import friction_residual
-from solver.tfeti.contact_law import SURE
-from solver.tfeti.decomposed import DecomposedProblem
-from solver.tfeti.task import Task, saved_by
 from solver.vectors import Array, Mask
 
 METHOD = "primal"

@@ -12,7 +12,7 @@ from solver.primal.factor import FactorOptions, predicted_seconds, thinness
 from solver.primal.hierarchy import Hierarchy, build_hierarchy, no_hierarchy
 from solver.primal.merged import MergedSystem, merge
 from solver.primal.rigid_space import FloatingMotions
-from solver.tfeti.decomposed import DecomposedProblem
+from solver.problem.decomposed import DecomposedProblem
 
 
 def free_matrices(comm: MPI.Intracomm) -> None:

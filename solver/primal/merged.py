@@ -23,9 +23,9 @@ from solver.contact.row_kinds import RowKind
 from solver.distributed import lent, local_rows, petsc_rows
 from solver.primal.merged_nodes import MergedNodes
 from solver.primal.products import chosen_rows, multiply_transposed, set_diagonal
+from solver.problem.decomposed import DecomposedProblem
+from solver.problem.subdomains import interface_slices
 from solver.rigid_motions import rigid_motions
-from solver.tfeti.decomposed import DecomposedProblem
-from solver.tfeti.subdomains import interface_slices
 from solver.vectors import Array, Ints, Mask, largest_magnitude
 
 

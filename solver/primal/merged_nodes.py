@@ -14,7 +14,7 @@ import numpy as np
 from scipy import sparse
 
 from solver.exchange import NodeExchange
-from solver.tfeti.decomposed import DecomposedProblem
+from solver.problem.decomposed import DecomposedProblem
 from solver.vectors import Array, Ints, Mask
 
 UNEVEN = 1.05

@@ -8,7 +8,7 @@ import numpy as np
 
 from solver.contact.row_kinds import RowKind
 from solver.primal.merged import MergedSystem
-from solver.tfeti.subdomains import interface_slices
+from solver.problem.subdomains import interface_slices
 from solver.vectors import Array
 
 

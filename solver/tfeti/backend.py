@@ -5,8 +5,8 @@ from functools import cached_property
 from petsc4py import PETSc
 
 from solver.backend import ConstraintHierarchy, Statuses
+from solver.problem.constraint_hierarchy import constraint_hierarchy
 from solver.tfeti.active_set_problem import ActiveSetProblem
-from solver.tfeti.constraint_hierarchy import constraint_hierarchy
 from solver.tfeti.coupled import CoupledRows, coupled_rows
 from solver.tfeti.directions import Directions, RecyclingOptions
 from solver.tfeti.dual import DualProblem

@@ -6,7 +6,7 @@ import numpy as np
 from mpi4py import MPI
 
 from solver.contact.bodies import Bodies, run_begins
-from solver.tfeti.constraints.matrix import ConstraintMatrix
+from solver.problem.constraints.matrix import ConstraintMatrix
 from solver.vectors import Ints
 
 

@@ -10,22 +10,22 @@ from scipy import sparse
 
 from solver.contact.row_kinds import RowKind
 from solver.exchange import NodeExchange
+from solver.problem.constraints.shared_rows import SharedRows
+from solver.problem.free_motions import FreeMotions, LooseBodies
+from solver.problem.system import Constraints, NodePlaces, loads_on
 from solver.tfeti.bodies import bodies_of
 from solver.tfeti.coarse.coarse_problem import CoarseProblem
 from solver.tfeti.constraints.options import TotalFetiOptions
 from solver.tfeti.constraints.rows import Rows
 from solver.tfeti.constraints.supports import SupportRows
 from solver.tfeti.dual import DualSystem
-from solver.tfeti.free_motions import FreeMotions, LooseBodies
 from solver.tfeti.row_order import order_rows
-from solver.tfeti.shared_rows import SharedRows
 from solver.tfeti.subdomain.classes import (
     ClassData,
     FactoredClass,
     subdomain_classes,
     unfactored_class,
 )
-from solver.tfeti.system import Constraints, NodePlaces, loads_on
 from solver.vectors import Array, Ints, Mask
 
 Measure = Callable[[], AbstractContextManager[None]]

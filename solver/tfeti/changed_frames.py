@@ -25,9 +25,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from solver.backend import Statuses, Turn
+from solver.problem.decomposed import DecomposedProblem
 from solver.qp.preconditioner import Preconditioner
 from solver.tfeti.coarse.coarse_problem import CoarseProblem
-from solver.tfeti.decomposed import DecomposedProblem
 from solver.tfeti.directions import Directions
 from solver.vectors import Array, Mask
 

@@ -23,8 +23,8 @@ from scipy.sparse.csgraph import connected_components
 
 from solver.contact.row_kinds import RowKind
 from solver.distributed import lent, local_rows, petsc_rows
-from solver.tfeti.constraints.matrix import ConstraintMatrix
-from solver.tfeti.decomposed import DecomposedProblem
+from solver.problem.constraints.matrix import ConstraintMatrix
+from solver.problem.decomposed import DecomposedProblem
 from solver.tfeti.subdomain.generalised_inverse import CholeskyFactor
 from solver.vectors import Array, Ints, Mask
 

@@ -9,8 +9,8 @@ import numpy as np
 
 from solver.backend import Turn
 from solver.contact.row_kinds import RowKind
-from solver.tfeti.constraints.friction import FrictionRows
-from solver.tfeti.constraints.matrix import TurnedConstraintMatrix
+from solver.problem.constraints.friction import FrictionRows
+from solver.problem.constraints.matrix import TurnedConstraintMatrix
 from solver.tfeti.dual import DualProblem, Reused
 from solver.vectors import Array, Mask
 

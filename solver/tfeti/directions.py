@@ -24,7 +24,7 @@ from dataclasses import dataclass
 import numpy as np
 from mpi4py import MPI
 
-from solver.tfeti.constraints.matrix import ConstraintMatrix
+from solver.problem.constraints.matrix import ConstraintMatrix
 from solver.vectors import Array, Mask
 
 

@@ -14,12 +14,12 @@ from functools import cached_property
 
 import numpy as np
 
+from solver.problem.decomposed import DecomposedProblem
+from solver.problem.system import ContactSystem
 from solver.tfeti.coarse.coarse_problem import CoarseProblem
-from solver.tfeti.decomposed import DecomposedProblem
 from solver.tfeti.dual_operator import DualOperator, FreeSolution, solve_free
 from solver.tfeti.projected import ProjectedOperator
 from solver.tfeti.subdomain.classes import FactoredClass
-from solver.tfeti.system import ContactSystem
 from solver.vectors import Array, largest_magnitude
 
 

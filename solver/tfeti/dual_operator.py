@@ -4,9 +4,9 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from solver.tfeti.constraints.matrix import ConstraintMatrix
+from solver.problem.constraints.matrix import ConstraintMatrix
+from solver.problem.subdomains import interface_slices
 from solver.tfeti.subdomain.classes import FactoredClass
-from solver.tfeti.subdomains import interface_slices
 from solver.vectors import Array
 
 FreeSolution = tuple[Array, list[Array]]

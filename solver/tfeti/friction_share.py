@@ -13,9 +13,9 @@ import numpy as np
 
 from solver.contact.equilibrium import FrictionCones, balance, carried_share, slide
 from solver.contact.solution import Solution
-from solver.tfeti.decomposed import DecomposedProblem
-from solver.tfeti.free_motions import FreeMotions
-from solver.tfeti.sizes import rows_on_allowed_motions
+from solver.problem.decomposed import DecomposedProblem
+from solver.problem.free_motions import FreeMotions
+from solver.problem.sizes import rows_on_allowed_motions
 from solver.vectors import Array, Ints
 
 HOLDS = 0.995

@@ -15,14 +15,14 @@ from petsc4py import PETSc
 from scipy import sparse
 
 from solver.exchange import NodeExchange
+from solver.problem.constraints.conditions import NodeConditions
+from solver.problem.constraints.merge import merge_contact, merge_held
+from solver.problem.constraints.shared_rows import SharedRows
 from solver.tfeti.build import CongruentSubdomains, ConstraintRows, build_system
-from solver.tfeti.constraints.conditions import NodeConditions
-from solver.tfeti.constraints.merge import merge_contact, merge_held
 from solver.tfeti.constraints.rows import write_rows
 from solver.tfeti.constraints.supports import SupportRows
 from solver.tfeti.derived import with_active
 from solver.tfeti.dual import DualProblem
-from solver.tfeti.shared_rows import SharedRows
 from solver.vectors import Array, Ints, Mask
 
 

@@ -17,9 +17,9 @@ import math
 import numpy as np
 from scipy import sparse
 
+from solver.problem.subdomains import interface_slices
 from solver.tfeti.coupled import CoupledRows, coupled_rows
 from solver.tfeti.dual import DualProblem
-from solver.tfeti.subdomains import interface_slices
 from solver.vectors import Array, Mask
 
 

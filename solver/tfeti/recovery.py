@@ -11,8 +11,8 @@ by their gradient. Open rows do not influence α, so they cause no jumps of u.
 
 import numpy as np
 
+from solver.problem.subdomains import interface_slices
 from solver.tfeti.dual import DualProblem
-from solver.tfeti.subdomains import interface_slices
 from solver.vectors import Array
 
 

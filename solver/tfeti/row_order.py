@@ -9,8 +9,8 @@ from scipy import sparse
 
 from solver.contact.row_kinds import RowKind
 from solver.exchange import NodeExchange
+from solver.problem.constraints.matrix import ConstraintMatrix
 from solver.tfeti.coarse.gram import KernelRows
-from solver.tfeti.constraints.matrix import ConstraintMatrix
 from solver.tfeti.constraints.rows import Rows
 from solver.tfeti.constraints.supports import SupportRows
 from solver.vectors import Array, Ints

@@ -7,9 +7,9 @@ import numpy as np
 from mpi4py import MPI
 from scipy import sparse
 
+from solver.problem.system import NodePlaces
 from solver.tfeti.dual import DualProblem
 from solver.tfeti.from_arrays import Held, Obstacle, Subdomain, problem_from_arrays
-from solver.tfeti.system import NodePlaces
 from solver.vectors import Array
 
 COLUMNS, ROWS = 4, 3

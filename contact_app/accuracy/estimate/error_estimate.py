@@ -36,7 +36,7 @@ from contact_app.accuracy.estimate.touching import touching_nodes
 from contact_app.model.model import Model
 from meshes.arrays import Array, Ints
 from solver.contact.solution import Accuracy, Solution
-from solver.tfeti.sizes import SIZES
+from solver.problem.sizes import SIZES
 
 _Distance = tuple[Ints, slice, Array, Array]
 

@@ -12,8 +12,8 @@ import numpy as np
 from contact_app.model.geometry import Geometry
 from meshes.arrays import Array, Mask
 from solver.contact.solution import Solution
+from solver.problem.subdomains import interface_slices
 from solver.tfeti.dual import DualProblem
-from solver.tfeti.subdomains import interface_slices
 
 
 @dataclass(frozen=True, eq=False)

@@ -43,9 +43,9 @@ from contact_app.model.model import Model
 from contact_app.results.report import at_most
 from meshes import Subdomain
 from solver.contact.solution import Solution
-from solver.tfeti.duality_gap import nearest_admissible
-from solver.tfeti.least_motion import with_supports_at
-from solver.tfeti.subdomains import interface_slices
+from solver.problem.duality_gap import nearest_admissible
+from solver.problem.least_motion import with_supports_at
+from solver.problem.subdomains import interface_slices
 from solver.vectors import Array, Ints, Mask, largest_magnitude
 
 RULE = 4

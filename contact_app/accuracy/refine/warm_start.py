@@ -20,7 +20,7 @@ from contact_app.results.pressure import boundary_shares
 from contact_app.results.surface_nodes import SurfaceNodes
 from meshes.arrays import Array
 from solver.contact.solution import Guess
-from solver.tfeti.constraints.conditions import ContactRows
+from solver.problem.constraints.conditions import ContactRows
 
 NEARER = 0.96
 """Distance of a row from a node in contact, over that from an open one, up to which it begins

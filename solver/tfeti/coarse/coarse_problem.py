@@ -31,8 +31,8 @@ from scipy import sparse
 from solver.distributed import petsc_rows
 from solver.exchange import NodeExchange
 from solver.factors import compute_factor
+from solver.problem.constraints.matrix import ConstraintMatrix
 from solver.tfeti.coarse.gram import Blocks, KernelRows
-from solver.tfeti.constraints.matrix import ConstraintMatrix
 from solver.tfeti.constraints.options import TotalFetiOptions
 from solver.vectors import Array, Mask, largest_magnitude, on_arrays
 

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from scipy import sparse
 
 from solver.exchange import NodeExchange
-from solver.tfeti.constraints.matrix import ConstraintMatrix
+from solver.problem.constraints.matrix import ConstraintMatrix
 from solver.tfeti.constraints.options import TotalFetiOptions
 from solver.vectors import Array, Ints, runs
 

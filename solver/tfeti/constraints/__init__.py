@@ -1,10 +1,8 @@
-"""The rows of B: gluing, held nodes and contact, and products with them on all ranks.
+"""The rows of B: gluing, held nodes and contact, and the copies of nodes that they join.
 
-Input are conditions at nodes of the subdomains, the product is the matrix B with the kind of each
-row (Dostál, Horák and Kučera, 2006): B u = c for gluing, held and tied rows, B u ≤ c for contact.
-`conditions` are the conditions at nodes, `merge` joins equal conditions into one row, `rows` writes
-B, `friction` the tangential rows, `cross_points` glues nodes of many subdomains, and `matrix` is B
-itself.
+Input are conditions at nodes (`solver.problem.constraints`), the product are the rows of B with
+their kinds (Dostál, Horák and Kučera, 2006): B u = c for gluing, held and tied rows, B u ≤ c for
+contact. `rows` writes B, and `cross_points` glues nodes of many subdomains.
 """
 
-__all__ = ["conditions", "friction", "matrix", "merge", "options", "rows", "supports", "ties"]
+__all__ = ["options", "rows", "supports"]

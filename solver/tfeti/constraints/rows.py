@@ -36,10 +36,10 @@ from numpy.typing import NDArray
 
 from solver.contact.row_kinds import RowKind
 from solver.exchange import NodeExchange
-from solver.tfeti.constraints.conditions import ContactEntries, ContactRows, HeldRows, points_of
+from solver.problem.constraints.conditions import ContactEntries, ContactRows, HeldRows, points_of
+from solver.problem.constraints.shared_rows import SHARED, SharedRows
 from solver.tfeti.constraints.cross_points import Neighbours, coarse_solves_matter
 from solver.tfeti.constraints.options import TotalFetiOptions
-from solver.tfeti.shared_rows import SHARED, SharedRows
 from solver.vectors import Array, Ints, Mask
 
 MOST_COMPONENTS = 3

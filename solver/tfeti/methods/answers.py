@@ -4,8 +4,8 @@ import numpy as np
 
 from solver.contact.solution import Solution
 from solver.contact.stopping import StoppingRule
+from solver.problem.answer import certified
 from solver.tfeti.active_set_problem import State
-from solver.tfeti.answer import certified
 from solver.tfeti.dual import DualProblem
 from solver.tfeti.feasible_multiplier import feasible_multiplier
 from solver.tfeti.recovery import displacements, kernel_coefficients

@@ -11,17 +11,17 @@ from solver.contact.retries import solve_with_retries
 from solver.contact.solution import Guess, Solution
 from solver.contact.solve_on_set import Outcome, SaveState
 from solver.contact.stopping import CertificateTest, StoppingRule
+from solver.problem.certify import friction_residual
+from solver.problem.contact_law import FLAT, SURE
+from solver.problem.duality_gap import duality_gap
+from solver.problem.task import Task, saved_by
 from solver.qp.outer_state import Restart
 from solver.qp.result import Counts, Reason
 from solver.tfeti.active_set_problem import State
 from solver.tfeti.backend import TotalFeti
-from solver.tfeti.certify import friction_residual
-from solver.tfeti.contact_law import FLAT, SURE
 from solver.tfeti.dual import DualProblem
-from solver.tfeti.duality_gap import duality_gap
 from solver.tfeti.friction_share import may_hold
 from solver.tfeti.methods.answers import answer_of_state
-from solver.tfeti.task import Task, saved_by
 from solver.tfeti.winkler import winkler_contact
 from solver.vectors import largest_magnitude
 

@@ -6,12 +6,12 @@ import numpy as np
 
 from solver.contact.checkpoint import Saver, without_outer_iterations
 from solver.contact.solution import Solution
+from solver.problem.task import Task
 from solver.qp.box_qp import BoxQP
 from solver.qp.iterate import Iterate
 from solver.qp.result import Counts, Reason
 from solver.tfeti.dual import DualProblem
 from solver.tfeti.methods.answers import answer_of_iterate
-from solver.tfeti.task import Task
 from solver.vectors import Array
 
 METHOD = "mprgp"

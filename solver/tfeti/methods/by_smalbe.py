@@ -27,6 +27,7 @@ from solver.contact.checkpoint import Saver
 from solver.contact.slip_limits import SlipLimits
 from solver.contact.solution import Solution
 from solver.contact.solve_on_set import Outcome
+from solver.problem.task import Task
 from solver.qp.operators import estimate_norm
 from solver.qp.outer_state import Hooks, OuterState, Restart
 from solver.qp.result import Counts, Reason
@@ -40,7 +41,6 @@ from solver.tfeti.methods.by_active_sets import solve_from
 from solver.tfeti.preconditioner import DualPreconditioner
 from solver.tfeti.projected import ProjectorEquality
 from solver.tfeti.recovery import interface_displacements, kernel_coefficients
-from solver.tfeti.task import Task
 from solver.vectors import Array
 
 METHOD = "smalbe"

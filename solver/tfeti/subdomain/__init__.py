@@ -1,7 +1,7 @@
 """Subdomains: stiffness K, kernel R, generalised inverse K⁺.
 
 Input are the stiffness matrices of subdomains and the coordinates of their nodes
-(`classes.ClassData`); the product is one `classes.SubdomainClass` for all congruent subdomains,
+(`classes.ClassData`); the product is one `classes.FactoredClass` for all congruent subdomains,
 which share one factor. K⁺ is that of a regularisation at fixing nodes (Brzobohatý et al., 2011;
 `generalised_inverse`), and K K⁺ K = K holds exactly. `kernels` are the rigid motions, from geometry
 alone. `reflections` splits the inverse of a mirror symmetric subdomain into smaller blocks

@@ -13,6 +13,7 @@ from functools import cached_property
 import numpy as np
 from scipy import sparse
 
+from solver.problem.subdomains import SubdomainClass
 from solver.tfeti.subdomain.costs import block_pays
 from solver.tfeti.subdomain.generalised_inverse import (
     Block,
@@ -29,7 +30,6 @@ from solver.tfeti.subdomain.kernels import (
 from solver.tfeti.subdomain.reflections import find_symmetry
 from solver.tfeti.subdomain.rigid import ZeroInverse
 from solver.tfeti.subdomain.similar import MovedInverse, ScaledBlock, Shape, Similarity
-from solver.tfeti.subdomains import SubdomainClass
 from solver.vectors import Array, Ints
 
 

@@ -5,7 +5,7 @@ import pytest
 from mpi4py import MPI
 from scipy import sparse
 
-from solver.tfeti.constraints.matrix import ConstraintMatrix
+from solver.problem.constraints.matrix import ConstraintMatrix
 from tests import scenes
 from tests.ranks import execute
 

@@ -19,8 +19,8 @@ from solver.contact.stopping import StoppingRule
 from solver.driver import solve as solve_problem
 from solver.primal.by_active_sets import solve_by_multigrid
 from solver.primal.factor import FactorOptions
+from solver.problem.task import Task
 from solver.qp.mprgp import MPRGP
-from solver.tfeti.task import Task
 from tests import scenes
 from tests.comparison import same_contacts, solve
 from tests.scenes_on_ranks import run_scene, summary_of

@@ -10,11 +10,11 @@ from solver.contact.friction_law import Friction
 from solver.contact.retries import solve_with_retries
 from solver.contact.slip_front import SlipFront
 from solver.contact.solve_on_set import Outcome, StoppingTest
+from solver.problem.certify import friction_residual
 from solver.qp.mprgp import MPRGP
 from solver.qp.result import Reason
 from solver.tfeti.active_set_problem import State
 from solver.tfeti.backend import TotalFeti
-from solver.tfeti.certify import friction_residual
 from solver.tfeti.methods.by_active_sets import initial_active_set
 from tests import scenes
 from tests.contact_app.model.test_rigid_friction import plate, under_a_plate

@@ -12,9 +12,9 @@ from solver.backend import Statuses
 from solver.contact.stopping import StoppingRule
 from solver.primal.backend import Multigrid
 from solver.primal.by_active_sets import solve_by_multigrid
+from solver.problem.task import Task
 from solver.qp.mprgp import MPRGP
 from solver.tfeti.dual import DualProblem
-from solver.tfeti.task import Task
 from solver.vectors import Mask
 from tests import scenes
 from tests.contact_app.run.test_primal import MULTIGRID_ALWAYS

@@ -8,8 +8,8 @@ import pytest
 from solver.contact.stopping import StoppingRule
 from solver.primal import by_active_sets
 from solver.primal.factor import FactorOptions
+from solver.problem.task import Task
 from solver.qp.mprgp import MPRGP
-from solver.tfeti.task import Task
 from tests import scenes
 from tests.bearings import half_bearing
 from tests.comparison import solve

@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 
 from contact_app.run.solve import solve_scene
+from solver.problem.certify import certify
 from solver.qp.result import Reason
-from solver.tfeti.certify import certify
 from tests import scenes
 from tests.comparison import solve
 

@@ -12,8 +12,8 @@ from contact_app.run.cases import solved_cases
 from solver.contact.solution import Guess
 from solver.contact.stopping import StoppingRule
 from solver.primal.by_active_sets import solve_by_multigrid
+from solver.problem.task import Task
 from solver.qp.mprgp import MPRGP
-from solver.tfeti.task import Task
 from tests import scenes
 
 

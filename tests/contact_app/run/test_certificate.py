@@ -161,7 +161,7 @@ def test_sliding_along_a_curved_obstacle_is_warned_of() -> None:
 
 def judged(solution: Any, multiplier: np.ndarray, displacements: list[np.ndarray]) -> dict:
     """The certificate of a modified answer."""
-    from solver.tfeti.certify import certify
+    from solver.problem.certify import certify
 
     return certify(solution.model.problem, multiplier, displacements, 1e-9)[0].as_dict()
 
@@ -253,7 +253,7 @@ def test_detects_wrong_contact_forces(change: str) -> None:
 def test_rows_that_press_and_stand_open_cost_the_second_order() -> None:
     """A body moved off its wall by t: λ t would be of first order in t, the closed gap is of order
     t²."""
-    from solver.tfeti.certify import certify
+    from solver.problem.certify import certify
 
     solution = certified("wall", 1e-12)
     problem, answer = solution.model.problem, solution.solution

@@ -7,7 +7,7 @@ import pytest
 from mpi4py import MPI
 
 from contact_app.run.solve import solve_scene
-from solver.tfeti.constraint_hierarchy import constraint_hierarchy
+from solver.problem.constraint_hierarchy import constraint_hierarchy
 from solver.tfeti.dual import DualProblem
 from tests import scenes
 from tests.hard_scenes import pressed_box, slender, wall
@@ -21,7 +21,7 @@ import sys
 from mpi4py import MPI
 
 from contact_app.model.model import build_model
-from solver.tfeti.constraint_hierarchy import constraint_hierarchy
+from solver.problem.constraint_hierarchy import constraint_hierarchy
 from tests import scenes
 
 comm, counts = MPI.COMM_WORLD, []

@@ -1,4 +1,4 @@
-"""The least motion among the answers of equal energy: `solver.tfeti.least_motion`."""
+"""The least motion among the answers of equal energy: `solver.problem.least_motion`."""
 
 from dataclasses import replace
 from itertools import pairwise
@@ -9,7 +9,7 @@ import pytest
 
 import contact_app
 from contact_app.run.solve import solve_scene
-from solver.tfeti.least_motion import with_least_motion
+from solver.problem.least_motion import with_least_motion
 from tests import scenes
 from tests.scenes_on_ranks import summary_of
 from tests.stability.feature_scenes import feature_scene

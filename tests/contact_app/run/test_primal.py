@@ -27,8 +27,8 @@ from solver.primal.hierarchy import build_hierarchy
 from solver.primal.merged import merge
 from solver.primal.projector import Projector
 from solver.primal.vertices import vertex_level
+from solver.problem.task import Task
 from solver.qp.mprgp import MPRGP
-from solver.tfeti.task import Task
 from solver.vectors import Array
 from tests import scenes
 from tests.comparison import in_order_of, in_space, reference_of, solve
@@ -380,7 +380,7 @@ from tests.contact_app.run.test_primal import MULTIGRID_ALWAYS, of_degree_2
 from contact_app.model.model import build_model
 from solver.primal.by_active_sets import solve_by_multigrid
 from solver.contact.stopping import StoppingRule
-from solver.tfeti.task import Task
+from solver.problem.task import Task
 from solver.qp.mprgp import MPRGP
 made = {**of_degree_2("pushed", "tetrahedron", 3), "solver": {"method": "primal"}}
 problem = build_model(scenes.build(made), MPI.COMM_WORLD).problem

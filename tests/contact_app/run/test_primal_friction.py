@@ -17,8 +17,8 @@ from solver.primal.hierarchy import build_hierarchy
 from solver.primal.matrices import Matrices
 from solver.primal.merged import merge
 from solver.primal.products import multiply
+from solver.problem.task import Task
 from solver.qp.mprgp import MPRGP
-from solver.tfeti.task import Task
 from tests import scenes
 from tests.comparison import solve
 from tests.contact_app.run import test_friction

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from solver.tfeti.certify import friction_numbers
+from solver.problem.certify import friction_numbers
 from tests import scenes
 from tests.comparison import solve
 from tests.contact_app.run.test_friction import pair

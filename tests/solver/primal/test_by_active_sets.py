@@ -16,9 +16,9 @@ from solver.primal.factor import FactorOptions
 from solver.primal.merged import MergedSystem, merge
 from solver.primal.products import multiply
 from solver.primal.projector import Projector
+from solver.problem.task import Task
 from solver.qp.mprgp import MPRGP
 from solver.tfeti.dual import DualProblem
-from solver.tfeti.task import Task
 from solver.vectors import Array
 from tests.solver.lattices import COLUMNS, ROWS, in_pieces, undecomposed
 from tests.solver.tfeti.test_from_arrays import GAP, floor_force, reference

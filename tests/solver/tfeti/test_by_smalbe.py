@@ -7,11 +7,11 @@ from solver.contact.options import SolverOptions
 from solver.contact.solution import Solution
 from solver.contact.stopping import StoppingRule
 from solver.driver import solve
+from solver.problem.task import Task
 from solver.qp.mprgp import MPRGP
 from solver.qp.result import Reason
 from solver.tfeti.dual import DualProblem
 from solver.tfeti.methods.by_smalbe import solve_by_smalbe
-from solver.tfeti.task import Task
 from solver.vectors import Array
 from tests.solver.lattices import COLUMNS, ROWS, in_pieces
 

@@ -9,15 +9,15 @@ from hypothesis import strategies as st
 
 from solver.contact.options import SolverOptions
 from solver.driver import solve
+from solver.problem.duality_gap import duality_gap, nearest_admissible
+from solver.problem.feasible import feasible_displacements
+from solver.problem.sizes import MeasuredAnswer
+from solver.problem.subdomains import interface_slices
 from solver.tfeti.coarse.coarse_problem import CoarseProblem
 from solver.tfeti.derived import with_active
 from solver.tfeti.dual import DualProblem
-from solver.tfeti.duality_gap import duality_gap, nearest_admissible
-from solver.tfeti.feasible import feasible_displacements
 from solver.tfeti.feasible_multiplier import feasible_multiplier
 from solver.tfeti.recovery import displacements, interface_displacements, kernel_coefficients
-from solver.tfeti.sizes import MeasuredAnswer
-from solver.tfeti.subdomains import interface_slices
 from solver.vectors import Array
 from tests.solver.tfeti.test_from_arrays import in_pieces
 

@@ -8,10 +8,10 @@ from mpi4py import MPI
 
 from solver.contact.row_kinds import RowKind
 from solver.exchange import NodeExchange
-from solver.tfeti.constraints.conditions import ContradictionError, NodeConditions
-from solver.tfeti.constraints.merge import merge_contact, merge_held
+from solver.problem.constraints.conditions import ContradictionError, NodeConditions
+from solver.problem.constraints.merge import merge_contact, merge_held
+from solver.problem.constraints.shared_rows import SharedRows
 from solver.tfeti.constraints.rows import write_rows
-from solver.tfeti.shared_rows import SharedRows
 
 D = 3
 

@@ -15,7 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from solver.contact.friction_points import FrictionPoints
-from solver.tfeti.constraints.conditions import ContactRows, points_of
+from solver.problem.constraints.conditions import ContactRows, points_of
 from solver.vectors import Array, Ints, Mask, runs
 
 

@@ -12,7 +12,7 @@ from mpi4py import MPI
 from scipy import sparse
 from scipy.sparse.linalg import splu
 
-from solver.tfeti.constraints.conditions import ContactRows
+from solver.problem.constraints.conditions import ContactRows
 from solver.vectors import Array, Ints, Mask
 
 SAME = 1e-10

@@ -24,10 +24,10 @@ from solver.contact.equilibrium import held_motions
 from solver.contact.nearest_point import nearest_point
 from solver.contact.row_kinds import RowKind
 from solver.contact.solution import Solution
-from solver.tfeti.certify import certify
-from solver.tfeti.decomposed import DecomposedProblem
-from solver.tfeti.free_motions import RESOLVED, FreeMotions
-from solver.tfeti.sizes import rows_on_allowed_motions, rows_that_resist
+from solver.problem.certify import certify
+from solver.problem.decomposed import DecomposedProblem
+from solver.problem.free_motions import RESOLVED, FreeMotions
+from solver.problem.sizes import rows_on_allowed_motions, rows_that_resist
 from solver.vectors import Array, Mask, largest_magnitude
 
 ROUNDED = 1e-9

@@ -7,8 +7,8 @@ solution with the slip limits frozen at those of λ.
 
 import numpy as np
 
-from solver.tfeti.decomposed import DecomposedProblem
-from solver.tfeti.feasible import (
+from solver.problem.decomposed import DecomposedProblem
+from solver.problem.feasible import (
     feasible_displacements,
     motion_energies,
     without_jumps,

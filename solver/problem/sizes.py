@@ -12,10 +12,10 @@ import numpy as np
 from solver.contact.bodies import MOTIONLESS, largest
 from solver.contact.certificate import ROUNDED_LIMIT
 from solver.contact.row_kinds import RowKind
-from solver.tfeti.decomposed import DecomposedProblem
-from solver.tfeti.duality_gap import group_gaps
-from solver.tfeti.free_motions import FreeMotions
-from solver.tfeti.subdomains import interface_slices
+from solver.problem.decomposed import DecomposedProblem
+from solver.problem.duality_gap import group_gaps
+from solver.problem.free_motions import FreeMotions
+from solver.problem.subdomains import interface_slices
 from solver.vectors import Array, Mask
 
 

@@ -5,7 +5,7 @@ import numpy as np
 from solver.contact.friction_law import Friction, FrictionOptions
 from solver.contact.law import ContactLaw, Frictionless
 from solver.contact.slip_front import SlipFront
-from solver.tfeti.decomposed import DecomposedProblem
+from solver.problem.decomposed import DecomposedProblem
 from solver.vectors import largest_magnitude
 
 FLAT = 1e-12

@@ -18,10 +18,10 @@ from scipy import sparse
 
 from solver.contact.bodies import Bodies
 from solver.contact.row_kinds import RowKind
-from solver.tfeti.constraints.matrix import ConstraintMatrix
-from solver.tfeti.free_motions import FreeMotions
-from solver.tfeti.shared_rows import SharedRows
-from solver.tfeti.subdomains import SubdomainClass
+from solver.problem.constraints.matrix import ConstraintMatrix
+from solver.problem.constraints.shared_rows import SharedRows
+from solver.problem.free_motions import FreeMotions
+from solver.problem.subdomains import SubdomainClass
 from solver.vectors import Array, Ints, Mask
 
 

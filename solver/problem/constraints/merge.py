@@ -10,7 +10,7 @@ from dataclasses import replace
 import numpy as np
 
 from solver.exchange import NodeExchange
-from solver.tfeti.constraints.conditions import (
+from solver.problem.constraints.conditions import (
     ContactEntries,
     ContactRows,
     ContradictionError,

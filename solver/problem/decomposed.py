@@ -18,13 +18,13 @@ from solver.contact.bodies import Bodies, body_lengths
 from solver.contact.friction_points import FrictionPoints
 from solver.contact.row_kinds import RowKind
 from solver.distributed import local_rows, petsc_rows
-from solver.tfeti.constraints.conditions import ContactRows, HeldRows
-from solver.tfeti.constraints.friction import friction_points
-from solver.tfeti.constraints.matrix import ConstraintMatrix, without_columns
-from solver.tfeti.shared_rows import SharedRows
-from solver.tfeti.subdomains import SubdomainClass, interface_slices
-from solver.tfeti.system import ContactSystem
-from solver.tfeti.unfactored_loads import (
+from solver.problem.constraints.conditions import ContactRows, HeldRows
+from solver.problem.constraints.friction import friction_points
+from solver.problem.constraints.matrix import ConstraintMatrix, without_columns
+from solver.problem.constraints.shared_rows import SharedRows
+from solver.problem.subdomains import SubdomainClass, interface_slices
+from solver.problem.system import ContactSystem
+from solver.problem.unfactored_loads import (
     given_motions,
     lengths_at_unknowns,
     loads_in_energy,

@@ -10,10 +10,10 @@ from solver.contact.active_set_options import ActiveSetOptions
 from solver.contact.checkpoint import Checkpoint, Saver, without_outer_iterations
 from solver.contact.solve_on_set import SaveState, StoppingTest
 from solver.contact.stopping import CertificateTest, StoppingRule
+from solver.problem.contact_law import contact_law
+from solver.problem.decomposed import DecomposedProblem
 from solver.qp.mprgp import MPRGP
 from solver.qp.result import Counts, Monitor
-from solver.tfeti.contact_law import contact_law
-from solver.tfeti.decomposed import DecomposedProblem
 
 Problem = TypeVar("Problem", bound=DecomposedProblem, covariant=True)
 

@@ -3,8 +3,8 @@
 from dataclasses import dataclass
 
 from solver.contact.row_kinds import RowKind
-from solver.tfeti.constraints.conditions import ContactRows
-from solver.tfeti.constraints.friction import FrictionRows
+from solver.problem.constraints.conditions import ContactRows
+from solver.problem.constraints.friction import FrictionRows
 
 SHARED = RowKind.CONTACT, RowKind.TANGENT, RowKind.TIED, RowKind.MEAN
 """Kinds of rows over nodes that other ranks may own, in the order of `SharedRows`."""

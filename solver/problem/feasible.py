@@ -7,8 +7,8 @@ bounds the error.
 import numpy as np
 
 from solver.distributed import lent
-from solver.tfeti.decomposed import DecomposedProblem
-from solver.tfeti.subdomains import interface_slices
+from solver.problem.decomposed import DecomposedProblem
+from solver.problem.subdomains import interface_slices
 from solver.vectors import Array, Mask, largest_magnitude
 
 CLOSED = 1e-14

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from solver.contact.bodies import Bodies
-from solver.tfeti.sizes import BodyForces, force_references
+from solver.problem.sizes import BodyForces, force_references
 
 
 class _Group:

@@ -12,7 +12,7 @@ import numpy as np
 from mpi4py import MPI
 
 from solver.contact.bodies import Bodies, largest
-from solver.tfeti.subdomains import SubdomainClass
+from solver.problem.subdomains import SubdomainClass
 from solver.vectors import Array
 
 

@@ -6,8 +6,8 @@ import numpy as np
 
 from solver.contact.bodies import Bodies, body_lengths, largest, reference_sizes
 from solver.contact.certificate import NUMBERS, ROUNDED_LIMIT, Certificate, Measures
-from solver.tfeti.decomposed import DecomposedProblem
-from solver.tfeti.sizes import MeasuredAnswer, energy_scales, force_references, summed_forces
+from solver.problem.decomposed import DecomposedProblem
+from solver.problem.sizes import MeasuredAnswer, energy_scales, force_references, summed_forces
 from solver.vectors import Array, Mask
 
 STRAINING = 200.0

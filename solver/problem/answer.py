@@ -6,9 +6,9 @@ import numpy as np
 
 from solver.contact.solution import Solution
 from solver.contact.stopping import StoppingRule
+from solver.problem.certify import certify
+from solver.problem.decomposed import DecomposedProblem
 from solver.qp.result import Counts, Reason
-from solver.tfeti.certify import certify
-from solver.tfeti.decomposed import DecomposedProblem
 from solver.vectors import Array
 
 ROUNDED_FORCE = 1e3 * float(np.finfo(np.float64).eps)

@@ -17,8 +17,8 @@ import numpy as np
 from mpi4py import MPI
 
 from solver.backend import ConstraintHierarchy
-from solver.tfeti.decomposed import DecomposedProblem
-from solver.tfeti.subdomains import interface_slices
+from solver.problem.decomposed import DecomposedProblem
+from solver.problem.subdomains import interface_slices
 from solver.vectors import Ints, Mask
 
 FEWEST = 8
