@@ -135,6 +135,17 @@ def clamp(cell: str, on: str) -> Config:
     return {"on": on, "displacement": vector(cell, 0.0, 0.0, 0.0)}
 
 
+def column(cell: str, n: int, *loads: Config, **keys: object) -> Config:
+    """A column between rollers on all sides, standing on a floor that it may leave."""
+    sides = rollers(cell, "+-", axes="xy"[: dimension(cell) - 1])
+    return config(cell, [block(cell, n) | keys], [*sides, *loads], [on_floor(cell)])
+
+
+def confined_modulus(young: float, poisson: float) -> float:
+    """Stress over strain of a column that cannot widen."""
+    return young * (1 - poisson) / ((1 + poisson) * (1 - 2 * poisson))
+
+
 # --- scenes ------------------------------------------------------------------------------------
 
 

@@ -5,7 +5,6 @@ import pytest
 
 from tests import scenes
 from tests.comparison import solve
-from tests.contact_app.model.test_convergence import column, confined_modulus
 from tests.contact_app.model.test_two_bodies import stack
 from tests.rows import covering
 
@@ -16,10 +15,10 @@ CELLS = scenes.CELLS_3D + scenes.CELLS_2D
 def test_own_weight_against_the_exact_solution(cell: str) -> None:
     """‖u - u_h‖² = 2 (J(u_h) - J(u)) with J(u) = -w²/(6 M): effectivity near 1, order 1."""
     weight = 20.0
-    exact = -(weight**2) / (6 * confined_modulus(1000.0, 0.3))
+    exact = -(weight**2) / (6 * scenes.confined_modulus(1000.0, 0.3))
     estimates = []
     for n in (2, 4, 8):
-        made = column(cell, n, scenes.weight(cell, 0, 0, -weight))
+        made = scenes.column(cell, n, scenes.weight(cell, 0, 0, -weight))
         solved = solve(made, [1, 2, 2][: scenes.dimension(cell)])
         norm = np.sqrt(-2 * solved.summary["solution"]["energy"])
         error = np.sqrt(2 * (solved.summary["solution"]["energy"] - exact)) / norm
@@ -34,7 +33,7 @@ def test_own_weight_against_the_exact_solution(cell: str) -> None:
 )
 def test_zero_where_the_mesh_is_exact(cell: str, mean: bool) -> None:
     """The contact patch: a constant stress, with rollers, a loaded and a touching side."""
-    made = column(cell, 3, scenes.on_top(cell, 0, 0, -30.0), mean_dilatation=mean)
+    made = scenes.column(cell, 3, scenes.on_top(cell, 0, 0, -30.0), mean_dilatation=mean)
     if mean:
         made["bodies"][0]["material"]["poisson"] = 0.49
     solved = solve(made, [2] * scenes.dimension(cell), tolerance=1e-12)
@@ -47,7 +46,7 @@ def test_zero_where_the_mesh_is_exact(cell: str, mean: bool) -> None:
 @pytest.mark.parametrize("cell", CELLS)
 def test_zero_where_a_body_one_cell_thick_is_exact(cell: str, degree: int) -> None:
     """The same patch on one cell: stresses across it must not be halved."""
-    made = column(cell, 3, scenes.on_top(cell, 0, 0, -30.0), degree=degree)
+    made = scenes.column(cell, 3, scenes.on_top(cell, 0, 0, -30.0), degree=degree)
     made["bodies"][0]["mesh"]["box"]["cells"][0] = 1
     assert solve(made, tolerance=1e-10).accuracy.discretisation < 1e-8
 
@@ -55,7 +54,7 @@ def test_zero_where_a_body_one_cell_thick_is_exact(cell: str, degree: int) -> No
 @pytest.mark.parametrize("cell", CELLS)
 def test_zero_where_degree_2_is_exact(cell: str) -> None:
     """A stress linear in height: a column under its own weight, on one and many subdomains."""
-    made = column(cell, 2, scenes.weight(cell, 0, 0, -20.0), degree=2)
+    made = scenes.column(cell, 2, scenes.weight(cell, 0, 0, -20.0), degree=2)
     for parts in (1, [2] * scenes.dimension(cell)):
         solved = solve(made, parts, tolerance=1e-12)
         assert solved.summary["solution"]["max_contact_pressure"] > 10.0

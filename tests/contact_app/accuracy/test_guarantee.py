@@ -18,7 +18,6 @@ from contact_app.results.report import at_most
 from contact_app.run.solve import solve_scene
 from tests import scenes
 from tests.comparison import solve
-from tests.contact_app.model.test_convergence import column, confined_modulus
 from tests.contact_app.model.test_two_bodies import stack
 from tests.contact_app.test_cli import contact_app
 from tests.scenes_on_ranks import summary_of
@@ -39,7 +38,7 @@ def energy(solved: Any) -> float:
 @pytest.mark.parametrize("parts", [1, 2])
 def test_zero_where_the_mesh_is_exact(cell: str, parts: int) -> None:
     """The contact patch: a constant stress, with rollers, a loaded and a touching side."""
-    made = column(cell, 3, scenes.on_top(cell, 0, 0, -30.0))
+    made = scenes.column(cell, 3, scenes.on_top(cell, 0, 0, -30.0))
     _, found = bounded(made, [parts] * scenes.dimension(cell), tolerance=1e-13)
     assert found.bound is not None
     assert found.bound < 1e-7  # rounding of a closed gap, of second order in the error
@@ -67,9 +66,9 @@ def test_zero_where_the_mesh_is_exact_in_shear() -> None:
 def test_own_weight_against_the_exact_solution(cell: str) -> None:
     """‖u - u_h‖² = 2 (J(u_h) - J(u)) with J(u) = -w²/(6 M): above it, below twice, of order 1."""
     weight, bounds = 20.0, []
-    exact = -(weight**2) / (6 * confined_modulus(1000.0, 0.3))
+    exact = -(weight**2) / (6 * scenes.confined_modulus(1000.0, 0.3))
     for n in (2, 4, 8):
-        solved, found = bounded(column(cell, n, scenes.weight(cell, 0, 0, -weight)))
+        solved, found = bounded(scenes.column(cell, n, scenes.weight(cell, 0, 0, -weight)))
         assert found.bound is not None
         error = (2 * (energy(solved) - exact) / found.norm**2) ** 0.5
         assert 1.0 <= found.bound / error < 2.0

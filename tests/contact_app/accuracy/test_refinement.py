@@ -25,7 +25,6 @@ from meshes.graded import graded_box
 from meshes.unstructured import CellMesh
 from tests import scenes
 from tests.comparison import solve
-from tests.contact_app.model.test_convergence import column, confined_modulus
 
 DATA = Path(__file__).parents[2] / "data"
 
@@ -94,7 +93,7 @@ def test_the_next_mesh(errors: list[float], target: float, whole: bool, expected
 
 
 def weight_config(cell: str, accuracy: float) -> scenes.Config:
-    made = column(cell, 2, scenes.weight(cell, 0, 0, -20.0))
+    made = scenes.column(cell, 2, scenes.weight(cell, 0, 0, -20.0))
     made["accuracy"] = accuracy
     del made["solver"]
     return made
@@ -108,7 +107,7 @@ def test_an_accuracy_is_met_with_no_more_than_it_takes(cell: str, accuracy: floa
     scene = scenes.build(weight_config(cell, accuracy))
     found = solve_to_accuracy(scene, solve_scene)
     assert not found.missed
-    exact = -(20.0**2) / (6 * confined_modulus(1000.0, 0.3))
+    exact = -(20.0**2) / (6 * scenes.confined_modulus(1000.0, 0.3))
     energy = found.solved.summary["solution"]["energy"]
     assert np.sqrt(max(energy - exact, 0.0) / -exact) <= accuracy * 1.001
     assert len(found.levels) <= 5

@@ -73,25 +73,6 @@ def state_of(directory: Path) -> dict[str, Any]:
 
 
 @pytest.mark.ratchet
-def test_a_solve_stopped_on_an_active_set_continues_from_it(
-    problem: DualProblem, scene: Any, tmp_path: Path
-) -> None:
-    straight = solve(problem, scene.solver, None)
-    assert straight.counts.outer == 0
-    stopped = go(problem, scene, tmp_path, stopped_after_steps(8), resume=False)
-    assert not stopped.converged
-    gap = stopped.certificate.duality_gap
-    assert gap < 0.1  # the state on the active set, not that at the end of SMALBE
-    spent = state_of(tmp_path)["counts"]["hessian"]
-    assert spent == stopped.counts.hessian
-    resumed = go(problem, scene, tmp_path, None, resume=True)
-    assert resumed.converged
-    # of 16 products 8 are spent, and a new start of conjugate gradients costs a few
-    assert resumed.counts.hessian - spent <= straight.counts.hessian - spent + 4
-    assert resumed.measures.energy == pytest.approx(straight.measures.energy, rel=1e-7)
-
-
-@pytest.mark.ratchet
 def test_a_resumed_solve_ends_with_the_same_answer(
     problem: DualProblem, scene: Any, tmp_path: Path
 ) -> None:

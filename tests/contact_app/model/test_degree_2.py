@@ -4,19 +4,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from mpi4py import MPI
-from scipy.sparse.linalg import splu
 
 from contact_app.errors import NoEquilibriumError
-from contact_app.model.assembly import Element
 from contact_app.run.solve import solve_scene
-from contact_app.scene.material import Material
 from contact_app.scene.yaml_reader import read
-from meshes import BoxShape, decompose
-from tests import meshfiles, reference, scenes
+from tests import reference, scenes
 from tests.comparison import in_space, same_displacement, solve
-from tests.contact_app.model.test_meshes_from_files import patch
-from tests.contact_app.model.test_two_bodies import PAIRS, PRESSURE, patch_displacement, stack
 from tests.rows import covering
 from tests.scenes_on_ranks import one_and_two, same_solution
 
@@ -40,48 +33,6 @@ def test_the_undecomposed_answer(name: str, cell: str) -> None:
             summary["solution"]["contact_force"], in_space(known.contact_force),
             rtol=0, atol=1e-6 * np.abs(known.system.load).sum(),
         )  # fmt: skip
-
-
-@pytest.mark.parametrize("cell", CELLS)
-@pytest.mark.parametrize("subdomains", [1, 5])
-def test_a_constant_pressure_is_constant(cell: str, subdomains: int) -> None:
-    """Patch test: a block on a floor under a pressure q; σ = -q e⊗e, exact on any mesh."""
-    q, E, nu, d = 100.0, 900.0, 0.25, scenes.dimension(cell)
-    up = scenes.up(cell)
-    made = scenes.quadratic(
-        scenes.config(
-            cell,
-            [scenes.block(cell, 3, young=E, poisson=nu)],
-            [*scenes.rollers(cell, axes="xy"[: d - 1]), {"on": f"block.{up}", "pressure": q}],
-            [scenes.on_floor(cell)],
-        )
-    )
-    solution = solve(made, subdomains)
-    assert solution.summary["certificate"]["passed"]
-    x, u = solution.nodes.points, solution.nodes.displacement
-    down, across = -(1 - nu**2 if d == 2 else 1) * q / E, nu * (1 + nu if d == 2 else 1) * q / E
-    exact = x[:, :d] * [*[across] * (d - 1), down]
-    np.testing.assert_allclose(u, exact, rtol=0, atol=1e-9 * abs(down))
-    pressure = solution.nodes.contact_pressure
-    on_floor = x[:, d - 1] < 1e-9
-    np.testing.assert_allclose(pressure[on_floor], q, rtol=1e-7)
-    assert not pressure[~on_floor].any()
-    # Everywhere on the faces, also between corners where only those have rows.
-    np.testing.assert_array_equal(np.isfinite(solution.nodes.gap), on_floor)
-    assert solution.summary["solution"]["max_contact_pressure"] == pytest.approx(q, rel=1e-7)
-    assert solution.summary["solution"]["contact_force"][d - 1] == pytest.approx(q, rel=1e-9)
-    stress = solution.cells.stress[:, d - 1]
-    np.testing.assert_allclose(stress, -q, rtol=1e-8)
-
-
-@pytest.mark.parametrize("cell", ["triangle", "tetrahedron"])
-def test_a_pressure_that_varies_is_never_negative(cell: str) -> None:
-    """A tilted load: the multiplier's field is linear on faces and has the load's moment."""
-    made = scenes.quadratic(scenes.ALL["tilted_plane"](cell, 3))
-    solution = solve(made, 3)
-    assert solution.summary["certificate"]["passed"]
-    assert solution.nodes.contact_pressure.min() >= 0.0
-    assert solution.summary["solution"]["max_contact_pressure"] > 0.0
 
 
 def press(cell: str, n: int, poisson: float, **options: object) -> scenes.Config:
@@ -174,26 +125,6 @@ def test_two_obstacles_without_room() -> None:
         solve({**made, "contacts": [*made["contacts"], behind]}, 2)
 
 
-@pytest.mark.parametrize("cell", CELLS)
-def test_meshes_from_files(cell: str, tmp_path: Path) -> None:
-    """Distorted or cut anyhow: constant stress and constant pressure come out exactly."""
-    file = meshfiles.write(meshfiles.block(cell, 4), tmp_path / "block.msh")
-    d = scenes.dimension(cell)
-    made = scenes.quadratic(patch(cell, file))
-    for subdomains in (1, 6):
-        solution = solve(made, subdomains)
-        assert solution.summary["certificate"]["passed"]
-        assert solution.summary["mesh"]["nodes"] == 9**d
-        exact = solve(patch(cell, file), 1)
-        assert solution.summary["solution"]["energy"] == pytest.approx(
-            exact.summary["solution"]["energy"], rel=1e-9
-        )
-        pressure = solution.nodes.contact_pressure
-        touching = pressure[pressure > 0.0]
-        np.testing.assert_allclose(touching, touching[0], rtol=1e-6)
-        assert len(touching) == 9 ** (d - 1)
-
-
 @pytest.mark.mpi
 @pytest.mark.parametrize(
     "cell", ["tetrahedron", pytest.param("hexahedron", marks=pytest.mark.slow)]
@@ -203,88 +134,3 @@ def test_two_ranks(cell: str, tmp_path: Path) -> None:
     one, two = one_and_two(made, tmp_path, 5)
     assert two["decomposition"]["contact"] == one["decomposition"]["contact"]
     same_solution(one, two, 1e-8)
-
-
-@pytest.mark.parametrize("cell", scenes.CELLS_2D)
-def test_degrees_may_differ_between_bodies(cell: str) -> None:
-    """Two bodies side by side, one of each degree, come out as if alone."""
-    made = scenes.wall(cell, 3)
-    (body,) = made["bodies"]
-    shifted = {"lower": [3.0, 0.0], "upper": [4.0, 1.0], "cells": [3, 3], "cell": cell}
-    other = {**body, "name": "other", "degree": 2, "mesh": {"box": shifted}}
-    made["bodies"].append(other)
-    made["conditions"] += [
-        {**c, "on": c["on"].replace("block", "other")} for c in made["conditions"]
-    ]
-    made["contacts"].append(
-        {"on": "other.x+", "obstacle": scenes.plane(cell, (4, 0, 0), (-1, 0, 0))}
-    )
-    both = solve(made, [2, 2]).summary["solution"]["energy"]
-    alone = scenes.wall(cell, 3)
-    parts = [solve(m, 1).summary["solution"]["energy"] for m in (alone, scenes.quadratic(alone))]
-    assert both == pytest.approx(sum(parts), rel=1e-8)
-
-
-def smooth_energy(cell: str, degree: int, n: int) -> float:
-    """a(u_h, u_h) of the field u = ∇(eˣ cos y), held to its values on the surface of a block.
-
-    The potential is harmonic, so u is in equilibrium without forces and σ = 2 μ ∇u.
-    """
-    d = scenes.dimension(cell)
-    shape = BoxShape((0.0,) * d, (1.0,) * d, (n,) * d, cell, degree)
-    (subdomain,) = decompose([shape], (1,) * d, MPI.COMM_SELF).subdomains
-    reference = subdomain.reference
-    stiffness = Element(reference, d).stiffness((Material(1.0, 0.3),), "strain").tocsc()
-    x, y = reference.points[:, 0], reference.points[:, 1]
-    u = np.zeros((len(x), d))
-    u[:, 0], u[:, 1] = np.exp(x) * np.cos(y), -np.exp(x) * np.sin(y)
-    free = np.ones(len(x), bool)
-    free[np.unique(reference.facets)] = False
-    free = np.repeat(free, d)
-    u = u.ravel()
-    u[free] = splu(stiffness[free][:, free]).solve(-(stiffness[free][:, ~free] @ u[~free]))
-    return float(u @ (stiffness @ u))
-
-
-@pytest.mark.parametrize("cell", CELLS)
-def test_a_smooth_field_converges(cell: str) -> None:
-    """Energy errors fall like h⁴: O(h²) in energy norm."""
-    exact = 2.0 / (2.0 * 1.3) * (np.exp(2.0) - 1.0)  # 2 μ ∫ |∇u|², |∇u|² = 2 exp(2x)
-    meshes = (4, 8) if scenes.dimension(cell) == 2 else (2, 4)
-    coarse, fine = (abs(smooth_energy(cell, 2, n) - exact) for n in meshes)
-    assert coarse < 1e-3 * exact
-    assert np.log2(coarse / fine) == pytest.approx(4, abs=0.4)
-
-
-@pytest.mark.parametrize(("lower", "upper", "n"), PAIRS)
-@pytest.mark.parametrize("degrees", [(2, 2), (1, 2), (2, 1)], ids=str)
-def test_two_bodies_that_do_not_match(
-    lower: str, upper: str, n: tuple[int, int], degrees: tuple[int, int]
-) -> None:
-    """The contact patch test on non-matching meshes, to 1e-9, whichever side has degree 2."""
-    made = stack(lower, upper, n)
-    made["bodies"] = [{**b, "degree": p} for b, p in zip(made["bodies"], degrees, strict=True)]
-    solution = solve(made, 3, tolerance=1e-11)
-    points, u = solution.nodes.points, solution.nodes.displacement
-    exact = patch_displacement(points, u.shape[1])
-    np.testing.assert_allclose(u, exact, rtol=0, atol=1e-9 * np.abs(exact).max())
-    pressure = solution.nodes.contact_pressure
-    touching = pressure[pressure > 0.0]
-    np.testing.assert_allclose(touching, PRESSURE, rtol=1e-8)
-    per_edge = degrees[1] * n[1] + 1
-    assert len(touching) == per_edge ** (u.shape[1] - 1)
-
-
-def test_hertz_near_incompressible() -> None:
-    """E* = E/(1 - ν²) = 279,963 at ν = 0.4999: p0 = √(F'E*/(πR)) = 7899; plain cells lock."""
-    config = Path(__file__).parents[3] / "configs" / "hertz_disc.yaml"
-    peaks = []
-    for remedy in ("false", "true"):
-        overrides = (
-            "bodies.0.material.poisson=0.4999", f"bodies.0.mean_dilatation={remedy}",
-            "solver.tolerance=1e-6",
-        )  # fmt: skip
-        solved = solve_scene(scenes.read(config, overrides))
-        peaks.append(solved.summary["solution"]["max_contact_pressure"])
-    assert peaks[0] > 1.5 * 7899
-    assert peaks[1] == pytest.approx(7899, rel=5e-3)

@@ -1,17 +1,13 @@
 """Interference of a contact: an overlap along the normal beside that of the geometry."""
 
-from pathlib import Path
-
-import numpy as np
 import pytest
 
-from contact_app.accuracy.solved_scene import SolvedScene
 from contact_app.errors import ConfigurationError
 from contact_app.model.symmetry import halved
 from contact_app.run.solve import solve_scene
 from contact_app.scene.build import build_scene
 from contact_app.scene.configuration import from_mapping
-from tests import reference, rings, scenes
+from tests import reference, scenes
 from tests.comparison import same_displacement, solve
 
 DEPTH = 0.01
@@ -73,33 +69,6 @@ def test_a_pair_with_interference_is_a_pair_that_overlaps(cell: str) -> None:
         assert pressed.summary["solution"][key] == pytest.approx(expected, rel=1e-7)
     known = reference.solve(scenes.build(stacked(cell, 0.001, DEPTH + 0.001)))
     same_displacement(known, pressed)
-
-
-def test_interference_reaches_over_a_gap() -> None:
-    """An interference larger than a gap presses by the difference; a smaller one leaves it open."""
-    made = squeezed("quadrilateral", -DEPTH, 1.5 * DEPTH)
-    closed = solve(made)
-    half = solve(squeezed("quadrilateral", 0.5 * DEPTH, 0.0))
-    assert closed.summary["solution"]["energy"] == pytest.approx(half.summary["solution"]["energy"])
-    known = reference.solve(scenes.build(made))
-    assert closed.summary["solution"]["energy"] == pytest.approx(known.energy, rel=1e-8)
-
-
-@pytest.mark.parametrize("plane", ["plane_stress", "plane_strain"])
-def test_rings_pressed_into_each_other(plane: str, tmp_path: Path) -> None:
-    """Lamé's press fit of two rings of one material, by interference and by geometry.
-
-    By geometry the inner ring is larger by δ, which is the same to first order in δ over R.
-    """
-    exact = rings.fit_pressure(plane, DEPTH)
-    for radius, interference in ((10.0, DEPTH), (10.0 + DEPTH, 0.0)):
-        made = rings.fit(tmp_path, plane, radius)
-        made["contacts"][0]["interference"] = interference
-        solved: SolvedScene = solve_scene(scenes.build(made, 3))
-        assert solved.summary["certificate"]["passed"]
-        (contact,) = solved.summary["contacts"]
-        pressure = np.array(contact["force"][:2]) / rings.MIDDLE
-        assert pressure == pytest.approx(exact, rel=3e-3)
 
 
 def test_interference_alone_is_a_load() -> None:

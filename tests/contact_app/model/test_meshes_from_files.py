@@ -37,11 +37,16 @@ def patch(cell: str, file: Path, young: float = 900.0, poisson: float = 0.25) ->
 
 
 @pytest.mark.parametrize("cell", CELLS)
+@pytest.mark.parametrize("degree", [1, 2])
 @pytest.mark.parametrize("subdomains", [1, 5])
-def test_contact_patch_on_distorted_cells(cell: str, subdomains: int, tmp_path: Path) -> None:
+def test_contact_patch_on_distorted_cells(
+    cell: str, degree: int, subdomains: int, tmp_path: Path
+) -> None:
     """verification.md: E = 900, ν = 0.25, q = 100: u = (1/36, 1/36, -1/9) at the free corner."""
     file = meshfiles.write(meshfiles.block(cell, 4), tmp_path / "block.msh")
-    solved = solve_scene(scenes.build(patch(cell, file), subdomains))
+    made = patch(cell, file)
+    made["bodies"][0]["degree"] = degree
+    solved = solve_scene(scenes.build(made, subdomains))
     points, u = solved.nodes.points, solved.nodes.displacement
     d = meshfiles.dimension(cell)
     if d == 3:
@@ -50,7 +55,9 @@ def test_contact_patch_on_distorted_cells(cell: str, subdomains: int, tmp_path: 
         slope = np.array([0.25 * 1.25, -(1 - 0.25**2)]) * 100 / 900
     np.testing.assert_allclose(u, points[:, :d] * slope, rtol=0, atol=1e-9 * np.abs(slope).max())
     assert solved.summary["certificate"]["passed"]
-    assert solved.summary["solution"]["max_contact_pressure"] == pytest.approx(100.0, rel=1e-8)
+    pressure = solved.nodes.contact_pressure
+    assert pressure[pressure > 0.0] == pytest.approx(100.0, rel=1e-6)
+    assert (pressure > 0.0).sum() == (4 * degree + 1) ** (d - 1)
     stress = solved.cells.stress
     np.testing.assert_allclose(stress[:, d - 1], -100.0, rtol=1e-8)
     assert np.abs(stress[:, 3:]).max() < 1e-6
@@ -90,31 +97,6 @@ def test_two_materials_against_the_reference(
     assert solved.summary["solution"]["energy"] == pytest.approx(known.energy, rel=1e-9)
 
 
-@pytest.mark.parametrize("cell", CELLS)
-@pytest.mark.parametrize("subdomains", [1, 5])
-def test_two_materials_in_a_row(cell: str, subdomains: int, tmp_path: Path) -> None:
-    """A bar of two halves, ν = 0, pulled by t: σ = t in both, u = t (x/E_1, then ½/E_1 + …/E_2)."""
-    file = meshfiles.write(meshfiles.block(cell, 4), tmp_path / "block.msh")
-    made = patch(cell, file)
-    made["bodies"][0]["material"] = {
-        "hard": {"young": 4000.0, "poisson": 0.0},
-        "soft": {"young": 500.0, "poisson": 0.0},
-    }
-    made["conditions"] = [
-        scenes.clamp(cell, "block.x-"),
-        {"on": "block.x+", "traction": scenes.vector(cell, 20, 0, 0)},
-    ]
-    made["contacts"] = []
-    solved = solve_scene(scenes.build(made, subdomains))
-    points, u = solved.nodes.points, solved.nodes.displacement
-    x = points[:, 0]
-    exact = 20 * (np.minimum(x, 0.5) / 500 + np.maximum(x - 0.5, 0) / 4000)
-    np.testing.assert_allclose(u[:, 0], exact, rtol=0, atol=1e-9 * exact.max())
-    np.testing.assert_allclose(u[:, 1:], 0, atol=1e-9 * exact.max())
-    np.testing.assert_allclose(solved.cells.stress[:, 0], 20.0, rtol=1e-8)
-    np.testing.assert_allclose(solved.cells.von_mises, 20.0, rtol=1e-8)
-
-
 @pytest.mark.parametrize("subdomains", [2, 3, 9, [2, 1, 2]])
 def test_the_answer_does_not_depend_on_the_decomposition(
     subdomains: int | list[int], tmp_path: Path
@@ -141,28 +123,6 @@ def test_the_answer_does_not_depend_on_the_ranks(tmp_path: Path) -> None:
     assert two["mesh"] == one["mesh"]
     assert {key: two["solver"][key] for key in one["solver"]} == one["solver"]
     same_solution(one, two, 1e-9)
-
-
-def test_two_bodies_from_one_file(tmp_path: Path) -> None:
-    """The halves of one mesh as bodies, glued by nothing: each comes out as if it were alone."""
-    file = meshfiles.write(meshfiles.block("tetrahedron", 4), tmp_path / "block.msh")
-    made = two_materials("tetrahedron", file)
-    (body,) = made["bodies"]
-    halves = {"block": ("soft", 500.0), "other": ("hard", 4000.0)}
-    made["bodies"] = [
-        {**body, "name": name, "mesh": {"file": str(file), "group": group, "translate": shift},
-         "material": {"young": young, "poisson": 0.3}}
-        for shift, (name, (group, young)) in zip(([0, 0, 0], [1, 0, 0]), halves.items(),
-                                                 strict=True)
-    ]  # fmt: skip
-    made["conditions"] += [
-        {"on": "other.x+", "displacement": [0, 0, 0]}, {"in": "other", "force": [0, 0, -30]}
-    ]  # fmt: skip
-    scene = scenes.build(made)
-    assert [b.mesh.total_cells for b in scene.bodies] == [192, 192]
-    assert scene.bodies[1].mesh.lower == pytest.approx((1.5, 0, 0))
-    known = reference.solve(scene)
-    same_displacement(known, solve_scene(scene))
 
 
 def written(made: scenes.Config, directory: Path) -> Path:

@@ -219,54 +219,6 @@ def test_force_at_a_point_is_force_and_moment() -> None:
     same_contacts(solve(one).summary, solve(other).summary, 1e-7)
 
 
-def between(cell: str) -> scenes.Config:
-    """A ball, or a disc, between two blocks of which the upper one is pressed down."""
-    d = scenes.dimension(cell)
-    ball = {"sphere": {"center": three(d, 0.5, 0.5, 1.5), "radius": 0.5}}
-    return scenes.config(
-        cell,
-        [
-            {"name": "ball", "rigid": ball},
-            scenes.block(cell, 6, "low", young=1000.0),
-            scenes.block(cell, 4, "high", (0, 0, 2.0), (1, 1, 3.0), 500.0),
-        ],
-        [
-            scenes.clamp(cell, f"low.{scenes.down(cell)}"),
-            {"on": f"high.{scenes.up(cell)}", "displacement": three(d, 0, 0, -0.06)},
-        ],
-        [
-            {"on": f"low.{scenes.up(cell)}", "against": "ball"},
-            {"on": f"high.{scenes.down(cell)}", "against": "ball"},
-        ],
-    )
-
-
-@pytest.mark.parametrize("cell", ["quadrilateral", "hexahedron"])
-@pytest.mark.parametrize("method", ["auto", "smalbe", "primal"])
-def test_a_free_ball_between_two_blocks(cell: str, method: str) -> None:
-    """It comes to rest where both press alike, and there it is a fixed obstacle to each."""
-    made, d = between(cell), scenes.dimension(cell)
-    made["conditions"].append(  # on the axis, from which it would slip as between any two balls
-        {"in": "ball", "displacement": [*three(d, 0, 0, 0)[:-1], None]}
-    )
-    summary = solve(made, 4, method=method, tolerance=1e-8).summary
-    low, high = (np.array(c["force"][:d]) for c in summary["contacts"])
-    assert low[-1] < -1.0
-    assert low[-1] + high[-1] == pytest.approx(0.0, abs=1e-8 * abs(low[-1]))
-    depth = summary["rigid_bodies"]["ball"]["displacement"][-1]
-    assert -0.05 < depth < -0.005
-    fixed = copy.deepcopy(made)
-    sphere = fixed["bodies"].pop(0)["rigid"]
-    sphere["sphere"]["center"][-1] += depth
-    fixed["conditions"].pop()
-    for contact in fixed["contacts"]:
-        del contact["against"]
-        contact["obstacle"] = sphere
-    known = [c["force"][d - 1] for c in solve(fixed, 4).summary["contacts"]]
-    np.testing.assert_allclose([low[-1], high[-1]], known, rtol=1e-6)
-    assert method in ("auto", summary["solver"]["method"])
-
-
 def test_shapes_of_one_body_move_together() -> None:
     """A wedge of two planes lowered on the corner of a block touches on both sides."""
     d, cell = 2, "quadrilateral"

@@ -12,7 +12,6 @@ from scipy.spatial import cKDTree
 from contact_app.model.symmetry import halved
 from contact_app.results.plot.stored import read
 from contact_app.run.run import run
-from contact_app.run.solve import solve_scene
 from meshes.quadratic import VERTICES, node_vertices
 from tests import meshfiles, scenes
 from tests.comparison import same_contacts
@@ -187,29 +186,6 @@ def test_mirror_symmetry_of_scenes(changed: dict[str, Any], planes: str, why: st
     found = halved(scenes.build(made))
     assert "".join("xyz"[m.axis] for m in found.scene.mirrors) == planes
     assert why in " ".join(found.notes)
-
-
-def test_bodies_on_each_other() -> None:
-    """A pair of bodies under a pressure on all of the top: a quarter has a quarter's energy."""
-    lower, upper = scenes.block("hexahedron", 2, name="lower"), scenes.block(
-        "hexahedron", 4, name="upper", lower=(0.25, 0.25, 1), upper=(0.75, 0.75, 2)
-    )  # fmt: skip
-    made = scenes.config(
-        "hexahedron",
-        [lower, upper],
-        [scenes.clamp("hexahedron", "lower.z-"), {"on": "upper.z+", "pressure": 20},
-         *({"on": f"upper.{side}", "displacement": [0 if a == k else None for a in range(3)]}
-           for k, sides in enumerate("xy") for side in (f"{sides}-", f"{sides}+"))],
-        [{"on": "upper.z-", "against": "lower.z+"}],
-    )  # fmt: skip
-    scene = scenes.build(made, 1)
-    known, found = solve_scene(scene).summary, solve_scene(halved(scene).scene).summary
-    assert len(found["symmetry"]["planes"]) == 2
-    assert found["mesh"] == known["mesh"]
-    assert found["solution"]["energy"] == pytest.approx(known["solution"]["energy"], rel=1e-7)
-    for pair, force in known["solution"]["pair_forces"].items():
-        same = found["solution"]["pair_forces"][pair]
-        np.testing.assert_allclose(same, force, atol=1e-6 * np.abs(force).max())
 
 
 def test_check_reports_the_scene(capsys: pytest.CaptureFixture[str]) -> None:

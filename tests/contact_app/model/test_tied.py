@@ -5,12 +5,11 @@ from typing import Any
 
 import numpy as np
 import pytest
-from scipy.spatial.transform import Rotation
 
 from contact_app.errors import ConfigurationError, NoEquilibriumError
 from contact_app.scene.build import build_scene
 from contact_app.scene.configuration import from_mapping
-from tests import meshfiles, rings, scenes
+from tests import rings, scenes
 from tests.comparison import solve
 from tests.scenes_on_ranks import one_and_two
 
@@ -107,38 +106,6 @@ def test_patch(
     assert [tie["max_pressure"], tie["max_smoothed_pressure"]] == pytest.approx([size] * 2)
     assert tie["nodes"]["open"] == tie["nodes"]["slip"] == 0
     assert tie["nodes"]["stick"] > 0
-
-
-@pytest.mark.parametrize("cell", ["quadrilateral", "tetrahedron", "hexahedron"])
-@pytest.mark.parametrize("angle", [30.0, 70.0])
-def test_inclined_patch(cell: str, angle: float, tmp_path: Path) -> None:
-    """The same turned, of distorted meshes: the ends are held at the exact displacement."""
-    d = scenes.dimension(cell)
-    turn = Rotation.from_rotvec(np.deg2rad(angle) * np.array([0.0, 0.0, 1.0]))
-    bodies = []
-    for name, n, up in (("lower", 2, 0.0), ("upper", 4, 1.0)):
-        mesh = meshfiles.block(cell, n, 0.15, seed=n)
-        mesh.points[:, d - 1] += up
-        mesh.points = turn.apply(mesh.points)
-        bodies.append({
-            "name": name, "mesh": {"file": str(meshfiles.write(mesh, tmp_path / f"{name}.msh"))},
-            "material": {"young": YOUNG, "poisson": POISSON},
-        })  # fmt: skip
-    made = scenes.config(cell, bodies, [], [
-        {"on": f"upper.{'xyz'[d - 1]}-", "against": f"lower.{'xyz'[d - 1]}+", "tied": True}
-    ])  # fmt: skip
-    # a rigid rotation, small, imposed at the corners of the lower end: no stress anywhere
-    spin = np.array([[0.0, -1e-3, 2e-3], [1e-3, 0.0, 0.5e-3], [-2e-3, -0.5e-3, 0.0]])[:d, :d]
-    corners = [np.zeros(3), *np.eye(3)[:d]]
-    for corner in corners[: d + 1]:
-        place = turn.apply(corner)[:d]
-        where = " and ".join(f"abs({a} - ({v!r})) < 1e-6"
-                             for a, v in zip("xyz", place.tolist(), strict=False))  # fmt: skip
-        hold(made, "lower", where, (spin @ place).tolist())
-    solution = solve(made, 3, tolerance=1e-12)
-    points, u = solution.nodes.points, solution.nodes.displacement
-    exact = points[:, :d] @ spin.T
-    np.testing.assert_allclose(u, exact, rtol=0, atol=1e-9 * np.abs(exact).max())
 
 
 def beam(cell: str, degree: int, parts: list[list[int]]) -> scenes.Config:

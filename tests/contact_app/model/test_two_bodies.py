@@ -9,8 +9,6 @@ from scipy.spatial.transform import Rotation
 
 from contact_app.errors import ConfigurationError, NoEquilibriumError
 from contact_app.run.solve import solve_scene
-from contact_app.scene.build import build_scene
-from contact_app.scene.configuration import load
 from tests import meshfiles, reference, scenes
 from tests.comparison import same_displacement, solve
 from tests.rows import covering
@@ -62,15 +60,23 @@ PAIRS = [
 
 
 @pytest.mark.parametrize(("lower", "upper", "n"), PAIRS)
-@pytest.mark.parametrize("split", [1, 5])
-def test_contact_patch(lower: str, upper: str, n: tuple[int, int], split: int) -> None:
-    solution = solve(stack(lower, upper, n), split, tolerance=1e-12)
+@pytest.mark.parametrize(
+    ("degrees", "split"), [((1, 1), 1), ((1, 1), 5), ((2, 2), 3), ((1, 2), 3), ((2, 1), 3)], ids=str
+)
+def test_contact_patch(
+    lower: str, upper: str, n: tuple[int, int], degrees: tuple[int, int], split: int
+) -> None:
+    """Exact on meshes that do not match, whichever side has degree 2."""
+    made = stack(lower, upper, n)
+    made["bodies"] = [{**b, "degree": p} for b, p in zip(made["bodies"], degrees, strict=True)]
+    solution = solve(made, split, tolerance=1e-12)
     points, u = solution.nodes.points, solution.nodes.displacement
     exact = patch_displacement(points, u.shape[1])
     np.testing.assert_allclose(u, exact, rtol=0, atol=1e-9 * np.abs(exact).max())
     touching = np.isfinite(solution.nodes.gap)
     pressure = solution.nodes.contact_pressure[touching]
-    np.testing.assert_allclose(pressure, PRESSURE, rtol=1e-9)
+    np.testing.assert_allclose(pressure, PRESSURE, rtol=1e-8)
+    assert touching.sum() == (degrees[1] * n[1] + 1) ** (u.shape[1] - 1)
     assert solution.summary["solution"]["contact_force"] == [0, 0, 0]
     (force,) = solution.summary["solution"]["pair_forces"].values()
     np.testing.assert_allclose(force[u.shape[1] - 1], PRESSURE, rtol=1e-9)
@@ -116,16 +122,6 @@ def test_against_the_reference(cell: str, place: str, swapped: bool) -> None:
     assert np.abs(load).sum() == pytest.approx(known.multiplier.sum(), rel=1e-7)
 
 
-@pytest.mark.parametrize("cell", ["quadrilateral", "tetrahedron"])
-@pytest.mark.parametrize("split", [1, 4])
-def test_a_body_held_by_another_alone(cell: str, split: int) -> None:
-    """The upper block may slide, which nothing drives; its force goes through the lower one."""
-    solution = solve(stack(cell, cell, (3, 4), held=False), split)
-    touching = np.isfinite(solution.nodes.gap)
-    np.testing.assert_allclose(solution.nodes.contact_pressure[touching], PRESSURE, rtol=1e-7)
-    assert any("upper can move freely" in w for w in solution.summary["certificate"]["warnings"])
-
-
 @pytest.mark.parametrize("cell", ["triangle", "hexahedron"])
 def test_a_body_that_tips_over_the_edge_of_another(cell: str) -> None:
     made = stack(cell, cell, (3, 4), held=False)
@@ -151,41 +147,6 @@ def test_two_bodies_that_leave_together() -> None:
     made["conditions"].append({"on": "upper.x+", "traction": [1.0, 0.0]})
     with pytest.raises(NoEquilibriumError, match=r"upper from leaving along \+x"):
         solve(made)
-
-
-@pytest.mark.parametrize("cell", ["quadrilateral", "hexahedron"])
-def test_interference(cell: str) -> None:
-    """Two columns (ν = 0) too long for the room between two walls share the overlap."""
-    overlap, d = 0.01, scenes.dimension(cell)
-    made = stack(cell, cell, (2, 3), gap=-overlap)
-    for body in made["bodies"]:
-        body["material"]["poisson"] = 0.0
-    up = scenes.up(cell)
-    values = [None] * (d - 1) + [0.0]
-    made["conditions"][1] = {"on": f"upper.{up}", "displacement": values}
-    solution = solve(made, [2] * d)
-    assert solution.summary["solution"]["max_contact_pressure"] == pytest.approx(
-        YOUNG * overlap / 2, rel=1e-7
-    )
-
-
-@pytest.mark.parametrize("closed", [False, True])
-def test_an_initial_gap(closed: bool) -> None:
-    """The upper column (EA = 900, ν = 0) is pulled down by 0.01 through a gap."""
-    gap = 0.004 if closed else 0.02
-    made = stack("hexahedron", "hexahedron", (2, 3), gap=gap)
-    for body in made["bodies"]:
-        body["material"]["poisson"] = 0.0
-    made["conditions"][1] = {"on": "upper.z+", "displacement": [None, None, -0.01]}
-    if closed:
-        solution = solve(made)
-        pressure = solution.summary["solution"]["max_contact_pressure"]
-        assert pressure == pytest.approx(YOUNG * 0.006 / 2, rel=1e-7)
-    else:
-        solution = solve(made)
-        assert solution.summary["solution"]["active_contacts"] == 0
-        gaps = solution.nodes.gap[np.isfinite(solution.nodes.gap)]
-        np.testing.assert_allclose(gaps, gap - 0.01, rtol=1e-7)
 
 
 REFUSED: list[tuple[dict[str, Any], str]] = [
@@ -304,27 +265,6 @@ def test_inclined_patch_of_distorted_meshes(
         force = next(iter(solution.summary["solution"]["pair_forces"].values()))
         np.testing.assert_allclose(force[:d], PRESSURE * above, atol=1e-9 * PRESSURE)
         assert np.abs(solution.cells.von_mises).max() < 1e-8 * PRESSURE or d == 2
-
-
-@pytest.mark.parametrize("finer", ["roller", "block"])
-def test_hertz_of_two_elastic_cylinders(finer: str) -> None:
-    """R = 50 pressed by 35 kN/mm, E = 210e3 on 70e3: a = 6.2146, p0 = 3585.4, within 2 %.
-
-    The half width is that of the ellipse fitted to the nodal pressures, p² = p0² (1 - x²/a²).
-    """
-    config = load(CONFIG)
-    contact = config.contacts[0].model_copy(
-        update={"on": f"{finer}.face", "against": "block.face" if finer == "roller" else
-                "roller.face"})  # fmt: skip
-    changed = config.model_copy(update={"contacts": [contact]})
-    solution = solve_scene(build_scene(changed))
-    x, p = solution.nodes.points[:, 0], solution.nodes.contact_pressure
-    touching = p > 0
-    fit = np.stack([np.ones(touching.sum()), x[touching] ** 2], axis=1)
-    square, slope = np.linalg.lstsq(fit, p[touching] ** 2, rcond=None)[0]
-    assert np.sqrt(square) == pytest.approx(3585.4, rel=0.02)
-    assert np.sqrt(-square / slope) == pytest.approx(6.2146, rel=0.02)
-    assert p.max() == pytest.approx(3585.4, rel=0.02)
 
 
 @pytest.mark.parametrize(("shift", "warned"), [(0.1, False), (0.4, True)])

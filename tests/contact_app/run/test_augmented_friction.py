@@ -1,6 +1,5 @@
 """The augmented Lagrangian with friction, where active sets do not settle."""
 
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -83,67 +82,6 @@ def test_rollers_with_friction_are_solved_by_multigrid(tmp_path: Path) -> None:
     assert summary["solver"]["hessian_multiplications"] <= 120
     other = solve(made, None, tolerance=1e-6, method="smalbe").summary
     assert summary["solution"]["energy"] == pytest.approx(other["solution"]["energy"], rel=1e-5)
-
-
-def between(corners: list[tuple[float, float]]) -> Callable[[np.ndarray], np.ndarray]:
-    """Function that moves the unit block onto a quadrilateral with corners, counter-clockwise."""
-    a, b, c, d = map(np.array, corners)
-
-    def shape(points: np.ndarray) -> np.ndarray:
-        x, y = points[:, :1], points[:, 1:2]
-        return (1 - y) * ((1 - x) * a + x * b) + y * ((1 - x) * d + x * c)
-
-    return shape
-
-
-@pytest.mark.ratchet
-def test_a_wedge_that_locks_in_elastic_jaws_is_solved_by_multigrid(tmp_path: Path) -> None:
-    """With μ = 0.8 and a slope of 0.14 limits turn about; friction carries the load."""
-    t, load = 0.14, 500.0
-    shapes = {
-        "wedge": ([(-1, 0), (1, 0), (1 + 10 * t, 10), (-1 - 10 * t, 10)], (4, 14)),
-        "right": ([(1, 0), (6, 0), (6, 9), (1 + 9 * t, 9)], (8, 14)),
-        "left": ([(-6, 0), (-1, 0), (-1 - 9 * t, 9), (-6, 9)], (8, 14)),
-    }
-    sides = {
-        "wedge": {
-            "right": f"x > 0.999 + {t} * y",
-            "left": f"x < -0.999 - {t} * y",
-            "top": "y > 9.99",
-        },
-        "right": {"face": f"x < 1.001 + {t} * y", "back": "x > 5.99"},
-        "left": {"face": f"x > -1.001 - {t} * y", "back": "x < -5.99"},
-    }
-    made = {
-        "dimension": 2,
-        "bodies": [
-            meshfiles.part(
-                tmp_path / f"{name}.vtu",
-                "triangle",
-                cells,
-                between(corners),
-                sides[name],
-                material={"young": 7e4, "poisson": 0.3},
-            )
-            for name, (corners, cells) in shapes.items()
-        ],
-        "conditions": [
-            {"on": "left.back", "displacement": [0, 0]},
-            {"on": "right.back", "displacement": [0, 0]},
-            {"on": "wedge.top", "total_force": [0, -load]},
-        ],
-        "contacts": [
-            {"on": f"wedge.{side}", "against": f"{side}.face", "friction": {"coulomb": 0.8}}
-            for side in ("left", "right")
-        ],
-    }
-    summary = solve(made, None, tolerance=1e-6, method="primal").summary
-    assert summary["certificate"]["passed"]
-    assert summary["solver"]["method"] == "primal"
-    assert summary["solver"]["hessian_multiplications"] <= 100
-    forces = np.array([contact["force"][:2] for contact in summary["contacts"]])
-    assert forces[:, 1] == pytest.approx(load / 2, rel=1e-3)
-    assert forces[0, 0] == pytest.approx(-forces[1, 0], rel=1e-3)
 
 
 def hooked(x: np.ndarray) -> np.ndarray:

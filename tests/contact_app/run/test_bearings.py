@@ -77,4 +77,3 @@ def test_a_plate_that_peels_off_settles_by_factors_or_by_sets_that_release_few_r
     expected = by_active_sets.solve_by_multigrid(task, None, None)
     assert peeled.converged
     assert peeled.measures.energy == pytest.approx(expected.measures.energy, rel=1e-7)
-    assert peeled.measures.energy == pytest.approx(expected.measures.energy, rel=1e-7)

@@ -6,7 +6,6 @@ An earlier version certified a wrong answer of every scene here, or did not cert
 import math
 from typing import Any
 
-import numpy as np
 import pytest
 
 from contact_app.run.solve import solve_scene
@@ -99,16 +98,6 @@ def on_rubber(cell: str = "hexahedron") -> scenes.Config:
         "contacts": [{"on": f"steel.{side}", "obstacle": wall} for side, wall in walls.items()]
         + [{"on": "steel.z-", "against": "rubber.z+"}],
     }
-
-
-@pytest.mark.parametrize(("tolerance", "right"), [(1e-6, 2e-3), ("auto", 2e-2)])
-def test_a_stiff_body_on_a_soft_one(tolerance: float | str, right: float) -> None:
-    """The walls' pressure comes from strains that are a hundred thousandth of its motion."""
-    exact = solve(on_rubber(), tolerance=1e-11).solution
-    found = solve(on_rubber(), tolerance=tolerance).solution
-    assert found.certificate.passed
-    scale = np.abs(exact.multiplier).max()
-    assert np.abs(found.multiplier - exact.multiplier).max() < right * scale
 
 
 def test_groups_are_bodies_that_pairs_connect() -> None:

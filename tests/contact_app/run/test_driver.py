@@ -93,22 +93,6 @@ def test_active_sets_solve_scenes_on_which_smalbe_is_slow(name: str, overrides: 
     assert found["solver"]["hessian_multiplications"] < 150
 
 
-@pytest.mark.parametrize("name", ["cube", "stack", "plate_and_pins"])
-@pytest.mark.ratchet
-def test_smalbe_finds_the_same_answer_without_active_sets(name: str) -> None:
-    scene = scenes.read(name)
-    problem = build_model(scene, MPI.COMM_SELF).problem
-    by_sets = solve(problem, scene.solver)
-    alone = solve(problem, scene.solver, active_sets=ActiveSetOptions(most_sets=0))
-    assert (by_sets.method, alone.method) == ("active-set", "smalbe")
-    assert alone.converged
-    assert alone.counts.outer > 5
-    assert by_sets.counts.outer <= 1
-    assert alone.measures.energy == pytest.approx(by_sets.measures.energy, rel=1e-5)
-    active = [int((a.multiplier[problem.inequality] > 0.0).sum()) for a in (by_sets, alone)]
-    assert active[0] == pytest.approx(active[1], abs=2)
-
-
 @pytest.mark.parametrize("name", ["cube", "block_2d", "corner"])
 @pytest.mark.parametrize("method", ["smalbe", "active-set"])
 def test_the_requested_method_finds_the_same_answer(name: str, method: str) -> None:
