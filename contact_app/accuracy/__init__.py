@@ -12,5 +12,5 @@ Theory: docs/theory/error_estimate.md.
 
 __all__ = [
     "contact_limits", "entered_pairs", "estimate", "faceted_curves", "guarantee", "hertz",
-    "nodal_stress", "refine", "sharp_edges", "solved_scene", "trust",
+    "nodal_stress", "refine", "solved_scene", "trust",
 ]  # fmt: skip

@@ -29,7 +29,6 @@ from contact_app.accuracy.entered_pairs import (
 )
 from contact_app.accuracy.faceted_curves import Distances, facets_match, largest_distances
 from contact_app.accuracy.hertz import CoarsePressure, coarse_pressure
-from contact_app.accuracy.sharp_edges import Skin, sharp_edge, sharp_peak, within
 from contact_app.forms.bodies import contact_motions
 from contact_app.forms.boundary import exterior_facets, gathered_surface
 from contact_app.forms.contacts import Contact
@@ -37,7 +36,7 @@ from contact_app.forms.half_spaces import half_spaces
 from contact_app.forms.locking import Fit, affine_fit, locking
 from contact_app.forms.model import FormModel
 from contact_app.forms.results import ContactAtNodes, OnSpace, Owners
-from contact_app.forms.rows import held_components, in_the_mean
+from contact_app.forms.rows import in_the_mean
 from contact_app.model.facets import moments
 from contact_app.model.obstacle_hints import faces_away, facing_away
 from contact_app.results.carried import carried
@@ -97,7 +96,6 @@ def form_warnings(answer: FormAnswer) -> list[str]:
         if _presses(answer, number):
             coarse = answer.coarse_pressures[number]
             sentences += ["" if coarse is None else coarse.warning]
-            sentences += [_sharp_edge(answer, number, contact)]
         warnings += [f"contacts[{number}]: {text}" for text in sentences if text]
     problem = answer.model.problem
     before = problem.system.loads.displacements_before
@@ -327,42 +325,3 @@ def _entering(
     entered, deep = entered_points(parts.points[beside], u[beside], gaps, least)
     count, deep = parts.comm.allreduce(entered), largest_magnitude(parts.comm, np.array([deep]))
     yield texts.beside_boundary(name, contact.on, count, deep)
-
-
-def _sharp_edge(answer: FormAnswer, number: int, contact: Contact) -> str:
-    """A largest pressure at a sharp edge (collective)."""
-    model, nodes = answer.model, answer.contacts[number]
-    parts, sides = model.parts, model.sides[number].surfaces
-    outside, bodies = exterior_facets(parts), model.bodies
-    held = held_components(parts, answer.bcs)[outside.copies].all(axis=1).sum(axis=1) == 1
-    body = answer.owners.copies(bodies.of_node.astype(float))[outside.copies[:, 0]]
-    stiffness = _stiffness(model)
-
-    def edge_at(point: Array, reach: float) -> str:
-        near, skins = within(outside.points, point, reach), list[Skin | None]()
-        for side in sides:
-            of_side = sorted(model.bodies_at(side))
-            chosen = near & ~held & np.isin(body, of_side)  # held: on planes of symmetry
-            skin, soft = gathered_surface(parts, outside.chosen(chosen)), stiffness[of_side].min()
-            skins.append(Skin.of(skin, side, bodies.name(of_side[0]), float(soft)))
-        return sharp_edge(point, skins, contact.on if _flat(contact) else "")
-
-    pressures, points = (nodes.pressure, nodes.smoothed), answer.owners.at(parts.points)
-    return sharp_peak(parts.comm, parts.dimension, pressures, (points, nodes.shares), edge_at)
-
-
-def _stiffness(model: FormModel) -> Array:
-    """Mean modulus of each body, up to a common factor, (bodies,) (collective).
-
-    The diagonal of K is of the order of E h^(d - 2) for cells of size h.
-    """
-    d, bodies, subdomains = model.parts.dimension, model.bodies, model.subdomains
-    sums = np.zeros((2, bodies.count))
-    traces = [cls.stiffness.diagonal().sum() / d for cls in model.problem.classes]
-    for (cls, _), body, copies in zip(
-        model.place, bodies.of_subdomain, np.diff(subdomains.starts), strict=True
-    ):
-        sums[:, body] += traces[cls], copies
-    total, nodes = model.parts.comm.allreduce(sums)
-    size = (np.prod(2.0 * bodies.halves[:, :d], axis=1) / nodes) ** (1.0 / d)
-    return np.asarray(total / nodes / size ** (d - 2))

@@ -38,7 +38,7 @@ that of the round surfaces (`round` of a contact between bodies, or a round obst
 the discrete answer itself is off, and no smoothing mends it
 (`contact_app.accuracy.hertz`). At sharp edges, such as the ends of a bore
 on a longer pin, the pressure of the theory is infinite, and the smoothed peak grows with the mesh
-as that of nodes does: a warning says so (`contact_app.accuracy.sharp_edges`).
+as that of nodes does.
 """
 
 from collections.abc import Sequence

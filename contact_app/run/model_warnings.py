@@ -27,7 +27,6 @@ from contact_app.accuracy.entered_pairs import (
     entered_without_contact,
 )
 from contact_app.accuracy.faceted_curves import median_gaps, pair_distances, sagittas
-from contact_app.accuracy.sharp_edges import sharp_peaks
 from contact_app.accuracy.solved_scene import SolvedScene
 from contact_app.accuracy.trust import few_cells
 from contact_app.model.equilibrium import body_frame, contact_motions, motion_size
@@ -429,7 +428,6 @@ CHECKS: tuple[Callable[[SolvedScene], Iterable[str]], ...] = (
     lambda answer: entered_without_contact(answer.model, answer.solution, answer.nodes),
     lambda answer: entered_by_rigid_bodies(answer.model, answer.solution),
     _coarse_pressures,
-    lambda answer: sharp_peaks(answer.model, answer.nodes, answer.pressed),
     _sliding_bodies,
     lambda answer: tilted_pairs(answer.model.geometry, answer.model.problem, answer.solution),
     lambda answer: answer.model.scene.idle,

@@ -28,7 +28,6 @@ RESULTS = (
     "contact_pressure.png",
     "contact_status.png",
     "increments.csv",
-    "history.png",
     "solution.pvd",
 )
 """Files of a run and of ``contact-app plot``, in the order in which they are removed."""

@@ -25,7 +25,6 @@ from contact_app.scene.configuration import load
 from contact_app.scene.scene import Scene
 from contact_app.scene.schema.bodies import Body
 from contact_app.studies.chart_figure import APPLICATION, draw
-from contact_app.studies.chart_store import StoredPoints
 from contact_app.studies.peers import METHODS
 from contact_app.studies.processes import RunError
 from contact_app.studies.reference import QUANTITIES, Distances, Fields, ReferenceAnswer
@@ -311,7 +310,6 @@ def chart(
     sweep: Sweep,
     overrides: Sequence[str] = (),
     limit: float = 30.0,
-    resume: bool = False,
     runs: "Runs | None" = None,
 ) -> Iterator[Progress]:
     """Run a sweep; write ``frontier.csv`` as it grows and ``frontier.png`` at its end.
@@ -322,78 +320,57 @@ def chart(
     ----------
     limit
         Time limit of a point in seconds; a series beyond it is not continued on finer meshes.
-    resume
-        Keep the reference and the points that an earlier run left in the directory.
     runs
         Functions that run the reference and the points.
     """
-    runs = runs or Runs()
-    descriptions = [variant.describe(sweep.scene) for variant in sweep.references]
-    text = config.read_text(encoding="utf-8")
-    stored = StoredPoints(output, [text, *overrides, *descriptions], resume)
-    for sentence in sweep.left_out:
-        yield Progress(f"left out: {sentence}")
-    if stored.points:
-        yield Progress(f"{len(stored.points)} points of an earlier run are reused")
-    sentence = ""
+    runs, sentence = runs or Runs(), ""
+    rows: list[dict[str, Any]] = []
+    output.mkdir(parents=True, exist_ok=True)
+    for left_out in sweep.left_out:
+        yield Progress(f"left out: {left_out}")
     try:
         with tempfile.TemporaryDirectory() as scratch:
             file = Path(scratch) / "fields.npz"
-            reference = yield from runs.reference(config, sweep, overrides, stored)
+            reference = yield from runs.reference(config, sweep, overrides, file)
             sentence = reference.describe()
             yield Progress(sentence)
             slow: set[Variant] = set()
             for number, variant in enumerate(sweep.variants):
-                name = variant.describe(sweep.scene)
-                head = f"[{number + 1}/{len(sweep.variants)}] {name}"
+                head = f"[{number + 1}/{len(sweep.variants)}] {variant.describe(sweep.scene)}"
                 if variant.kind in slow:
                     yield Progress(f"{head}: left out after a coarser mesh")
                     continue
-                if name not in stored.points:
-                    try:
-                        solved = runs.point(
-                            config, sweep, variant, overrides, limit, file, reference
-                        )
-                        stored.add(name, solved)
-                    except RunError as error:
-                        stored.add(name, str(error))
-                    point = stored.points[name]
-                    yield (
-                        Progress(f"{head}: {point}")
-                        if isinstance(point, str)
-                        else Progress(head, point)
-                    )
-                if isinstance(stored.points[name], str):
+                try:
+                    row = runs.point(config, sweep, variant, overrides, limit, file, reference)
+                except RunError as error:
                     slow.add(variant.kind)
-                write(stored.rows(), COLUMNS, output / "frontier.csv")
+                    yield Progress(f"{head}: {error}")
+                    continue
+                rows.append(row)
+                write(rows, COLUMNS, output / "frontier.csv")
+                yield Progress(head, row)
     finally:
-        rows = stored.rows()
         write(rows, COLUMNS, output / "frontier.csv")
         if rows:
             draw(rows, output / "frontier.png", sweep.scene.title, sentence)
 
 
 def solve_reference(
-    config: Path, sweep: Sweep, overrides: Sequence[str], stored: StoredPoints
+    config: Path, sweep: Sweep, overrides: Sequence[str], file: Path
 ) -> Generator[Progress, None, ReferenceAnswer]:
-    """Solve the three finest meshes and extrapolate."""
+    """Solve the three finest meshes, with their fields in a file, and extrapolate."""
     scene = sweep.scene
     sampled, distances = [], None
-    for number, variant in enumerate(reversed(sweep.references)):
-        file = stored.reference(number)
-        if not file.exists():
-            yield Progress(f"reference: {variant.describe(scene)}")
-            settings = [*overrides, *sweep.overrides(variant)]
-            new = file.with_suffix(".new.npz")
-            try:
-                run_one(
-                    APPLICATION, config, settings, variant.tolerance, fields=new,
-                    parallel=sweep.parallel,
-                )  # fmt: skip
-            except RunError as error:
-                raise ConfigurationError(f"{config}: the reference failed: {error}") from error
-            new.replace(file)
-            stored.save()
+    for variant in reversed(sweep.references):
+        yield Progress(f"reference: {variant.describe(scene)}")
+        settings = [*overrides, *sweep.overrides(variant)]
+        try:
+            run_one(
+                APPLICATION, config, settings, variant.tolerance, fields=file,
+                parallel=sweep.parallel,
+            )  # fmt: skip
+        except RunError as error:
+            raise ConfigurationError(f"{config}: the reference failed: {error}") from error
         fields = Fields.load(str(file))
         distances = distances or Distances.of(scene, fields)
         sampled.append(distances.sample(fields))

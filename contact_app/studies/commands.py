@@ -299,9 +299,6 @@ def chart(
             show_default=False,
         ),
     ] = None,
-    resume: Annotated[
-        bool, typer.Option("--resume", help="Reuse the points of an earlier run and continue.")
-    ] = False,
 ) -> None:
     """Draw speed against accuracy: degrees, cells, meshes, tolerances, expansions, solvers."""
     from contact_app.studies import chart as study
@@ -313,7 +310,7 @@ def chart(
         sweep = plan_meshes(config, changes, meshes, references or [], largest, peers)
     else:
         sweep = study.plan(config, changes, largest, peers)
-    for progress in study.chart(config, directory, sweep, changes, limit, resume):
+    for progress in study.chart(config, directory, sweep, changes, limit):
         row = progress.row
         if row is None:
             typer.echo(progress.text)

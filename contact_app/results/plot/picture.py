@@ -17,7 +17,6 @@ from contact_app.errors import ContactError
 from contact_app.machine.atomic_file import atomic
 from contact_app.results.plot.contact_picture import STATUS, NothingPressedError, draw_contact
 from contact_app.results.plot.friction_picture import draw_friction
-from contact_app.results.plot.history_picture import TABLE, draw_history
 from contact_app.results.plot.plane_picture import draw_plane
 from contact_app.results.plot.space_picture import draw_space
 from contact_app.results.plot.stored import SMOOTHED, Stored, read
@@ -43,9 +42,8 @@ def plot(
 ) -> tuple[list[Path], list[str]]:
     """Draw the bodies (``bodies.png``) and the contact pressure (``contact_pressure.png``).
 
-    With ``contact_status`` also the sticking and slipping parts (``contact_status.png``);
-    for a load history, forces, probes and statuses over time (``history.png``). Of load cases each
-    one is drawn, and the largest values over all of them (``envelope.png``).
+    With ``contact_status`` also the sticking and slipping parts (``contact_status.png``). Of load
+    cases each one is drawn, and the largest values over all of them (``envelope.png``).
 
     Parameters
     ----------
@@ -101,8 +99,7 @@ def plot(
     title += "" if time is None else f", time {time:g}"
     caption = f"{title}\ndisplacements × {factor:g}".strip()
     remarks += _draw_bodies(stored, shown, factor, bodies, caption, camera, _has_pairs(summary))
-    pictures = [bodies, *_of_contacts(stored, shown, target, title, remarks)]
-    return [*pictures, *_of_history(directory, target, title)], remarks
+    return [bodies, *_of_contacts(stored, shown, target, title, remarks)], remarks
 
 
 def _draw_bodies(
@@ -175,15 +172,6 @@ def _listed(names: set[str]) -> str:
 def acts(stored: Stored, name: str) -> bool:
     """Whether a field is something else than a contact pressure that is zero everywhere."""
     return not name.endswith("contact_pressure") or bool((stored.point_data[name] > 0.0).any())
-
-
-def _of_history(directory: Path, target: Path, title: str) -> list[Path]:
-    """Draw the load history, if the run has one."""
-    if not (directory / TABLE).is_file():
-        return []
-    with atomic(target / "history.png") as part:
-        draw_history(directory / TABLE, part, title)
-    return [target / "history.png"]
 
 
 def round_exaggeration(stored: Stored) -> float:

@@ -40,9 +40,8 @@ class Triangles:
     """At the corners; NaN where the body is bare."""
     bright: Array  # (n, 3)
     """Brightness at the corners."""
-    wired: Ints  # (n, 3)
-    """0 where the edge opposite each corner is not drawn, else the number of parts in which the
-    edges of the face are cut."""
+    wired: Mask  # (n, 3)
+    """Whether the edge opposite each corner is drawn."""
 
     def some(self, chosen: Mask) -> "Triangles":
         """Some of the triangles."""

@@ -14,7 +14,6 @@ import numpy as np
 from contact_app.results.plot import vtk_images
 from contact_app.results.plot.arrangement import of_bodies
 from contact_app.results.plot.contact_picture import touchable
-from contact_app.results.plot.curved import finer
 from contact_app.results.plot.node_values import copies, limits, node_values, shifts, smooth_name
 from contact_app.results.plot.raster import (
     WIRE,
@@ -25,7 +24,7 @@ from contact_app.results.plot.raster import (
     wires,
 )
 from contact_app.results.plot.stored import LABELS, STRESSES, Stored
-from meshes.arrays import Array, Ints
+from meshes.arrays import Array, Ints, Mask
 
 #: Number of faces above which edges are not drawn.
 EDGES_UP_TO = 40_000
@@ -133,7 +132,7 @@ def draw_space(
     from matplotlib.cm import ScalarMappable
     from matplotlib.colors import Normalize
 
-    stored, skin, levels = finer(stored)
+    skin = stored.skin()
     rows = np.concatenate([owners for _, owners in skin])
     outline = stored.points[sharp_edges(stored.points, [sides for sides, _ in skin])]
     moved = stored.points + exaggeration * stored.point_data.get("displacement", 0.0)
@@ -142,12 +141,12 @@ def draw_space(
     view = view_from(direction, np.concatenate([stored.points[seen], moved[seen]]))
     inside = between or mostly_hidden(stored, [sides for sides, _ in skin], moved, view)
     faces = [sides + shifts(stored, owners)[:, None] for sides, owners in skin]
-    moved, levels = np.tile(moved, (copies(stored), 1)), np.tile(levels, copies(stored))
+    moved, vertices = np.tile(moved, (copies(stored), 1)), np.tile(stored.vertices, copies(stored))
     panels = [panel_of(stored, name, faces, rows, inside) for name in fields]
     ratio = float(np.clip(view.half[1] / view.half[0], 0.1, 1.6))
     figure, places, wide = of_bodies(len(panels), ratio)
     frame = Frame.of(view, (wide, wide * ratio), SHARPNESS)
-    skins = [skin_triangles(moved, faces, panel, frame, levels) for panel in panels]
+    skins = [skin_triangles(moved, faces, panel, frame, vertices) for panel in panels]
     lines, nodes = frame.places(outline), triangle_nodes(faces) % len(stored.points)
     drawn, reason = vtk_images.images(
         [drawing_of(*skin, nodes, lines, frame) for skin in zip(skins, panels, strict=True)]
@@ -353,15 +352,15 @@ def image_of(triangles: Triangles, panel: Panel, outline: Array, frame: Frame) -
 
 
 def skin_triangles(
-    points: Array, faces: list[Ints], panel: Panel, frame: Frame, levels: Ints
+    points: Array, faces: list[Ints], panel: Panel, frame: Frame, vertices: Mask
 ) -> Triangles:
     """The skin in pixel coordinates; quadrilaterals in two halves, with edges for few faces.
 
-    Of the pieces of second-order sides those edges are drawn whose nodes have `levels` of at most 1
-    together, as in `contact_app.results.plot.curved.finer`.
+    Of the pieces of second-order sides those edges are drawn that end at one of the `vertices` of
+    cells, (nodes,).
     """
-    places, view, parts = frame.places(points), frame.view, 4 if (levels > 1).any() else 1
-    few = sum(map(len, faces)) <= EDGES_UP_TO * parts**2
+    places, view = frame.places(points), frame.view
+    few = sum(map(len, faces)) <= EDGES_UP_TO
     corners, values, bright, wired = [], [], [], []
     start = 0
     for sides, normals in zip(faces, corner_normals(points, faces), strict=True):
@@ -373,12 +372,12 @@ def skin_triangles(
             corners.append(places[sides[:, pick]])
             values.append(at_corners[:, pick])
             bright.append(light[:, pick])
-            ends = levels[sides[:, pick]]
-            wired.append(edges & (np.roll(ends, 1, axis=1) + np.roll(ends, -1, axis=1) <= 1))
+            ends = vertices[sides[:, pick]]
+            wired.append(edges & (np.roll(ends, 1, axis=1) | np.roll(ends, -1, axis=1)))
         start += len(sides)
     return Triangles(
         np.concatenate(corners), np.concatenate(values), np.concatenate(bright),
-        parts * (np.concatenate(wired) & few),
+        np.concatenate(wired) & few,
     )  # fmt: skip
 
 

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
+import contact_app
 from contact_app.cli import app
 from contact_app.results.plot import node_values, picture, space_picture
 from contact_app.results.plot.arrangement import columns, of_patches
@@ -20,11 +21,11 @@ from contact_app.results.plot.contact_picture import (
     pressure_lines,
     profiles,
 )
-from contact_app.results.plot.curved import finer
 from contact_app.results.plot.stored import Stored, StoredError, read
 from contact_app.results.report import write_summary
 from contact_app.results.xdmf import cell_type_name
 from meshes.quadratic import EDGES, node_vertices
+from tests import scenes
 from tests.stored_results import write_result
 
 
@@ -459,37 +460,29 @@ def test_edges_of_cells_of_second_order_alone_are_drawn() -> None:
     kind = "tetrahedron10"
     stored = Stored(points, {kind: np.arange(10)[None]}, {kind: np.arange(1)}, {}, {})
     assert np.flatnonzero(stored.vertices).tolist() == [0, 1, 2, 3]
-    levels = (~stored.vertices).astype(int)
     panel = space_picture.Panel(np.zeros(10), (0.0, 1.0), False, "viridis", "", False)
     frame = space_picture.Frame.of(
         space_picture.view_from(np.array([1.0, -1.0, 0.5]), points), (1.0, 1.0), 100
     )
-    drawn = space_picture.skin_triangles(points, stored.boundary(), panel, frame, levels).wired
+    sides, vertices = stored.boundary(), stored.vertices
+    drawn = space_picture.skin_triangles(points, sides, panel, frame, vertices).wired
     assert drawn.shape == (16, 3)
     assert drawn.sum() == 4 * 3 * 2
 
 
-def test_sides_of_curved_cells_are_cut_where_their_polynomials_are() -> None:
-    """A tetrahedron that is bent by a quadratic map: new nodes have their places and values."""
-    straight = np.array([[0, 0, 0], [2, 0, 0], [0, 2, 0], [0, 0, 2]], float)
-    straight = np.concatenate([straight, straight[np.array(EDGES["tetrahedron"])].mean(axis=1)])
-
-    def bent(x: np.ndarray) -> np.ndarray:
-        return x + 0.1 * x[:, [1, 2, 0]] * x
-
-    kind = "tetrahedron10"
-    fields = {"place": straight, "von_mises": straight[:, 0] * straight[:, 1]}
-    made = Stored(bent(straight), {kind: np.arange(10)[None]}, {kind: np.arange(1)}, fields, {})
-    stored, ((sides, rows),), levels = finer(made)
-    assert sides.shape == (4 * 16, 3)
-    assert not rows.any()
-    assert len(stored.points) == len(levels) == 10 + 6 * 2 + 4 * 3  # none twice
-    at = stored.point_data["place"]  # linear: the places before the map
-    np.testing.assert_allclose(stored.points, bent(at), atol=1e-12)
-    np.testing.assert_allclose(stored.point_data["von_mises"], at[:, 0] * at[:, 1], atol=1e-12)
-    # each edge of the closed skin has two sides, in opposite directions
-    around = np.stack([sides, np.roll(sides, -1, axis=1)], axis=2).reshape(-1, 2)
-    assert {tuple(edge) for edge in around} == {tuple(edge[::-1]) for edge in around}
-    assert len({tuple(edge) for edge in around}) == len(around)
-    on_edges = levels[around].sum(axis=1) <= 1
-    assert on_edges.sum() == 6 * 4 * 2  # of six edges in four parts
+def test_pictures_of_an_earlier_increment(tmp_path: Path) -> None:
+    """Half of a displacement, before anything touches."""
+    made = scenes.wall("quadrilateral", 3)
+    del made["contacts"], made["conditions"][1:]
+    made["conditions"].append({"name": "up", "on": "block.y+", "displacement": [0, 0.1]})
+    made["steps"] = [{"up": 1, "increments": 2}]
+    contact_app.solve(made).write(tmp_path)
+    largest = [
+        float(np.abs(read(tmp_path, time).point_data["displacement"][:, 1]).max())
+        for time in (0.5, 1.0, None)
+    ]
+    assert largest == pytest.approx([0.05, 0.1, 0.1])
+    pictures, _ = picture.plot(tmp_path, output=tmp_path / "half", time=0.5, fields=("von_mises",))
+    assert [path.name for path in pictures] == ["bodies.png"]
+    with pytest.raises(StoredError, match=r"no increment at the time 0.7; it has 0.5, 1"):
+        picture.plot(tmp_path, time=0.7)

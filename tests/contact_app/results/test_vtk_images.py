@@ -43,7 +43,7 @@ def images_of_a_cube(veil: float) -> tuple[dict, np.ndarray]:
         space_picture.view_from(np.array([1.0, -0.7, 0.5]), np.concatenate([x, 1.3 * x])),
         (2.0, 2.0), 400,
     )  # fmt: skip
-    skin = space_picture.skin_triangles(x, faces, panel, frame, np.zeros(8, int))
+    skin = space_picture.skin_triangles(x, faces, panel, frame, np.ones(8, bool))
     outline = frame.places(1.3 * x[space_picture.sharp_edges(x, faces)])
     drawing = space_picture.drawing_of(
         skin, panel, space_picture.triangle_nodes(faces), outline, frame
