@@ -112,7 +112,7 @@ MANY |= dict.fromkeys(
 MANY |= dict.fromkeys(
     (
         "contact_app.studies.commands:bench_parts", "contact_app.studies.commands:chart",
-        "contact_app.studies.chart:chart", "contact_app.studies.chart:solve_point",
+        "contact_app.studies.chart:solve_point",
         "contact_app.studies.runs:run_one", "contact_app.studies.svm_training:train",
         "meshes.repair:load_mesh", "contact_app.results.plot.space_picture:draw_space",
         "contact_app.results.plot.picture:_draw_bodies",
