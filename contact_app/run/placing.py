@@ -26,13 +26,15 @@ from contact_app.scene.rigid import Placement, RigidBody
 from meshes.arrays import Array
 from solver.contact.solution import Guess, Solution
 
-PLACINGS = 20
-"""Number of new placements of a body after which a body that moves on and on leaves; twice as many
-are the most.
+PLACINGS = 40
+"""Most placements of a body.
 
 Each multiplies the error by the ratio of contact pressure to stiffness of the bodies, or squares
 it. At the largest force that friction at a circle holds this ratio is nearly one.
 """
+
+JUDGED = 8
+"""Placements from which on a body that moves on and on leaves."""
 
 MISPLACED = 0.1
 """Admissible error of gaps over the largest displacement, in units of the solver's tolerance."""
@@ -40,8 +42,11 @@ MISPLACED = 0.1
 SMALL_ROTATION = 0.1
 """Free rotation in radians above which a warning follows: the rotation is not small."""
 
-STRAIGHT = 0.9
-"""Distance over the length of the way, from which on a body keeps its direction."""
+STRAIGHT, GROWS = 0.9, 0.8
+"""Distance over the length of the way, from which on a body keeps its direction, and distance over
+the one before, from which on it moves on: over 0.9 for circles that are pushed beyond the largest
+force that holds them or roll away, below 0.1 for others. A factor of q in each placement gives q⁴,
+so a body that leaves by this rule would not be in its place after the most of placements."""
 
 LEAST, MOST = 0.3, 3.0
 """Least and largest factor on the displacement of a new placement."""
@@ -88,7 +93,7 @@ class Relaxation:
                 self._share *= -float((self._before * change).sum()) / square
                 self._share = float(np.clip(self._share, LEAST, MOST))
         self._before = step
-        self._steps.append(self._share * step)
+        self._steps.append(step)
         return [
             replace(place, displacement=(float(x), float(y), float(z)))
             for place, (x, y, z) in zip(computed, places + self._share * step, strict=True)
@@ -96,12 +101,13 @@ class Relaxation:
 
     @property
     def moves_on(self) -> bool:
-        """Whether the later half of the steps went as far as the earlier one, the same way."""
+        """Whether the answers' later steps are about as long as the earlier ones, the same way."""
         middle = len(self._steps) // 2
         earlier, later = (sum(some) for some in (self._steps[:middle], self._steps[middle:]))
         way = sum(float(np.linalg.norm(step)) for step in self._steps[middle:])
         distance = float(np.linalg.norm(later))
-        return distance > max(STRAIGHT * way, float(np.linalg.norm(earlier)))
+        long = distance > max(STRAIGHT * way, GROWS * float(np.linalg.norm(earlier)))
+        return long and len(self._steps) >= JUDGED
 
 
 def placed_anew(solved: SolvedScene) -> list[Placement] | None:
@@ -182,11 +188,11 @@ def leaves_where_placed(error: NoEquilibriumError) -> NoEquilibriumError:
     )
 
 
-def moves_away(solved: SolvedScene) -> NoEquilibriumError:
-    """The error for rigid bodies that each new placement moves further."""
+def moves_away(solved: SolvedScene, solves: int) -> NoEquilibriumError:
+    """The error for rigid bodies that each of some solves moves further."""
     return NoEquilibriumError(
         f"{solved.model.scene.source}: the scene has no equilibrium: nothing stops "
-        f"{_last_moves(solved, ' from leaving')} under its loads: each of {PLACINGS} solves, "
+        f"{_last_moves(solved, ' from leaving')} under its loads: each of {solves} solves, "
         "begun from the positions of the last answer, moved the bodies further. Add displacement "
         "conditions along the surfaces on which the bodies slide or roll"
     )
@@ -198,7 +204,7 @@ def never_placed(solved: SolvedScene) -> SolvedScene:
     solution = replace(solved.solution, certificate=certificate)
     solved = replace(solved, solution=solution, summary={})  # of the changed verdict
     text = (
-        f"the positions of the rigid bodies still change after {2 * PLACINGS} solves, each from "
+        f"the positions of the rigid bodies still change after {PLACINGS} solves, each from "
         f"the positions of the last answer; the last one moves {_last_moves(solved)}: the bodies "
         "may slide off the surfaces that they touch or roll on; add displacement conditions along "
         "these surfaces"

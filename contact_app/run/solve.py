@@ -162,7 +162,7 @@ def solve_scene(
 def _at_rest(request: _Request) -> SolvedScene:
     """Solve a scene repeatedly until the placements of its rigid bodies agree with the answer."""
     relaxation = Relaxation()
-    for count in range(2 * PLACINGS):
+    for count in range(PLACINGS):
         try:
             solved = _certified(request)
         except NoEquilibriumError as error:
@@ -173,8 +173,8 @@ def _at_rest(request: _Request) -> SolvedScene:
         if request.comm.rank == 0:
             log.info("rigid bodies have moved: solving again with new placements")
         places = relaxation.towards(solved.model.scene.rigid.placements, places)
-        if count + 1 == PLACINGS and relaxation.moves_on:
-            raise moves_away(solved)
+        if relaxation.moves_on:
+            raise moves_away(solved, count + 1)
         request = replace(
             request, scene=request.scene.placed(places), start=SameRows(solved.solution),
             checkpoint=None, counts_before=solved.solution.counts, report=None,
