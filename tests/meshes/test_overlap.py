@@ -85,17 +85,6 @@ def test_the_first_tangled_triangle_is_named(tmp_path: Path) -> None:
         assert "the first is cell 3 of the file" in again
 
 
-def test_a_cell_too_many(tmp_path: Path) -> None:
-    """A further triangle on an edge of the surface, on the side where a triangle is already."""
-    points, cells = meshfiles.lattice("triangle", (8, 8))
-    at = [np.flatnonzero(np.abs(points - x).max(axis=1) < 1e-9)[0]
-          for x in ([0, 0, 0], [0.125, 0, 0], [0.5, 0.5, 0])]  # fmt: skip
-    mesh = meshfiles.of_cells("triangle", points, np.vstack([cells, [at]]))
-    message = refused(mesh, "triangle", tmp_path)
-    assert "has 1 triangles that overlap their neighbours" in message
-    assert "the first is cell 129 of the file" in message
-
-
 @pytest.mark.parametrize("cell", SOLID)
 def test_all_cells_of_a_reversed_half(cell: str, tmp_path: Path) -> None:
     """A block folded over: the upper half lies on the lower one."""
@@ -236,17 +225,6 @@ def test_two_sheets_about_a_slit(tmp_path: Path) -> None:
     triangles = mesh.cells[0].data[:, [(0, 1, 2), (0, 2, 3)]].reshape(-1, 3)
     message = refused(meshfiles.of_cells("triangle", mesh.points, triangles), "triangle", tmp_path)
     assert "triangles that lie in other cells" in message
-
-
-def test_two_sheets_in_space(tmp_path: Path) -> None:
-    flat = meshfiles.two_sheets()
-    n = len(flat.points)
-    points = np.concatenate([flat.points, flat.points + [0.0, 0.0, 0.3]])
-    cells = np.hstack([flat.cells[0].data, flat.cells[0].data + n])
-    assert "of the file" in refused(
-        meshfiles.of_cells("hexahedron", points, cells), "hexahedron", tmp_path
-    ) or "hanging" in refused(meshfiles.of_cells("hexahedron", points, cells), "hexahedron",
-                              tmp_path)  # fmt: skip
 
 
 def test_two_sheets_in_a_ring(tmp_path: Path) -> None:

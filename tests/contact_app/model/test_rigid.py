@@ -320,13 +320,12 @@ def test_ranks_agree(tmp_path: Path) -> None:
     """The last rank has the rigid bodies; the answer does not know."""
     made = mixed()
     made["decomposition"] = {"subdomains": 5}
-    known, *others = (summary_of(made, tmp_path, n) for n in (1, 2, 3))
-    for found in others:
-        same_contacts(found, known, 3e-6)
-        for name, body in known["rigid_bodies"].items():
-            for key, values in body.items():
-                np.testing.assert_allclose(found["rigid_bodies"][name][key], values, atol=3e-8)
-        assert found["reactions"][-1]["on"] == "roller"
+    known, found = (summary_of(made, tmp_path, n) for n in (1, 3))
+    same_contacts(found, known, 3e-6)
+    for name, body in known["rigid_bodies"].items():
+        for key, values in body.items():
+            np.testing.assert_allclose(found["rigid_bodies"][name][key], values, atol=3e-8)
+    assert found["reactions"][-1]["on"] == "roller"
 
 
 FACTORS = {"factors": FactorOptions(), "multigrid": FactorOptions(0.0, 12.0, 0.0, slow_seconds=0.0)}

@@ -19,8 +19,6 @@ from tests.comparison import same_contacts, solve
 from tests.rows import covering
 from tests.scenes_on_ranks import one_and_two
 
-CORNER = Path(__file__).parents[3] / "configs" / "corner.yaml"
-
 BETWEEN_WALLS: scenes.Config = {
     "dimension": 2,
     "bodies": [scenes.box("b", [1, 1], [4, 4])],
@@ -79,14 +77,6 @@ def test_at_a_node_of_two_contacts_the_larger_pressure_counts(tmp_path: Path) ->
         np.testing.assert_allclose(found, values, rtol=0, atol=1e-5)
     found = grid.point_data["contact_pressure"]
     np.testing.assert_allclose(found, np.max(known, axis=0), rtol=0, atol=1e-5)
-
-
-def test_the_shipped_corner() -> None:
-    """Three faces with a pressure each: 10, 15 and 20."""
-    solved = solve_scene(scenes.read(CORNER, ["bodies.0.mesh.box.cells=[4,4,4]"]))
-    assert solved.summary["solution"]["max_contact_pressure"] == pytest.approx(20.0, rel=1e-5)
-    found = [c["max_pressure"] for c in solved.summary["contacts"]]
-    assert found == pytest.approx([10, 15, 20], rel=1e-5)
 
 
 def in_corner(cell: str, degree: int) -> scenes.Config:
@@ -176,14 +166,6 @@ def test_area_point_and_nodes(cell: str, degree: int) -> None:
     closed[found.nodes] = found.closed
     assert contact["area"] == pytest.approx(share[closed].sum())
     assert share.sum() == pytest.approx(1.0)
-
-
-def test_opposite_walls_do_not_cancel() -> None:
-    """Each with what is behind it; the sum is zero."""
-    solved = solve(BETWEEN_WALLS)
-    _, left, right = solved.summary["contacts"]
-    assert left["force"][0] == pytest.approx(-right["force"][0])
-    assert left["force"][0] > 4.0
 
 
 def test_on_a_round_obstacle() -> None:
@@ -382,10 +364,6 @@ def test_fields_of_contacts_are_written_on_request_only(tmp_path: Path) -> None:
     made = {**BETWEEN_WALLS, "output": {"fields": ["displacement", "gap"]}}
     _, grid = file_with_rows(tmp_path, made)
     assert sorted(grid.point_data) == ["displacement", "gap"]
-
-
-def test_without_contacts() -> None:
-    assert solve(scenes.no_contacts("quadrilateral", 3)).summary["contacts"] == []
 
 
 def test_in_the_order_of_the_file() -> None:

@@ -9,11 +9,9 @@ import pytest
 from mpi4py import MPI
 
 from contact_app.accuracy.solved_scene import SolvedScene
-from contact_app.model.facets import moments
 from contact_app.results.alternation import Lines, alternation
 from contact_app.run.solve import solve_scene
 from tests import meshfiles, scenes
-from tests.comparison import solve
 
 ROOT = Path(__file__).parents[3]
 
@@ -83,13 +81,6 @@ def test_hertz_near_incompressible(tmp_path: Path) -> None:
     assert found.alternation < 0.01
 
 
-def test_hertz_converges(tmp_path: Path) -> None:
-    """Curved cells halved; parts of straight ones would stay on the polygon."""
-    coarse, fine = (hertz(tmp_path, True, f"bodies.0.mesh.refine={n}") for n in (0, 1))
-    assert fine.rms < 0.6 * coarse.rms
-    assert fine.inner < 0.0012, "what the theory of a half plane leaves"
-
-
 def line_of_facets(x: np.ndarray) -> tuple[Lines, np.ndarray]:
     """Facets of three nodes between ascending vertices, in an order of their own."""
     middles = 0.5 * (x[1:] + x[:-1])
@@ -121,35 +112,3 @@ def test_nodes_that_an_alternation_opens_are_closed() -> None:
     assert (found[x > 6.0] == 0.0).all()
     q = np.where(ends, 3.0, 0.0)  # as of a polygon in a round hole: corners alone touch
     assert q - alternation(lines, q, lambda v: v) == pytest.approx(1.0)
-
-
-def top(cells: list[int], degree: int) -> dict[tuple[float, float], float]:
-    """Nodal pressures of the cushion under a ball, by place."""
-    given = (f"bodies.0.mesh.box.cells={cells}", f"bodies.0.degree={degree}")
-    scene = scenes.read("sphere", given)
-    nodes = solve_scene(scene, MPI.COMM_SELF).nodes
-    surface = ~np.isnan(nodes.gap)
-    at = np.round(nodes.points[surface][:, :2], 6).tolist()
-    return {(x, y): p for (x, y), p in zip(at, nodes.contact_pressure[surface], strict=True)}
-
-
-@pytest.mark.parametrize("cell", [*scenes.CELLS_2D, *scenes.CELLS_3D])
-@pytest.mark.parametrize("subdomains", [1, 5])
-def test_the_resultant_is_that_of_the_forces(cell: str, subdomains: int) -> None:
-    """∫ p over the contact is the contact force; no pressure where nothing touches."""
-    made = scenes.ALL["tilted_plane"](cell, 3)
-    made = scenes.quadratic(made)
-    solution = solve(made, subdomains)
-    nodes = solution.nodes
-    assert nodes.contact_pressure.min() >= 0.0
-    total = 0.0
-    scene, partition = solution.model.scene, solution.model.partition
-    contact = scene.contacts[0]
-    chosen = solution.model.geometry.facets_of(contact.body, contact.boundary)
-    for s, rows in zip(partition.subdomains, chosen, strict=True):
-        if len(rows):
-            facets = s.reference.facets[rows]
-            shares = moments(s.points()[facets], scene.dimension).sum(axis=1)
-            total += float((shares * nodes.contact_pressure[s.nodes[facets]]).sum())
-    force = np.linalg.norm(solution.summary["solution"]["contact_force"])
-    assert total == pytest.approx(force, rel=1e-8)

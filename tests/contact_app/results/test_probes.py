@@ -48,15 +48,6 @@ def test_a_linear_field_is_exact_anywhere(cell: str, degree: int) -> None:
         np.testing.assert_allclose(found[name]["displacement"], expected, atol=1e-9)
 
 
-def test_a_probe_at_a_node_has_its_displacement() -> None:
-    made = scenes.wall("hexahedron", 4)
-    made["output"] = {"probes": {"top": [0.75, 0.5, 1.0]}}
-    answer = contact_app.solve(made)
-    node = np.abs(answer.points - [0.75, 0.5, 1.0]).sum(axis=1).argmin()
-    found = answer.summary["probes"]["top"]["displacement"]
-    np.testing.assert_allclose(found, answer.displacement[node], rtol=1e-9, atol=1e-12)
-
-
 def test_the_mirror_image_has_probes() -> None:
     made = scenes.wall("quadrilateral", 4)
     made["contacts"] = []

@@ -1,7 +1,6 @@
 """Section forces against statics, on every cell, decomposition and half of a scene."""
 
 import copy
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -9,7 +8,7 @@ import pytest
 
 import contact_app
 from contact_app.errors import ConfigurationError
-from tests import meshfiles, scenes
+from tests import scenes
 from tests.rows import covering
 
 CELLS = ["triangle", "quadrilateral", "tetrahedron", "hexahedron"]
@@ -154,33 +153,6 @@ def test_the_sides_push_each_other_alike_also_through_contact_and_support() -> N
     np.testing.assert_allclose(forth["moment"], -np.array(back["moment"]), atol=1e-8)
     # far from the clamp all is carried straight down
     assert forth["force"] == pytest.approx([0, 0, 0], abs=0.1)
-
-
-@pytest.mark.parametrize(("cell", "name"), [
-    ("tetrahedron", "tetra10"), ("hexahedron", "hexahedron27"),
-])  # fmt: skip
-def test_curved_cells(cell: str, name: str, tmp_path: Path) -> None:
-    """An eighth of a tube, pulled and twisted at its end: the section is an eighth of a ring."""
-    mesh = meshfiles.second_order(meshfiles.block(cell, 4, 0.0), cell, name, meshfiles.bend)
-    file = meshfiles.write(mesh, tmp_path / "block.msh")
-    made = {
-        "dimension": 3,
-        "bodies": [{"name": "b", "mesh": {"file": str(file)}, "degree": 2,
-                    "material": {"young": 1000, "poisson": 0.3}}],
-        "conditions": [{"on": "b.z-", "displacement": [0, 0, 0]},
-                       {"on": "b.z+", "total_force": [3, 2, 1], "total_moment": [0, 0, 5],
-                        "at": [0, 0, 1]}],
-        "output": {"sections": {"cut": plane([0, 0, 0.5], [0, 0, 1])}},
-        "solver": {"tolerance": 1e-11},
-    }  # fmt: skip
-    found = sections(made)["cut"]
-    np.testing.assert_allclose(found["force"], [3, 2, 1], atol=1e-8)
-    moment = np.array([0, 0, 5.0]) + np.cross(np.array([0, 0, 1]) - found["point"], [3, 2, 1])
-    np.testing.assert_allclose(found["moment"], moment, atol=1e-8)
-    assert found["area"] == pytest.approx(3 * np.pi / 8, rel=2e-3)
-    radius = (8 - 1) / 3 * 2 * np.sin(np.pi / 8) / (3 * np.pi / 8)
-    centre = radius * np.array([np.cos(np.pi / 8), np.sin(np.pi / 8)])
-    np.testing.assert_allclose(found["point"], [*centre, 0.5], rtol=2e-3)
 
 
 @pytest.mark.parametrize(

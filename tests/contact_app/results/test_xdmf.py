@@ -9,7 +9,6 @@ import pytest
 
 from contact_app.results.xdmf import CELL_TYPES, XDMFError, XDMFWriter
 from meshes.quadratic import node_vertices
-from tests.stored_results import write_result
 
 SHAPES = {
     "triangle": [[0, 0], [1, 0], [0, 1]],
@@ -177,22 +176,3 @@ def test_an_incomplete_grid_is_refused(
         for first, last in cells:
             file.cells(first, [[0, 1, 2]] * (last - first))
     assert list(tmp_path.iterdir()) == []
-
-
-def test_pyvista_reads_one_grid_with_every_field(tmp_path: Path) -> None:
-    pyvista = pytest.importorskip("pyvista", reason="pyvista is not installed")
-    rng = np.random.default_rng(9)
-    points, cells = separate_cells("hexahedron", 4, rng)
-    displacement = rng.normal(size=points.shape)
-    stress = rng.normal(size=(4, 6))
-    path = tmp_path / "solution.xdmf"
-    fields = {"displacement": displacement}, {"stress": stress}
-    write_result(tmp_path, "hexahedron", points, cells, *fields)
-    grid = pyvista.read(path)
-    if isinstance(grid, pyvista.MultiBlock):
-        assert grid.n_blocks == 1
-        grid = grid[0]
-    assert grid.n_points == len(points)
-    np.testing.assert_allclose(grid.compute_cell_sizes()["Volume"], 1.0, rtol=1e-14)
-    np.testing.assert_array_equal(grid.point_data["displacement"], displacement)
-    np.testing.assert_array_equal(grid.cell_data["stress"][:, [0, 4, 8]], stress[:, :3])

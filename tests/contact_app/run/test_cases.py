@@ -175,16 +175,6 @@ def test_each_case_is_the_scene_with_its_loads(made: Config, subdomains: Any) ->
         )
 
 
-def test_contacts_open_and_close_from_case_to_case() -> None:
-    cases = all_cases(slot(), 4)
-    closed = {
-        name: [entry["nodes"]["slip"] > 0 for entry in solved.summary["contacts"]]
-        for name, solved in cases.items()
-    }
-    assert closed["right"] == [True, False]
-    assert closed["left"] == [False, True]
-
-
 def test_cases_share_factors_and_rows() -> None:
     cases = list(all_cases(slot(), 4).values())
     first = cases[0].model
@@ -489,16 +479,6 @@ def test_functions_of_one_load_case_refuse_several(tmp_path: Path) -> None:
         solve_scene(scenes.build(slot(3)))
     with pytest.raises(ConfigurationError, match="leaves no checkpoint"):
         run(scenes.build(slot(3)), tmp_path, resume=True)
-
-
-def test_names_without_cases_change_nothing() -> None:
-    made = slot(3)
-    del made["cases"], made["conditions"][0]
-    made["conditions"].append(scenes.clamp(SQUARE, "block.y-"))
-    nameless = copy.deepcopy(made)
-    del nameless["conditions"][0]["name"]
-    energies = [contact_app.solve(m).summary["solution"]["energy"] for m in (made, nameless)]
-    assert energies[0] == energies[1]
 
 
 def test_each_case_and_their_envelope_have_pictures(tmp_path: Path) -> None:

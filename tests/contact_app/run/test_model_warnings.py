@@ -372,29 +372,6 @@ def test_a_second_order_file_at_the_default_degree_causes_a_warning(tmp_path: Pa
         assert any("ring: its mesh file is of second order" in line for line in found) == told
 
 
-@pytest.mark.parametrize("steep", [True, False])
-def test_overlaps_of_surfaces_that_are_tilted_against_each_other(
-    steep: bool, tmp_path: Path
-) -> None:
-    """A stiff tooth, with flanks of 50° or of 6°, in a soft block: the choice of `on` decides."""
-    mesh = meshfiles.block("quadrilateral", 16, 0.0)
-    x, y = mesh.points[:, :2].T
-    mesh.points[:, 1] = 0.8 + y + (1.2 if steep else 0.1) * np.abs(x - 0.5) * (1.0 - y)
-    soft = scenes.block("quadrilateral", 16, name="soft", young=10.0, poisson=0.4)
-    tooth = scenes.block("quadrilateral", 16, name="tooth", young=1e5)
-    tooth["mesh"] = {"file": str(meshfiles.write(mesh, tmp_path / "tooth.msh"))}
-    held = [{"on": on, "displacement": [0, 0]} for on in ("soft.y-", "tooth.y+")]
-    energies = []
-    for on, against in (("tooth.y-", "soft.y+"), ("soft.y+", "tooth.y-")):
-        made = scenes.config("quadrilateral", [soft, tooth], held, [{"on": on, "against": against}])
-        summary = solve_scene(scenes.build(made)).summary
-        assert summary["certificate"]["passed"]
-        energies.append(summary["solution"]["energy"])
-        told = "\n".join(summary["certificate"]["warnings"])
-        assert ("press that are tilted against each other and up to 0.2 apart" in told) == steep
-    assert (energies[0] > 1.3 * energies[1]) == steep
-
-
 def test_the_residual_of_multigrid_is_no_rounding_error() -> None:
     """A loose answer of a body that is moved by 10 and squeezed by 0.1 has all of its digits."""
     cell = "tetrahedron"

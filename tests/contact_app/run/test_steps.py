@@ -215,35 +215,6 @@ def test_a_block_that_slides_to_and_fro_is_cheap() -> None:
 
 
 @pytest.mark.ratchet
-@pytest.mark.parametrize(("method", "most"), [("primal", 90), ("active-set", 110)])
-def test_increments_begin_with_the_answers_and_slips_of_a_step(method: str, most: int) -> None:
-    """From the last answer alone multigrid takes 144 operator applications.
-
-    Active sets take 134 where they do not know how far points slid in the last increment.
-    """
-    box = {"lower": [0.0] * 3, "upper": [1.0] * 3, "cells": [8, 8, 8], "cell": "hexahedron"}
-    wall = {"plane": {"point": [1, 0, 0], "normal": [-1, 0, 0]}}
-    made = {
-        "dimension": 3,
-        "bodies": [
-            {"name": "cube", "mesh": {"box": box}, "material": {"young": 1000, "poisson": 0.3}}
-        ],
-        "conditions": [
-            {"on": "cube.z-", "displacement": [0, 0, 0]},
-            {"name": "press", "on": "cube.z+", "traction": [0, 0, -5]},
-            {"name": "push", "on": "cube.z+", "traction": [0, 1, 0]},
-        ],
-        "contacts": [{"on": "cube.x+", "obstacle": wall, "friction": {"coulomb": 0.3}}],
-        "steps": [{"press": 1, "push": 1, "increments": 10}],
-        "solver": {"method": method, "tolerance": 1e-8},
-    }
-    found = solved(made)
-    assert found.converged
-    counts = [r["solver"]["hessian_multiplications"] for r in found.summary["steps"]]
-    assert sum(counts) <= most, counts
-
-
-@pytest.mark.ratchet
 @pytest.mark.parametrize("method", ["auto", "primal"])
 def test_an_increment_without_a_change_of_loads_costs_next_to_nothing(method: str) -> None:
     """Its forces are those before, although the slips that it is measured from are others."""
@@ -445,18 +416,6 @@ def test_an_interrupted_run_goes_on(history: StepAnswers, tmp_path: Path) -> Non
 
     assert run(scenes.build({**made, "steps": [{"press": 1}]}), tmp_path) == Exit.CERTIFIED
     assert not list(tmp_path.glob("solution-2.*"))
-
-
-def test_an_interrupted_run_by_multigrid_goes_on(tmp_path: Path) -> None:
-    """Its model has other subdomains, in whose order the displacements are saved."""
-    by_multigrid = {"solver": {"method": "primal", "tolerance": 1e-8}}
-    made = interrupted(tmp_path, by_multigrid)
-    assert run(scenes.build(made), tmp_path, resume=True) == Exit.CERTIFIED
-    resumed = json.loads((tmp_path / "summary.json").read_text())
-    whole = solved(block(PRESS_AND_PUSH) | by_multigrid).summary
-    assert {record["solver"]["method"] for record in resumed["steps"]} == {"primal"}
-    for key in ("energy", "dissipated_work", "max_displacement"):
-        assert resumed["solution"][key] == pytest.approx(whole["solution"][key], rel=1e-6)
 
 
 @pytest.mark.slow

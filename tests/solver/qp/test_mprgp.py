@@ -42,14 +42,6 @@ def test_products_add_up_as_in_table_1(expansion):
     assert counts.inner == len(result.history) - 1
 
 
-@pytest.mark.parametrize("expansion", ALL)
-def test_all_expansions_find_the_same_point(expansion):
-    qp = membrane(10)
-    result = MPRGP(expansion, rtol=1e-10).solve(qp)
-    reference = MPRGP("fixed", 1.0, rtol=1e-12).solve(qp)
-    np.testing.assert_allclose(result.x, reference.x, atol=1e-9)
-
-
 @pytest.mark.ratchet
 def test_without_bounds_it_is_the_conjugate_gradient_method():
     rng = np.random.default_rng(1)

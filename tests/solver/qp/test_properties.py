@@ -120,35 +120,6 @@ def test_the_default_never_raises_the_cost(problem):
 
 
 @SETTINGS
-@given(problem=problems(), seed=st.integers(0, 1000))
-def test_the_order_of_the_variables_does_not_matter(problem, seed):
-    A, b, lower, upper = problem
-    A = A + 0.01 * (np.abs(A).max() or 1.0) * np.eye(b.size)  # one solution only
-    order = np.random.default_rng(seed).permutation(b.size)
-    solver = MPRGP("projcg-safe", rtol=1e-10, max_iterations=LIMIT)
-    x = solver.solve(BoxQP(A, b, lower, upper)).x
-    y = solver.solve(BoxQP(A[np.ix_(order, order)], b[order], lower[order], upper[order])).x
-    np.testing.assert_allclose(y, x[order], atol=1e-6 * (np.linalg.norm(x) or 1.0))
-
-
-@SETTINGS
-@given(
-    problem=problems(),
-    scale=st.tuples(*(st.floats(1e-8, 1e8) for _ in range(2))),
-    expansion=st.sampled_from(ALL),
-)
-def test_scaling_does_not_change_the_solution(problem, scale, expansion):
-    A, b, lower, upper = problem
-    A = A + 0.01 * (np.abs(A).max() or 1.0) * np.eye(b.size)
-    t, s = scale
-    solver = MPRGP(expansion, 1.0, rtol=1e-9, max_iterations=LIMIT)
-    plain = solver.solve(BoxQP(A, b, lower, upper))
-    scaled = solver.solve(BoxQP(t * A, t * s * b, s * lower, s * upper))
-    size = np.linalg.norm(plain.x) or 1.0
-    np.testing.assert_allclose(scaled.x / s, plain.x, atol=1e-5 * size)
-
-
-@SETTINGS
 @given(problem=problems(), rows=st.integers(1, 4), seed=st.integers(0, 1000))
 def test_smalbe_reaches_a_kkt_point_with_equalities(problem, rows, seed):
     A, b, lower, upper = problem

@@ -13,7 +13,7 @@ from solver.qp import reference
 from solver.qp.examples import figure_1
 from solver.qp.iterate import Iterate
 from solver.vectors import Array
-from tests.solver.qp.problems import ALL, membrane, random_hessian, string_obstacle
+from tests.solver.qp.problems import ALL, random_hessian, string_obstacle
 
 EXPANSIONS = [name for name in ALL if name != "projcg-safe"]  # that one is not the paper's
 
@@ -73,14 +73,6 @@ def test_a_string_over_an_obstacle(expansion: str) -> None:
     A, b, lower = string_obstacle(40)
     none = np.full(40, np.inf)
     assert agree(A.toarray(), b, lower, none, np.zeros(40), 30, expansion=expansion) > 10
-
-
-@pytest.mark.parametrize("expansion", EXPANSIONS)
-def test_a_membrane(expansion: str) -> None:
-    qp = membrane(6)
-    A = np.column_stack([_product(qp, e) for e in np.eye(36)])
-    assert qp.lower is not None
-    assert agree(A, qp.b, qp.lower, np.full(36, np.inf), np.zeros(36), 30, expansion=expansion) > 5
 
 
 def test_figure_1_of_the_paper() -> None:
