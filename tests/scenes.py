@@ -416,6 +416,15 @@ def lifted_strip(length: float, cells: list[int], degree: int = 1, **solver: Any
     return {**made, "solver": {"tolerance": 1e-8, **solver}}
 
 
+def slender(ratio: float, cells: list[int]) -> Config:
+    """A cantilever that bends down onto a plane some way below it."""
+    held = {"on": "body.x-", "displacement": [0.0, 0.0]}
+    load = {"on": "body.y+", "pressure": 2000.0 / ratio**3}
+    floor = {"on": "body.y-", "obstacle": {"plane": {"point": [0.0, -0.02], "normal": [0.0, 1.0]}}}
+    made = config("quadrilateral", [box("body", [1.0, 1.0 / ratio], cells)], [held, load], [floor])
+    return {**made, "solver": {"tolerance": 1e-8}}
+
+
 # --- from configuration to scene ---------------------------------------------------------------
 
 

@@ -20,7 +20,6 @@ from solver.tfeti.recovery import interface_displacements, kernel_coefficients
 from solver.tfeti.winkler import winkler_contact
 from solver.vectors import Mask
 from tests import scenes
-from tests.hard_scenes import slender
 
 
 @pytest.fixture(scope="module")
@@ -155,7 +154,7 @@ def test_an_active_set_measures_rounding_errors_outside_the_range_of_the_project
 
     Without this knowledge steps continue up to the limit of two for each unknown.
     """
-    scene = scenes.build(slender(300.0, [300, 1]), [30, 1])
+    scene = scenes.build(scenes.slender(300.0, [300, 1]), [30, 1])
     problem = build_model(scene, MPI.COMM_SELF).problem
     on_set = ActiveSetProblem(problem, Statuses(winkler_contact(problem)))
     assert on_set.solve(MPRGP(), 0.0, None) is Reason.CONVERGED

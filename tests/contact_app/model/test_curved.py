@@ -131,47 +131,6 @@ def bore(d: int) -> dict[str, object]:
     return {"cylinder": {"point": [0, 0, 0], "axis": [0, 0, 1], "radius": 19.99, "hollow": True}}
 
 
-def press_fit(cell: str, name: str, cells: tuple[int, int], directory: Path) -> tuple[float, float]:
-    """A ring pressed into another, meshes that do not match: errors of the contact pressure.
-
-    Radii 10, 20, 30, E = 2.1e5 and ν = 0.3 in plane strain, 0.05 too large: Lamé's rings give way
-    by u = p b/E' ((b² + a²)/|b² - a²| ∓ ν') with E' = E/(1 - ν²), ν' = ν/(1 - ν).
-    """
-    radii = ((10.0, 20.025), (19.975, 30.0))
-    bodies: list[scenes.Config] = []
-    conditions: list[scenes.Config] = []
-    for ring, n, (inner, outer) in zip(("inner", "outer"), cells, radii, strict=True):
-        place = meshfiles.ring(inner, outer)
-        mesh = meshfiles.second_order(meshfiles.block(cell, n, 0.0), cell, name, place)
-        file = meshfiles.write(mesh, directory / f"{ring}.msh")
-        bodies.append({"name": ring, "degree": 2, "mesh": {"file": str(file)},
-                       "material": {"young": 2.1e5, "poisson": 0.3}})  # fmt: skip
-        conditions += [
-            {"on": f"{ring}.y-", "displacement": [None, 0]},
-            {"on": f"{ring}.y+", "displacement": [0, None]},
-        ]
-    contacts = [{"on": "outer.x-", "against": "inner.x+"}]
-    made = scenes.config(cell, bodies, conditions, contacts)
-    solved = solve_scene(scenes.build(made, 3))
-    assert solved.summary["certificate"]["passed"]
-    way = 0.0
-    for (a, b), sign in (((10.0, 20.025), -1.0), ((30.0, 19.975), 1.0)):
-        way += b * ((b**2 + a**2) / abs(b**2 - a**2) + sign * 0.3 / 0.7)
-    exact = 0.05 * 2.1e5 / (1 - 0.3**2) / way
-    pressure = solved.nodes.contact_pressure
-    touching = pressure[pressure > 0.0]
-    return abs(touching.mean() / exact - 1.0), np.abs(touching / exact - 1.0).max()
-
-
-@pytest.mark.parametrize(("cell", "name"), [("quadrilateral", "quad8"), ("triangle", "triangle6")])
-def test_curved_bodies_pressed_together(cell: str, name: str, tmp_path: Path) -> None:
-    """The interference is a twentieth of what polygons of these edges are apart."""
-    coarse, fine = (press_fit(cell, name, n, tmp_path) for n in ((4, 6), (8, 12)))
-    assert fine[0] < 5e-3  # δ/b is 2.5e-3
-    assert fine[1] < 1e-2
-    assert coarse[1] > 2 * fine[1]
-
-
 @pytest.mark.parametrize("cell", list(meshfiles.SECOND))
 def test_a_polygon_causes_a_warning(cell: str, tmp_path: Path) -> None:
     """Straight edges on a round boundary: the certificate names the sagitta h²/8R."""

@@ -7,7 +7,6 @@ import pytest
 
 from contact_app.errors import NoEquilibriumError
 from contact_app.run.solve import solve_scene
-from contact_app.scene.yaml_reader import read
 from tests import reference, scenes
 from tests.comparison import in_space, same_displacement, solve
 from tests.rows import covering
@@ -87,21 +86,6 @@ def test_the_corner_of_the_guides_block_sinks_by_a_thousandth() -> None:
     found = solve_scene(scenes.read(path, ["bodies.0.degree=2"])).summary
     corner = found["probes"]["corner"]["displacement"]
     assert corner == pytest.approx([0.0, -0.001], rel=2e-3, abs=1e-9)
-
-
-@pytest.mark.parametrize("cell", scenes.CELLS_2D)
-def test_slender_beam(cell: str) -> None:
-    """The guide's cantilever of cells four times as long as high, against Euler and Bernoulli."""
-    path, exact = Path(__file__).parents[3] / "docs" / "guide" / "slender_cantilever.yaml", 0.1
-    beam, _ = read(path)
-    beam["bodies"][0]["mesh"]["box"]["cell"] = cell
-    first = solve(beam, 1, tolerance=1e-6).summary
-    second = solve(scenes.quadratic(beam), 1, tolerance=1e-6).summary
-    assert first["solution"]["max_displacement"] < 0.15 * exact
-    assert second["solution"]["max_displacement"] == pytest.approx(exact, rel=1e-3)
-    assert second["certificate"]["passed"]
-    assert any("use degree: 2" in w for w in first["certificate"]["warnings"])
-    assert not any("degree: 2" in w for w in second["certificate"]["warnings"])
 
 
 @pytest.mark.parametrize("cell", CELLS)

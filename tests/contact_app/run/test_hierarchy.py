@@ -10,9 +10,8 @@ from contact_app.run.solve import solve_scene
 from solver.problem.constraint_hierarchy import constraint_hierarchy
 from solver.tfeti.dual import DualProblem
 from tests import scenes
-from tests.hard_scenes import pressed_box, slender, wall
 from tests.ranks import execute
-from tests.scenes import Config
+from tests.scenes import Config, slender
 
 LEVELS = """
 import json
@@ -85,7 +84,7 @@ def test_thickness_counts_in_distances_between_rows(degree: int) -> None:
     assert levels.allowed.sum() <= 16
 
 
-@pytest.mark.parametrize("made", [wall(16), slender(5.0, [45, 9])])
+@pytest.mark.parametrize("made", [scenes.wall("quadrilateral", 16), slender(5.0, [45, 9])])
 def test_thick_bodies_have_none(made: Config) -> None:
     assert constraint_hierarchy(problem(made, [2, 1]), coarsened=True).finest
 
@@ -101,10 +100,17 @@ def test_a_slender_body_costs_at_most_four_times_its_thick_twin() -> None:
     assert products[0] < 4 * products[1]
 
 
+def pressed_box(box: Config, conditions: list[Config], contact: Config) -> Config:
+    """A body with one contact."""
+    body = {"name": "body", "mesh": {"box": box}, "material": {"young": 1000.0, "poisson": 0.3}}
+    made = scenes.config("quadrilateral", [body], conditions, [contact])
+    return {**made, "solver": {"tolerance": 1e-8}}
+
+
 def strip_over(obstacle: Config, conditions: list[Config]) -> Config:
     """A strip in the plane, 50 times as long as thick."""
     box = {"lower": [0.0, 0.0], "upper": [50.0, 1.0], "cells": [128, 2], "cell": "quadrilateral"}
-    return pressed_box(box, 0.3, conditions, {"on": "body.y-", "obstacle": obstacle})
+    return pressed_box(box, conditions, {"on": "body.y-", "obstacle": obstacle})
 
 
 FLOOR = {"plane": {"point": [0.0, 0.0], "normal": [0.0, 1.0]}}
@@ -152,7 +158,7 @@ def test_friction_has_no_levels() -> None:
         {"on": "body.x-", "displacement": [0.0, 0.0]},
         {"on": "body.x+", "traction": [5.0, 0.1]},
     ]
-    made = pressed_box(box, 0.3, conditions, floor)
+    made = pressed_box(box, conditions, floor)
     made["solver"] = {"method": "active-set"}
     summary = solve_scene(scenes.build(made)).summary
     assert summary["certificate"]["passed"]
@@ -189,7 +195,7 @@ def test_contact_with_friction_that_peels_off_begins_anew_without(
     floor = {"plane": {"point": [0.0] * d, "normal": [0.0] * (d - 1) + [1.0]}}
     face = "body.y-" if d == 2 else "body.z-"
     contact = {"on": face, "obstacle": floor, "friction": {"coulomb": 0.3}}
-    made = pressed_box(box, 0.3, conditions, contact)
+    made = pressed_box(box, conditions, contact)
     made |= {"dimension": d, "solver": {"method": "primal", "tolerance": 1e-8}}
     made["bodies"][0]["material"]["young"] = 2.1e5
     summary = solve_scene(scenes.build(made)).summary

@@ -6,6 +6,7 @@ from contact_app.studies import friction_cost
 from contact_app.studies.friction_cost import (
     HISTORIES,
     SCENES,
+    FrictionScene,
     counted,
     law_of,
     method_of_auto,
@@ -66,7 +67,7 @@ def test_ten_increments_take_few_operator_applications(name: str, method: str, m
     history = HISTORIES[name]
     if name == "cube_pushed":
         few = ("bodies.0.mesh.box.cells=[8,8,8]", "solver.tolerance=1e-8")
-        history = history._replace(settings=(*history.settings, *few))
+        history = FrictionScene(history.scene, history.friction, (*history.settings, *few))
     work = counted(scene_of(history, method, increments=10))
     assert work.passed
     assert work.applications is not None
