@@ -9,7 +9,6 @@ import scipy.sparse as sp
 
 from contact_app.run.solve import solve_scene
 from tests import scenes
-from tests.scenes import Config
 from tests.stability import fuzz
 from tests.stability.defect_scenes import EVERY, KINDS, kind_of, overlapping_cells
 from tests.stability.polish import polish
@@ -94,24 +93,6 @@ def test_accepting_overlapping_cells_is_a_fault() -> None:
     assert fuzz.judge(seed, kind_of=lambda _: overlapping_cells).kind == "accepts overlapping cells"
 
 
-def test_every_fourth_scene_is_of_a_kind() -> None:
-    """Equal for equal seeds, small enough, and of all kinds by turns."""
-
-    def unknowns(scene: Config) -> int:
-        boxes = [(b["mesh"]["box"], b.get("degree", 1)) for b in scene["bodies"]]
-        return sum(len(b["cells"]) * int(np.prod(d * np.array(b["cells"]) + 1)) for b, d in boxes)
-
-    seeds = range(EVERY - 1, 10 * EVERY * len(KINDS), EVERY)
-    assert {kind_of(seed) for seed in seeds} == set(KINDS)
-    assert all(kind_of(seed + 1) is None for seed in seeds)
-    assert random_scene(seeds[3]) == random_scene(seeds[3])
-    made = [random_scene(seed)[0] for seed in seeds]
-    boxes = [scene for scene in made if all("box" in b["mesh"] for b in scene["bodies"])]
-    assert max(unknowns(scene) for scene in boxes) < 10_000
-    dimensions = {(scene["title"].rsplit(" ", 1)[0], scene["dimension"] == 3) for scene in made}
-    assert len(dimensions) == 2 * len(KINDS)
-
-
 def test_polishing_ends_at_the_last_digit() -> None:
     """A chain of springs of 1 to 1e8 above a floor, with a row twice, from no row and from all."""
     n, rng = 30, np.random.default_rng(5)
@@ -150,31 +131,6 @@ def test_a_solve_without_end_is_a_fault() -> None:
             pass
 
     assert fuzz.judge(0, solve=forever, patience=0.2).kind == "hangs"
-
-
-def test_the_random_scenes_have_the_intended_features() -> None:
-    """Equal for equal seeds, and with something of everything."""
-    from tests.stability.random_scenes import moduli as moduli_of
-
-    made = [random_scene(seed)[0] for seed in range(300) if kind_of(seed) is None]
-    assert made[7] == random_scene(9)[0]
-    contacts = [c for scene in made for c in scene["contacts"]]
-    kinds = {next(iter(c["obstacle"])) if "obstacle" in c else "body" for c in contacts}
-    assert kinds == {"plane", "sphere", "cylinder", "body"}
-    assert {b.get("degree", 1) for scene in made for b in scene["bodies"]} == {1, 2}
-    bodies = [b for scene in made for b in scene["bodies"]]
-    assert sum("mean_dilatation" in b for b in bodies) > 5
-    assert sum("file" in b["mesh"] for b in bodies) > 20
-    assert {str(scene["solver"]["tolerance"]) for scene in made} == {"1e-08", "auto"}
-    moduli = [[m for b in scene["bodies"] for m in moduli_of(b)] for scene in made]
-    assert max(max(m) / min(m) for m in moduli) > 1e4
-    assert max(max(moduli_of(b)) / min(moduli_of(b)) for b in bodies) > 1e2  # in one body
-    stacks = [s["bodies"] for s in made if any("against" in c for c in s["contacts"])]
-    assert {b.get("degree", 1) for stack in stacks for b in stack} == {1, 2}
-    boxes = [b["mesh"]["box"] for b in bodies if "box" in b["mesh"]]
-    edges = [[u - v for u, v in zip(b["upper"], b["lower"], strict=True)] for b in boxes]
-    assert max(max(e) / min(e) for e in edges) > 50
-    assert {b["cell"] for b in boxes} == {"hexahedron", "tetrahedron", "quadrilateral", "triangle"}
 
 
 @pytest.mark.ratchet

@@ -46,19 +46,16 @@ def test_the_table_compares_all_methods_with_the_linear_solve(rows: dict[str, di
     assert failed.count("|") == len(cells) - 1
 
 
-def test_peers_take_two_materials(tmp_path: Path) -> None:
-    file = meshfiles.write(meshfiles.block("tetrahedron", 3), tmp_path / "block.msh")
-    made = two_materials("tetrahedron", file)
-    row, _, _ = peers.solve(scenes.build(made), "tao-bnls", 1e-10)
-    assert row["energy"] == pytest.approx(solve(made).summary["solution"]["energy"], rel=1e-8)
+REMOTE = {"on": "block.x+", "total_force": [1, 2, -3], "total_moment": [5, 7, -4], "at": [2, 1, 3]}
 
 
-def test_peers_take_moments_at_remote_points(tmp_path: Path) -> None:
+@pytest.mark.parametrize(
+    "more", [[], [REMOTE]], ids=["two materials", "a moment at a remote point"]
+)
+def test_peers_take(more: list[scenes.Config], tmp_path: Path) -> None:
     file = meshfiles.write(meshfiles.block("tetrahedron", 2), tmp_path / "block.msh")
     made = two_materials("tetrahedron", file)
-    made["conditions"].append(
-        {"on": "block.x+", "total_force": [1, 2, -3], "total_moment": [5, 7, -4], "at": [2, 1, 3]}
-    )
+    made["conditions"] += more
     row, _, _ = peers.solve(scenes.build(made), "tao-bnls", 1e-10)
     assert row["energy"] == pytest.approx(solve(made).summary["solution"]["energy"], rel=1e-8)
 
