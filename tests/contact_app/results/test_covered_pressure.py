@@ -6,11 +6,8 @@ facets go on beyond the edge of the block. Forces, energies and largest pressure
 
 import numpy as np
 import pytest
-import ufl
 
-from contact_app import Contact, ContactProblem
-from meshes import dolfinx_compat
-from tests import form_problems, scenes
+from tests import scenes
 from tests.comparison import solve
 
 CELLS = {"quadrilateral": 8, "triangle": 8, "hexahedron": 7, "tetrahedron": 7}
@@ -157,40 +154,3 @@ def test_means_have_the_force_of_the_contact(cell: str) -> None:
     assert not nodes.pressure[~closed].any()
     extrapolated = np.linalg.norm(nodes.forces[closed], axis=1) / nodes.areas[closed]
     assert nodes.pressure.max() < 0.8 * extrapolated.max()
-
-
-def quadrilaterals(
-    lower: tuple[float, float], upper: tuple[float, float], cells: tuple[int, int]
-) -> tuple[np.ndarray, np.ndarray]:
-    """Points and cells, in dolfinx's order, of a rectangle."""
-    axes = [np.linspace(a, b, k + 1) for a, b, k in zip(lower, upper, cells, strict=True)]
-    points = np.stack(np.meshgrid(*axes), axis=-1).reshape(-1, 2)
-    first = (np.arange(cells[1])[:, None] * (cells[0] + 1) + np.arange(cells[0])).ravel()
-    return points, first[:, None] + [0, 1, cells[0] + 1, cells[0] + 2]
-
-
-def test_forms_have_the_pressures_of_scenes() -> None:
-    n, m, covered = 8, 4, 0.35
-    made = block_on_plate("quadrilateral", n, m, covered, "plate")
-    known = solve(made, tolerance=1e-9).summary["contacts"][0]
-    lower, upper = (3 - covered) / n, (n - 3 + covered) / n
-    plate = quadrilaterals((0.0, 0.0), (1.0, 0.3), (n, 2))
-    block = quadrilaterals((lower, 0.3), (upper, 0.6), (m, m))
-    cells = np.concatenate([plate[1], len(plate[0]) + block[1]])
-    points = np.concatenate([plate[0], block[0]])
-    points[len(plate[0]) :, 1] += 1e-9  # facets are tagged by their places
-    mesh = dolfinx_compat.create_mesh(cells, points, "quadrilateral")
-    V = form_problems.vector_space(mesh, 1)
-    places = {1: lambda x: x[1] == 0.3, 2: lambda x: x[1] == 0.3 + 1e-9, 3: lambda x: x[1] > 0.6}
-    tags = form_problems.facet_tags(mesh, places)
-    u, v = ufl.TrialFunction(V), ufl.TestFunction(V)
-    a = ufl.inner(form_problems.isotropic(u, 2e5, 0.3), form_problems.strain(v)) * ufl.dx
-    top = ufl.Measure("ds", domain=mesh, subdomain_data=tags)(3)
-    bcs = [form_problems.held(V, lambda x: np.isclose(x[1], 0.0), k) for k in (0, 1)]
-    bcs.append(form_problems.held(V, lambda x: x[1] > 0.6, 0))
-    problem = ContactProblem(a, -100.0 * v[1] * top, bcs, [Contact(tags, 1, against=2)])
-    problem.solve()
-    assert problem.certificate.passed
-    (found,) = problem.summary["contacts"]
-    for key in ("max_pressure", "max_smoothed_pressure", "area"):
-        assert found[key] == pytest.approx(known[key], rel=1e-4)

@@ -25,40 +25,22 @@ def plane(point: list[float], normal: list[float]) -> dict[str, Any]:
     return {"plane": {"point": point, "normal": normal}}
 
 
-def beside(weak: float, strong: bool = True) -> scenes.Config:
+def beside(weak: float) -> scenes.Config:
     """A cantilever bent onto a floor by a small traction, and a block that is pulled hard."""
     small = box("small", [10, 0, 0], [14, 1, 1], [20, 5, 5])
     big = box("big", [0, 0, 0], [1, 1, 1], [4, 4, 4])
     floor = plane([0, -1e-4 * weak, 0], [0, 1, 0])
-    conditions: list[dict[str, Any]] = [
-        {"on": "small.x-", "displacement": [0, 0, 0]},
-        {"on": "small.y+", "traction": [0, -weak, 0]},
-    ]
-    if strong:
-        conditions += [
-            {"on": "big.y-", "displacement": [0, 0, 0]},
-            {"on": "big.y+", "traction": [0, 1000, 0]},
-        ]
     return {
         "dimension": 3,
-        "bodies": [big, small] if strong else [small],
-        "conditions": conditions,
+        "bodies": [big, small],
+        "conditions": [
+            {"on": "small.x-", "displacement": [0, 0, 0]},
+            {"on": "small.y+", "traction": [0, -weak, 0]},
+            {"on": "big.y-", "displacement": [0, 0, 0]},
+            {"on": "big.y+", "traction": [0, 1000, 0]},
+        ],
         "contacts": [{"on": "small.y-", "obstacle": floor}],
     }
-
-
-@pytest.mark.parametrize("tolerance", [1e-6, "auto"])
-@pytest.mark.parametrize("weak", [1e-2, 1e-6])
-def test_a_weak_body_with_a_strong_one(weak: float, tolerance: float | str) -> None:
-    """Homogeneity: the pressure is that of the body alone, multiplied by the load."""
-    alone = solve(beside(1.0, strong=False), tolerance=1e-10).summary
-    both = solve(beside(weak), [4, 2, 2], tolerance=tolerance).summary
-    assert both["certificate"]["passed"]
-    loose = 5e-3 if tolerance == "auto" else 1e-4
-    expected = weak * alone["solution"]["max_contact_pressure"]
-    assert both["solution"]["max_contact_pressure"] == pytest.approx(expected, rel=loose)
-    force = weak * alone["solution"]["contact_force"][1]
-    assert both["solution"]["contact_force"][1] == pytest.approx(force, rel=loose)
 
 
 def test_an_error_of_the_weak_body_is_measured_and_named() -> None:
@@ -116,45 +98,14 @@ def test_groups_are_bodies_that_pairs_connect() -> None:
     assert solved.summary["certificate"]["decided_by"] in ("rubber", "steel", "apart")
 
 
-@pytest.mark.parametrize("tolerance", [1e-6, "auto"])
-def test_a_load_on_the_face_that_touches(tolerance: float | str) -> None:
-    """The obstacle carries the load and nothing moves: the answer is certified, without an error
-    estimate."""
-    made = {
-        "dimension": 2,
-        "bodies": [box("b", [0, 0], [3, 1], [6, 3], young=1000.0)],
-        "conditions": [{"on": "b.x+", "displacement": [0, 0]}, {"on": "b.y-", "traction": [0, -1]}],
-        "contacts": [{"on": "b.y-", "obstacle": plane([0, 0], [0, 1])}],
-    }
-    summary = solve(made, tolerance=tolerance).summary
-    assert summary["certificate"]["passed"]
-    assert summary["solution"]["max_displacement"] < 1e-12
-    assert summary["solution"]["contact_force"][1] == pytest.approx(2.75)  # one corner is held
-    assert summary["accuracy"]["discretisation"] is None
-    assert summary["accuracy"]["total"] is None
-
-
-def moved(squeeze: float, distance: float = 10.0) -> scenes.Config:
+def moved(squeeze: float) -> scenes.Config:
     """A block carried along and squeezed a little against a plane."""
     return {
         "dimension": 3,
         "bodies": [box("b", [0, 0, 0], [1, 1, 1], [4, 4, 4])],
-        "conditions": [{"on": "b.z-", "displacement": [distance, 0, 0.005]}],
+        "conditions": [{"on": "b.z-", "displacement": [10.0, 0, 0.005]}],
         "contacts": [{"on": "b.z+", "obstacle": plane([0, 0, 1.005 - squeeze], [0, 0, -1])}],
     }
-
-
-@pytest.mark.parametrize("subdomains", [1, [2, 2, 2]])
-def test_a_body_moved_far_and_squeezed_a_little(subdomains: Any) -> None:
-    """Strains, energy and accuracy have correct digits for any decomposition."""
-    near = solve(moved(1e-8, distance=0.0), 1, tolerance=1e-10).summary
-    far = solve(moved(1e-8), subdomains).summary
-    assert far["certificate"]["passed"]
-    assert far["solution"]["energy"] == pytest.approx(near["solution"]["energy"], rel=1e-4)
-    assert far["accuracy"]["discretisation"] == pytest.approx(
-        near["accuracy"]["discretisation"], rel=1e-3
-    )
-    assert 0.0 < far["accuracy"]["round_off"] < 1e-3
 
 
 def test_results_without_correct_digits_are_not_certified() -> None:
@@ -194,7 +145,7 @@ def test_a_body_that_is_merely_moved_is_certified() -> None:
 
 
 def test_nan_does_not_pass_the_certificate() -> None:
-    certificate = solve(beside(1.0, strong=False)).solution.certificate
+    certificate = solve(beside(1.0)).solution.certificate
     assert certificate.required_reduction(1e-6) <= 1.0
     broken = type(certificate)(0.0, 0.0, 0.0, 0.0, math.nan, 0.0, passed=False)
     assert not broken.judged(1.0).passed

@@ -93,20 +93,6 @@ def test_active_sets_solve_scenes_on_which_smalbe_is_slow(name: str, overrides: 
     assert found["solver"]["hessian_multiplications"] < 150
 
 
-@pytest.mark.parametrize("name", ["cube", "block_2d", "corner"])
-@pytest.mark.parametrize("method", ["smalbe", "active-set"])
-def test_the_requested_method_finds_the_same_answer(name: str, method: str) -> None:
-    """The paper's algorithm on any scene; active sets without SMALBE-M behind them."""
-    auto = summary(name)
-    asked = summary(name, f"solver.method={method}")
-    assert asked["certificate"]["passed"]
-    assert asked["solution"]["energy"] == pytest.approx(auto["solution"]["energy"], rel=1e-5)
-    if method == "smalbe":
-        assert asked["solver"]["method"] == "smalbe"
-    else:
-        assert asked["solver"]["method"] == auto["solver"]["method"]
-
-
 def test_an_expansion_without_a_method_means_the_papers_algorithm() -> None:
     found = summary("cube", "solver.expansion=fixed")["solver"]
     assert found["method"] == "smalbe"
