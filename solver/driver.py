@@ -118,7 +118,7 @@ def solve(
 
 def _rests(problem: DualProblem) -> bool:
     """Whether nothing loads the bodies and all rows hold without displacements (collective)."""
-    loads, rows = problem.system.loads, problem.inequality
+    loads, rows = problem.load_case, problem.inequality
     moving = (*loads.forces, *loads.lifting, *loads.displacements_before)
     unmet = np.where(rows, np.minimum(problem.c, 0.0), problem.c)
     moved = unmet.any() or any(values.any() for values in moving)

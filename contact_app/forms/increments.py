@@ -60,14 +60,14 @@ def differs_in_halves(
     options
         Those that led to the answer.
     """
-    begin, loads = list(now.system.loads.displacements_before), now.system.loads
+    begin, loads = list(now.load_case.displacements_before), now.load_case
     changed, touching = closing_points(now, solution, begin)
     if not solution.converged or changed <= CLOSING * touching:
         return ""
     why = f"{changed:,} of {touching:,} contact points with friction close or open in it"
     forces, lifting = (
         [0.5 * (one + other) for one, other in zip(*ends, strict=True)]
-        for ends in ((before.forces, now.forces), (before.system.loads.lifting, loads.lifting))
+        for ends in ((before.forces, now.forces), (before.lifting, loads.lifting))
     )
     middle = now.with_loads(forces, lifting, 0.5 * (before.c + now.c), loads.thermal)
     middle = middle.with_least_motion_from(begin).with_slip_from(begin)

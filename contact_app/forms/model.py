@@ -38,9 +38,9 @@ from solver.backend import SharedPlace
 from solver.exchange import NodeExchange
 from solver.problem.constraints.conditions import ContactRows, HeldRows
 from solver.problem.constraints.shared_rows import SharedRows
-from solver.problem.system import NodePlaces
+from solver.problem.parts import NodePlaces
 from solver.rigid_motions import MOTIONS
-from solver.tfeti.build import CongruentSubdomains, ConstraintRows, build_system
+from solver.tfeti.build import CongruentSubdomains, ConstraintRows, build_problem
 from solver.tfeti.constraints.options import TotalFetiOptions
 from solver.tfeti.constraints.rows import write_rows
 from solver.tfeti.constraints.supports import SupportRows
@@ -187,10 +187,10 @@ def build_model(
             _subdomain(subdomains, bodies, eliminated, acting, lifted, cls, not options.factored)
             for cls in classes
         ]
-    system = build_system(
+    problem = build_problem(
         pieces, constraints, groups, lambda: measure("factorization"), options, state.loose
     )
-    problem = DualProblem(system, SharedPlace())
+    problem = replace(problem, place=SharedPlace())
     linear = dolfinx_compat.lagrange_degree(space) == 1
     moduli = Moduli.of(parts, forms[0], equal) if linear else None
     return FormModel(
@@ -245,7 +245,7 @@ def with_new_loads(
     resisting = Resisting(held, contact, groups, friction, len(contacts))
     holding(model.subdomains, model.bodies, exchange, stiffness, acting.total, resisting)
     forces, heat = ([np.zeros_like(values) for values in problem.forces] for _ in range(2))
-    lifting = [np.zeros_like(values) for values in problem.system.loads.lifting]
+    lifting = [np.zeros_like(values) for values in problem.lifting]
     value = _lifted(exchange, held)[1].ravel()
     for number, (cls, column) in enumerate(model.place):
         forces[cls][:, column] = acting.total[number]

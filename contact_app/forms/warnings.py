@@ -98,7 +98,7 @@ def form_warnings(answer: FormAnswer) -> list[str]:
             sentences += ["" if coarse is None else coarse.warning]
         warnings += [f"contacts[{number}]: {text}" for text in sentences if text]
     problem = answer.model.problem
-    before = problem.system.loads.displacements_before
+    before = problem.load_case.displacements_before
     changed = closing_points(problem, answer.solution, list(before) if before else None)
     since = "the last increment" if before else "the unloaded state"
     remedy = "loads in several increments, solve(increment=True), show how much this matters"

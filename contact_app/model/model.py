@@ -42,8 +42,8 @@ from meshes import Partition
 from meshes.arrays import Array, Ints, Mask
 from solver.exchange import NodeExchange
 from solver.problem.constraints.conditions import ContactRows
-from solver.problem.system import NodePlaces
-from solver.tfeti.build import CongruentSubdomains, ConstraintRows, build_system
+from solver.problem.parts import NodePlaces
+from solver.tfeti.build import CongruentSubdomains, ConstraintRows, build_problem
 from solver.tfeti.constraints.options import TotalFetiOptions
 from solver.tfeti.constraints.rows import write_rows
 from solver.tfeti.dual import DualProblem
@@ -194,11 +194,9 @@ def model_of_outline(
         ] + rigid_subdomains(unknowns, surface, partition)
     steady = all(b.steady for b in balances)
     constraints = ConstraintRows(exchange, rows, shared, supports, steady)
-    problem = DualProblem(
-        build_system(
-            subdomains, constraints, group_numbers(geometry),
-            lambda: timings.measure("factorization"), options, loose_bodies(scene.bodies, balances),
-        )
+    problem = build_problem(
+        subdomains, constraints, group_numbers(geometry),
+        lambda: timings.measure("factorization"), options, loose_bodies(scene.bodies, balances),
     )  # fmt: skip
     give_back()
     nodes = [np.zeros(0, np.int64), *(s.nodes for s in partition.subdomains)]

@@ -38,7 +38,7 @@ from solver.problem.constraints.conditions import (
     NodeConditions,
 )
 from solver.problem.constraints.merge import contact_rows, cut_held, tightest_of_each_node
-from solver.problem.system import NodePlaces
+from solver.problem.parts import NodePlaces
 from solver.rigid_motions import MOTIONS
 from solver.tfeti.build import CongruentSubdomains
 from solver.tfeti.subdomain.rigid import zero_stiffness

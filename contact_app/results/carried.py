@@ -47,7 +47,7 @@ def carried(
     motions_of
         Rows applied to the rigid motions of each body, (rows, bodies · motions).
     """
-    free, points, comm = problem.system.free_motions, problem.friction, problem.comm
+    free, points, comm = problem.free_motions, problem.friction, problem.comm
     if free is None or not points.acts:
         return
     multiplier, point = solution.multiplier, points.point

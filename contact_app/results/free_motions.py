@@ -72,7 +72,7 @@ def sliding_bodies(
     size_of
         Largest displacement of a body, by its number, in a rigid motion (motions,).
     """
-    free, measures, motions = problem.system.free_motions, solution.measures, []
+    free, measures, motions = problem.free_motions, solution.measures, []
     for b, motion in enumerate(free.of(solution.displacements) if free is not None else []):
         largest, without = float(measures.displacements[b]), float(measures.deformations[b])
         moved = size_of(b, motion)

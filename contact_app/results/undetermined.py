@@ -133,7 +133,7 @@ def undetermined_of(
     motions_of
         Rows applied to the rigid motions of each body, (rows, bodies · motions).
     """
-    free, contact, comm = problem.system.free_motions, problem.contact, problem.comm
+    free, contact, comm = problem.free_motions, problem.contact, problem.comm
     if free is None:
         return []
     m = MOTIONS[problem.dimension]

@@ -24,7 +24,6 @@ from solver.distributed import lent, local_rows, petsc_rows
 from solver.primal.merged_nodes import MergedNodes
 from solver.primal.products import chosen_rows, multiply_transposed, set_diagonal
 from solver.problem.decomposed import DecomposedProblem
-from solver.problem.subdomains import interface_slices
 from solver.rigid_motions import rigid_motions
 from solver.vectors import Array, Ints, Mask, largest_magnitude
 
@@ -327,9 +326,7 @@ def _merged_columns(problem: DecomposedProblem, nodes: MergedNodes) -> Ints:
     """The merged unknown that each interface unknown of this rank is, (interface,)."""
     d = problem.dimension
     column = np.empty(problem.B.columns, np.int64)
-    for cls, at, part in zip(
-        problem.classes, nodes.copies, interface_slices(problem.classes), strict=True
-    ):
+    for cls, at, part in zip(problem.classes, nodes.copies, problem.slices, strict=True):
         column[part] = nodes.unknowns(nodes.numbers[at], d)[:, cls.interface].ravel()
     return column
 
@@ -364,9 +361,7 @@ def _held(
     """Mask of the owned held unknowns, and their displacements, (size,) each (collective)."""
     comm, d = problem.comm, problem.dimension
     times, sums = np.zeros((2, len(nodes.numbers) * d))
-    for cls, lift, at in zip(
-        problem.classes, problem.system.loads.lifting, nodes.copies, strict=True
-    ):
+    for cls, lift, at in zip(problem.classes, problem.lifting, nodes.copies, strict=True):
         mask = np.ones(cls.unknowns)
         mask[cls.free] = 0.0
         times += _summed(np.repeat(mask[:, None], cls.members, axis=1), at, nodes, d)

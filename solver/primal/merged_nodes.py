@@ -43,7 +43,7 @@ class MergedNodes:
     """
 
     def __init__(self, problem: DecomposedProblem) -> None:
-        comm, places = problem.comm, problem.system.places
+        comm, places = problem.comm, problem.places
         every = [p.numbers.ravel() for p in places]
         unique, inverse = _distinct(np.concatenate([np.zeros(0, np.int64), *every]))
         ends = np.cumsum([0, *map(len, every)])
@@ -56,7 +56,7 @@ class MergedNodes:
         for at, p, body in zip(self.copies, places, problem.bodies.members, strict=True):
             self.points[at] = p.points + p.translations[:, None]
             self.body[at] = body[:, None]
-        exchange = NodeExchange(comm, unique, problem.system.nodes)
+        exchange = NodeExchange(comm, unique, problem.nodes)
         where = exchange.nodes - exchange.first
         lowest = np.full(exchange.last - exchange.first, comm.size)
         ranks = exchange.to_owners(np.full(len(unique), comm.rank))

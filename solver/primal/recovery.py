@@ -8,7 +8,6 @@ import numpy as np
 
 from solver.contact.row_kinds import RowKind
 from solver.primal.merged import MergedSystem
-from solver.problem.subdomains import interface_slices
 from solver.vectors import Array
 
 
@@ -25,11 +24,7 @@ def recover(system: MergedSystem, u: Array, multiplier: Array) -> tuple[list[Arr
     displacements = system.on_subdomains(u)
     left = np.empty(problem.B.columns)
     for cls, part, displaced, load in zip(
-        problem.classes,
-        interface_slices(problem.classes),
-        displacements,
-        problem.forces,
-        strict=True,
+        problem.classes, problem.slices, displacements, problem.forces, strict=True
     ):
         rows = cls.stiffness[cls.interface]
         left[part] = (load[cls.interface] - rows @ displaced).T.ravel()

@@ -31,7 +31,7 @@ class VertexLevel:
 
 def vertex_level(system: MergedSystem) -> VertexLevel | None:
     """The level of degree 1; None where all bodies are of degree 1 (collective)."""
-    places, d = system.problem.system.places, system.problem.dimension
+    places, d = system.problem.places, system.problem.dimension
     if not system.comm.allreduce(int(any(p.vertex_weights is not None for p in places))):
         return None
     nodes = system.nodes
@@ -64,7 +64,7 @@ def _weights(system: MergedSystem, nodes: MergedNodes) -> sparse.csr_matrix:
     count = len(nodes.numbers)
     rows, columns, values = [], [], []
     has_weights = np.zeros(count, bool)
-    for place, at in zip(system.problem.system.places, nodes.copies, strict=True):
+    for place, at in zip(system.problem.places, nodes.copies, strict=True):
         weights = place.vertex_weights
         weights = sparse.identity(at.shape[1], format="csr") if weights is None else weights
         for member in at:

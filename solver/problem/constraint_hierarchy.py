@@ -18,7 +18,6 @@ from mpi4py import MPI
 
 from solver.backend import ConstraintHierarchy
 from solver.problem.decomposed import DecomposedProblem
-from solver.problem.subdomains import interface_slices
 from solver.vectors import Ints, Mask
 
 FEWEST = 8
@@ -42,7 +41,7 @@ def _thickness(problem: DecomposedProblem, rows: Ints) -> float:
     if d == 1:  # without other nodes the thickness is one
         return 1.0
     node_of, count = np.empty(problem.B.columns, np.int64), 0
-    for cls, part in zip(problem.classes, interface_slices(problem.classes), strict=True):
+    for cls, part in zip(problem.classes, problem.slices, strict=True):
         nodes = cls.unknowns // d
         members = count + nodes * np.arange(cls.members)
         node_of[part] = (members[:, None] + cls.interface // d).ravel()

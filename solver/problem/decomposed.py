@@ -1,12 +1,18 @@
-"""The contact problem of a decomposition: its rows by kind, its loads, and products with B.
+"""The contact problem of a decomposition: stiffness, constraints, contact points and loads.
+
+    min ½ uᵀ K u - fᵀ u  subject to  B u = c on gluing, held and tied rows, B u ≤ c on contact rows.
+
+Each part is a record of its own. Factors belong to parts that are independent of the loads, so that
+another load case needs no new factor (`DecomposedProblem.with_loads`).
 
 Vectors are arrays, the local parts of distributed ones: dual vectors by owned row of B; interface
 vectors by subdomain of this rank, class after class, member after member.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import Self
 
 import numpy as np
 from mpi4py import MPI
@@ -22,8 +28,9 @@ from solver.problem.constraints.conditions import ContactRows, HeldRows
 from solver.problem.constraints.friction import friction_points
 from solver.problem.constraints.matrix import ConstraintMatrix, without_columns
 from solver.problem.constraints.shared_rows import SharedRows
+from solver.problem.free_motions import FreeMotions
+from solver.problem.parts import Constraints, Loads, NodePlaces, loads_on
 from solver.problem.subdomains import SubdomainClass, interface_slices
-from solver.problem.system import ContactSystem
 from solver.problem.unfactored_loads import (
     given_motions,
     lengths_at_unknowns,
@@ -44,40 +51,62 @@ displacement is a rounding error of gaps from which the given motion is subtract
 class DecomposedProblem:
     """The contact problem as methods use it, whether they solve for forces or displacements."""
 
-    system: ContactSystem
-    """Stiffness, constraints, contact points and loads."""
+    comm: MPI.Intracomm
+    """Communicator of all ranks."""
+    dimension: int
+    """Components of a node."""
+    classes: tuple[SubdomainClass, ...]
+    """Congruence classes of subdomains on this rank."""
+    constraints: Constraints
+    shared: SharedRows
+    """Geometry of the contact, tangential, tied and mean rows, each in row order."""
+    load_case: Loads
+    bodies: Bodies
+    """The body of each subdomain and row."""
+    places: tuple[NodePlaces, ...] = ()
+    """Nodes of each class if the subdomains are not factored; otherwise empty."""
+    nodes: int = 0
+    """Number of nodes on all ranks."""
+    free_motions: FreeMotions | None = None
+    """Rigid motions that nothing resists; None without such motions."""
     place: SharedPlace | None = None
     """For the matrices of methods without factors; problems at one place share them."""
 
-    @property
-    def comm(self) -> MPI.Intracomm:
-        """Communicator of all ranks."""
-        return self.system.comm
+    def with_loads(
+        self,
+        forces: Sequence[Array],
+        lifting: Sequence[Array] | None = None,
+        c: Array | None = None,
+        thermal: Sequence[Array | None] = (),
+    ) -> Self:
+        """The problem with other loads; parameters as in `Loads`.
 
-    @property
-    def dimension(self) -> int:
-        """Components of a node."""
-        return self.system.dimension
-
-    @property
-    def classes(self) -> tuple[SubdomainClass, ...]:
-        """Congruence classes of this rank."""
-        return self.system.classes
+        Displacements and gaps stay unchanged unless given.
+        """
+        shared = self.shared
+        lifting = self.lifting if lifting is None else lifting
+        if c is None:
+            c = self.c
+        else:
+            gaps = c[self.inequality] / shared.contact.spread
+            shared = replace(shared, contact=replace(shared.contact, gaps=gaps))
+        loads = replace(loads_on(self.classes, forces, lifting, c), thermal=tuple(thermal))
+        return replace(self, load_case=loads, shared=shared)
 
     @property
     def B(self) -> ConstraintMatrix:
         """Constraint matrix on interface unknowns, (dual, interface)."""
-        return self.system.constraints.B
+        return self.constraints.B
 
     @property
     def kinds(self) -> NDArray[np.int8]:
         """`RowKind` of each row, (dual,)."""
-        return self.system.constraints.kinds
+        return self.constraints.kinds
 
     @property
     def held_without_contact(self) -> bool:
         """Whether every body is held with all contact rows open."""
-        return self.system.constraints.held_without_contact
+        return self.constraints.held_without_contact
 
     @property
     def contact(self) -> ContactRows:
@@ -85,29 +114,34 @@ class DecomposedProblem:
         return self.shared.contact
 
     @property
-    def bodies(self) -> Bodies:
-        """The body of each subdomain and row."""
-        return self.system.bodies
-
-    @property
     def forces(self) -> tuple[Array, ...]:
         """Loads f, one (n, members) array per class."""
-        return self.system.loads.forces
+        return self.load_case.forces
+
+    @property
+    def lifting(self) -> tuple[Array, ...]:
+        """Displacements of eliminated held unknowns, one (n, members) array per class."""
+        return self.load_case.lifting
 
     @property
     def c(self) -> Array:
         """Right-hand side of the constraints, (dual,)."""
-        return self.system.loads.c
+        return self.load_case.c
 
     @property
     def e(self) -> Array:
         """Work of the loads on the kernels, (kernels,)."""
-        return self.system.loads.e
+        return self.load_case.e
 
     @property
     def factored(self) -> bool:
         """Whether subdomains are factored; otherwise only methods for displacements apply."""
-        return not self.system.places
+        return not self.places
+
+    @cached_property
+    def slices(self) -> list[slice]:
+        """Slice of each class in an interface vector."""
+        return interface_slices(self.classes)
 
     @property
     def size(self) -> int:
@@ -119,9 +153,7 @@ class DecomposedProblem:
         """Loads with the lifting of eliminated conditions subtracted, f - K u_held."""
         return tuple(
             force - cls.stiffness @ lift if lift.any() else force
-            for cls, force, lift in zip(
-                self.classes, self.forces, self.system.loads.lifting, strict=True
-            )
+            for cls, force, lift in zip(self.classes, self.forces, self.lifting, strict=True)
         )
 
     @cached_property
@@ -171,14 +203,9 @@ class DecomposedProblem:
             result[self.kinds == kind] = rows.spread
         return result
 
-    @property
-    def shared(self) -> SharedRows:
-        """Geometry of the rows over nodes of several ranks."""
-        return self.system.shared
-
     def right_hand_side(self, held: HeldRows, shared: SharedRows) -> Array:
         """c (dual,) for other held displacements and gaps of the same rows."""
-        c, unknowns = np.zeros(self.size), self.system.constraints.held_unknowns
+        c, unknowns = np.zeros(self.size), self.constraints.held_unknowns
         rows = np.flatnonzero(unknowns >= 0)
         node, component = np.divmod(unknowns[rows], self.dimension)
         c[rows] = held.values[np.searchsorted(held.nodes, node), component]
@@ -256,9 +283,9 @@ class DecomposedProblem:
         A body that comes back to its unloaded state is at rest but for rounding errors of the
         displacements from which slip is measured.
         """
-        motions = given_motions(self.bodies, self.system.loads.lifting, self.comm)
+        motions = given_motions(self.bodies, self.lifting, self.comm)
         resting = np.maximum(self.pushes[0], GIVEN * motions)
-        before = self.system.loads.lengths_before
+        before = self.load_case.lengths_before
         return resting if before is None else np.maximum(resting, before)
 
     @cached_property
@@ -277,7 +304,7 @@ class DecomposedProblem:
     @property
     def _forces_with_heat(self) -> list[tuple[Array, Array | None]]:
         """Forces and their thermal part, or None, of each class."""
-        thermal = self.system.loads.thermal or [None] * len(self.forces)
+        thermal = self.load_case.thermal or [None] * len(self.forces)
         return list(zip(self.forces, thermal, strict=True))
 
     def _magnitudes(self, forces: Sequence[Array]) -> Array:
@@ -321,9 +348,7 @@ class DecomposedProblem:
     def on_interface(self, displacements: list[Array]) -> Array:
         """The interface vector of displacements, which are (n, members) for each class."""
         result = np.empty(self.B.columns)
-        for cls, part, u in zip(
-            self.classes, interface_slices(self.classes), displacements, strict=True
-        ):
+        for cls, part, u in zip(self.classes, self.slices, displacements, strict=True):
             result[part].reshape(cls.members, -1)[:] = u[cls.interface].T
         return result
 

@@ -8,7 +8,6 @@ import numpy as np
 
 from solver.distributed import lent
 from solver.problem.decomposed import DecomposedProblem
-from solver.problem.subdomains import interface_slices
 from solver.vectors import Array, Mask, largest_magnitude
 
 CLOSED = 1e-14
@@ -124,7 +123,7 @@ def worth_closing(problem: DecomposedProblem, multiplier: Array, residual: Array
     gaps = np.where(opened, residual, 0.0)
     motion, force = np.empty((2, problem.B.columns))
     problem.deforming.apply_transpose(gaps, motion)
-    for cls, part in zip(problem.classes, interface_slices(problem.classes), strict=True):
+    for cls, part in zip(problem.classes, problem.slices, strict=True):
         moved = motion[part].reshape(cls.members, -1)
         shared = force[part].reshape(cls.members, -1)
         for members in cls.batches():
@@ -143,7 +142,7 @@ def motion_energies(problem: DecomposedProblem, motion: Array) -> Array:
         w on the interface.
     """
     energies = []
-    for cls, part in zip(problem.classes, interface_slices(problem.classes), strict=True):
+    for cls, part in zip(problem.classes, problem.slices, strict=True):
         moved, energy = motion[part].reshape(cls.members, -1), np.empty(cls.members)
         for members in cls.batches():
             some = moved[members].T.copy()

@@ -48,7 +48,7 @@ def with_least_motion(problem: DecomposedProblem, solution: Solution) -> Solutio
 
     The answer stays as it is if the certificate of the moved one does not pass.
     """
-    free = problem.system.free_motions
+    free = problem.free_motions
     if free is None or not solution.converged:
         return solution
     moved = _moved(problem, free, solution)
@@ -79,15 +79,15 @@ def with_supports_at(problem: DecomposedProblem, displacements: list[Array]) -> 
     if not problem.comm.allreduce(int(supports.any())):
         return problem
     moved = problem.jumps(displacements) + problem.c
-    loads = replace(problem.system.loads, c=np.where(supports, moved, problem.c))
-    return replace(problem, system=replace(problem.system, loads=loads))
+    loads = replace(problem.load_case, c=np.where(supports, moved, problem.c))
+    return replace(problem, load_case=loads)
 
 
 def _moved(problem: DecomposedProblem, free: FreeMotions, solution: Solution) -> list[Array] | None:
     """The displacements u - V z of least size; None where they are u (collective)."""
     resist = _resisting(problem, solution)
     left = -problem.jumps(solution.displacements)
-    earlier = problem.system.loads.displacements_before or [
+    earlier = problem.load_case.displacements_before or [
         np.zeros(1) for _ in solution.displacements
     ]
     changes = [u - before for u, before in zip(solution.displacements, earlier, strict=True)]

@@ -15,7 +15,6 @@ from solver.contact.row_kinds import RowKind
 from solver.problem.decomposed import DecomposedProblem
 from solver.problem.duality_gap import group_gaps
 from solver.problem.free_motions import FreeMotions
-from solver.problem.subdomains import interface_slices
 from solver.vectors import Array, Mask
 
 
@@ -110,7 +109,7 @@ class MeasuredAnswer:
         sums, work = np.zeros((4, bodies.count)), 0.0
         for cls, part, u, load, body in zip(
             problem.classes,
-            interface_slices(problem.classes),
+            problem.slices,
             self.displacements,
             problem.forces,
             bodies.members,
@@ -172,7 +171,7 @@ class MeasuredAnswer:
         body that they move far, rounding errors are a share of its displacement: it has a small
         share of it at least.
         """
-        problem, free = self.problem, self.problem.system.free_motions
+        problem, free = self.problem, self.problem.free_motions
         if free is None:
             return self.largest_displacements()
         along = _unresisted(problem, free, self.multiplier)
@@ -196,7 +195,7 @@ class MeasuredAnswer:
         for cls, u, lifting, body in zip(
             problem.classes,
             self.displacements,
-            problem.system.loads.lifting,
+            problem.lifting,
             problem.bodies.members,
             strict=True,
         ):

@@ -279,7 +279,7 @@ def _scalings(problem: DualProblem, compliance: Array) -> tuple[Array, Array]:
     reduction is in the preconditioner alone: scaled rows took no fewer operator applications there.
     """
     rows, result = compliance > 0.0, np.ones(problem.size)
-    some_wide = problem.comm.allreduce(int(problem.system.constraints.wide.any()))
+    some_wide = problem.comm.allreduce(int(problem.constraints.wide.any()))
     stiff = (SOFTENED if some_wide else 1.0) * problem.row_stiffness(rows)
     result[rows] = 1.0 / np.sqrt(1.0 + compliance[rows] * stiff)
     return (np.ones(problem.size), result) if some_wide else (result, 1.0 / result)

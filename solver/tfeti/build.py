@@ -12,13 +12,13 @@ from solver.contact.row_kinds import RowKind
 from solver.exchange import NodeExchange
 from solver.problem.constraints.shared_rows import SharedRows
 from solver.problem.free_motions import FreeMotions, LooseBodies
-from solver.problem.system import Constraints, NodePlaces, loads_on
+from solver.problem.parts import Constraints, NodePlaces, loads_on
 from solver.tfeti.bodies import bodies_of
 from solver.tfeti.coarse.coarse_problem import CoarseProblem
 from solver.tfeti.constraints.options import TotalFetiOptions
 from solver.tfeti.constraints.rows import Rows
 from solver.tfeti.constraints.supports import SupportRows
-from solver.tfeti.dual import DualSystem
+from solver.tfeti.dual import DualProblem
 from solver.tfeti.row_order import order_rows
 from solver.tfeti.subdomain.classes import (
     ClassData,
@@ -75,14 +75,14 @@ class ConstraintRows:
     """Whether all other rows alone stop every rigid motion."""
 
 
-def build_system(
+def build_problem(
     subdomains: Sequence[CongruentSubdomains],
     constraints: ConstraintRows,
     groups: Ints,
     measure: Measure = nullcontext,
     options: TotalFetiOptions | None = None,
     loose: LooseBodies | None = None,
-) -> DualSystem:
+) -> DualProblem:
     """Factor the stiffness matrices, number the interface, write B and the coarse problem.
 
     Collective: each rank gives its own subdomains and rows.
@@ -129,23 +129,22 @@ def build_system(
     widths = [len(cls.interface) for cls in classes]
     bodies = bodies_of(comm, ordered.B, groups, [s.bodies for s in subdomains], widths,
                        [cls.rigid for cls in classes])  # fmt: skip
-    matrix = Constraints(
-        ordered.B, ordered.kinds, wide, constraints.held_without_contact, ordered.held_unknowns,
-    )  # fmt: skip
-    places = () if factored else tuple(s.places for s in subdomains if s.places is not None)
-    return DualSystem(
+    return DualProblem(
         comm,
         d,
         tuple(classes),
-        matrix,
+        Constraints(
+            ordered.B, ordered.kinds, wide, constraints.held_without_contact,
+            ordered.held_unknowns,
+        ),
         shared,
         loads,
         bodies,
-        places,
+        () if factored else tuple(s.places for s in subdomains if s.places is not None),
         exchange.total,
         _free_motions(exchange, d, subdomains, classes, groups, loose),
-        coarse,
-    )
+        coarse=coarse,
+    )  # fmt: skip
 
 
 def _free_motions(

@@ -76,7 +76,7 @@ def coupled_rows(problem: DecomposedProblem) -> "CoupledRows | None":
     """The coupled rows of a problem; None where no rank has a row of several nodes (collective)."""
     return (
         CoupledRows(problem)
-        if problem.comm.allreduce(int(problem.system.constraints.wide.any()))
+        if problem.comm.allreduce(int(problem.constraints.wide.any()))
         else None
     )
 
@@ -139,7 +139,7 @@ class CoupledRows:
     def __init__(self, problem: DecomposedProblem) -> None:
         self.comm, deforming = problem.comm, problem.deforming
         others = np.flatnonzero(~np.isin(problem.kinds, (RowKind.GLUING, RowKind.DIRICHLET)))
-        wide = problem.system.constraints.wide[others]
+        wide = problem.constraints.wide[others]
         near = _rows_near(deforming.local[others], wide, self.comm)
         others, wide = others[near], wide[near]
         local = deforming.local[others]

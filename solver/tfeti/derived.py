@@ -40,22 +40,13 @@ def with_active(
         Factors on the rows; λ is the factor times the multiplier of the scaled row.
     """
     keep = np.where(problem.conditional & ~active, 0.0, 1.0 if weights is None else weights)
-    every_row, loads = problem.system.constraints, problem.system.loads
     constraints = replace(
-        every_row,
+        problem.constraints,
         B=problem.B.scaled(keep),
         kinds=np.where(problem.conditional, np.int8(RowKind.SUPPORT), problem.kinds),
     )
     every_coarse = problem.coarse
     coarse = None if every_coarse is None else every_coarse.weighted(keep)
-    none = problem.contact.none()
-    system = replace(
-        problem.system,
-        constraints=constraints,
-        shared=replace(problem.shared, contact=none, friction=FrictionRows.none(none)),
-        loads=replace(loads, c=problem.c * keep),
-        coarse=coarse,
-    )
     offset = moved = None
     if near is not None or tractions is not None:
         offset = np.zeros(problem.size) if near is None else near * keep
@@ -72,8 +63,13 @@ def with_active(
         moved = np.empty_like(problem.free_displacements)
         problem.F.solve_interface(problem.constraint_forces(tractions + keep * offset), moved)
         np.subtract(problem.free_displacements, moved, out=moved)
-    return DualProblem(
-        system,
+    none = problem.contact.none()
+    return replace(
+        problem,
+        constraints=constraints,
+        shared=replace(problem.shared, contact=none, friction=FrictionRows.none(none)),
+        load_case=replace(problem.load_case, c=problem.c * keep),
+        coarse=coarse,
         reused=Reused(
             free_solution=problem.free_solution,
             d=keep * problem.d,
@@ -85,24 +81,20 @@ def with_active(
 
 def beside_moved(problem: DualProblem, moved: Array) -> DualProblem:
     """The problem with other right-hand sides of the constraints: c + moved, (dual,)."""
-    loads = replace(problem.system.loads, c=problem.c + moved)
-    reused = replace(problem.reused, d=None)
-    return replace(problem, system=replace(problem.system, loads=loads), reused=reused)
+    loads = replace(problem.load_case, c=problem.c + moved)
+    return replace(problem, load_case=loads, reused=replace(problem.reused, d=None))
 
 
 def turned(problem: DualProblem, turn: Turn) -> DualProblem:
     """The problem in turned tangential frames."""
-    constraints, loads = problem.system.constraints, problem.system.loads
     B = TurnedConstraintMatrix(problem.B, turn)
-    coarse = None if problem.coarse is None else problem.coarse.turned(B)
-    system = replace(
-        problem.system,
-        constraints=replace(constraints, B=B),
-        loads=replace(loads, c=turn.turned(loads.c)),
-        coarse=coarse,
+    return replace(
+        problem,
+        constraints=replace(problem.constraints, B=B),
+        load_case=replace(problem.load_case, c=turn.turned(problem.c)),
+        coarse=None if problem.coarse is None else problem.coarse.turned(B),
+        reused=Reused(free_solution=problem.free_solution, d=turn.turned(problem.d)),
     )
-    reused = Reused(free_solution=problem.free_solution, d=turn.turned(problem.d))
-    return DualProblem(system, reused=reused)
 
 
 def beginning_at(problem: DualProblem, change: Array, displacements: Array) -> DualProblem:
@@ -118,4 +110,4 @@ def beginning_at(problem: DualProblem, change: Array, displacements: Array) -> D
         problem.F, problem.free_solution, problem.d, problem.offset + change,
         problem.displacements_of_offset - displacements,
     )  # fmt: skip
-    return DualProblem(problem.system, reused=reused)
+    return replace(problem, reused=reused)

@@ -9,28 +9,18 @@ F is projected, which leaves
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import Self
 
 import numpy as np
 
 from solver.problem.decomposed import DecomposedProblem
-from solver.problem.system import ContactSystem
 from solver.tfeti.coarse.coarse_problem import CoarseProblem
 from solver.tfeti.dual_operator import DualOperator, FreeSolution, solve_free
 from solver.tfeti.projected import ProjectedOperator
 from solver.tfeti.subdomain.classes import FactoredClass
 from solver.vectors import Array, largest_magnitude
-
-
-@dataclass(frozen=True, eq=False)
-class DualSystem(ContactSystem):
-    """A contact problem whose subdomains have factors, unless methods for displacements apply."""
-
-    classes: tuple[FactoredClass, ...]
-    """Congruence classes of subdomains on this rank, with the factors of their stiffness."""
-    coarse: CoarseProblem | None = None
-    """The coarse problem of rigid motions; None where no subdomain floats."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,8 +42,11 @@ class Reused:
 class DualProblem(DecomposedProblem):
     """The dual problem with all data of solve, recovery and certificate; local parts."""
 
-    system: DualSystem
-    reused: Reused = field(default_factory=Reused, kw_only=True)
+    classes: tuple[FactoredClass, ...]
+    """Congruence classes of subdomains on this rank, with their factors if there are any."""
+    coarse: CoarseProblem | None = None
+    """The coarse problem of rigid motions; None where no subdomain floats."""
+    reused: Reused = Reused()
     """Results that other problems of the same system have computed already."""
 
     def with_loads(
@@ -62,19 +55,15 @@ class DualProblem(DecomposedProblem):
         lifting: Sequence[Array] | None = None,
         c: Array | None = None,
         thermal: Sequence[Array | None] = (),
-    ) -> "DualProblem":
-        """The problem of another load case; constraints and factors are shared.
-
-        Parameters are those of `ContactSystem.with_loads`.
-        """
+    ) -> Self:
+        """The problem of another load case; constraints and factors are shared."""
         reused = Reused(operator=self.F if self.factored else None)
-        system = self.system.with_loads(forces, lifting, c, thermal)
-        return DualProblem(system, self.place, reused=reused)
+        return replace(super().with_loads(forces, lifting, c, thermal), reused=reused)
 
     def without_factors(self) -> "DualProblem":
         """The problem without factors, for the evaluation of its answer alone."""
         classes = tuple(replace(cls, inverse=None, block=None) for cls in self.classes)
-        return DualProblem(replace(self.system, classes=classes))
+        return replace(self, classes=classes, place=None, reused=Reused())
 
     def with_slip_from(self, displacements: list[Array]) -> "DualProblem":
         """The problem with slip measured from given displacements, not from the unstrained state.
@@ -92,9 +81,8 @@ class DualProblem(DecomposedProblem):
         self.B.apply(interface, moved)
         c = np.where(self.tangential, moved, self.c)
         lengths = self.bodies.largest_on_interface(self.comm, interface)
-        loads = replace(self.system.loads, c=c, lengths_before=lengths)
-        reused = replace(self.reused, d=None)
-        return replace(self, system=replace(self.system, loads=loads), reused=reused)
+        loads = replace(self.load_case, c=c, lengths_before=lengths)
+        return replace(self, load_case=loads, reused=replace(self.reused, d=None))
 
     def with_least_motion_from(self, displacements: list[Array]) -> "DualProblem":
         """The problem with the least undetermined motions from given displacements (collective).
@@ -108,18 +96,8 @@ class DualProblem(DecomposedProblem):
         other = [u.shape for u in displacements] != [f.shape for f in self.forces]
         if self.comm.allreduce(int(other)):
             return self
-        loads = replace(self.system.loads, displacements_before=tuple(displacements))
-        return replace(self, system=replace(self.system, loads=loads))
-
-    @property
-    def classes(self) -> tuple[FactoredClass, ...]:
-        """Congruence classes of this rank."""
-        return self.system.classes
-
-    @property
-    def coarse(self) -> CoarseProblem | None:
-        """The coarse problem; None where no subdomain floats."""
-        return self.system.coarse
+        loads = replace(self.load_case, displacements_before=tuple(displacements))
+        return replace(self, load_case=loads)
 
     @cached_property
     def F(self) -> DualOperator:
@@ -155,7 +133,7 @@ class DualProblem(DecomposedProblem):
             return super().free_strains
         works = list(self.free_solution[1])
         for number, (cls, load, lift) in enumerate(
-            zip(self.classes, self.forces, self.system.loads.lifting, strict=True)
+            zip(self.classes, self.forces, self.lifting, strict=True)
         ):
             if lift.any():
                 works[number] = np.einsum("ij,ij->j", load, cls.solve(load.copy(order="F")))

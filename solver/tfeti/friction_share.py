@@ -54,7 +54,7 @@ def overcome(problem: DecomposedProblem, solution: Solution, factor: float = 1.0
     factor
         On all loads.
     """
-    free, points, comm = problem.system.free_motions, problem.friction, problem.comm
+    free, points, comm = problem.free_motions, problem.friction, problem.comm
     if free is None or not points.acts:
         return []
     limits = points.slip_limits(solution.multiplier)[points.point]

@@ -18,7 +18,7 @@ from solver.exchange import NodeExchange
 from solver.problem.constraints.conditions import NodeConditions
 from solver.problem.constraints.merge import merge_contact, merge_held
 from solver.problem.constraints.shared_rows import SharedRows
-from solver.tfeti.build import CongruentSubdomains, ConstraintRows, build_system
+from solver.tfeti.build import CongruentSubdomains, ConstraintRows, build_problem
 from solver.tfeti.constraints.rows import write_rows
 from solver.tfeti.constraints.supports import SupportRows
 from solver.tfeti.derived import with_active
@@ -124,8 +124,8 @@ def problem_from_arrays(
     rows, shared = write_rows(exchange, numbers, held_rows, shared, floating)
     bodies = comm.allreduce(max(s.body for s in subdomains), op=MPI.MAX) + 1
     constraints = ConstraintRows(exchange, rows, shared, SupportRows(), False)
-    system = build_system(_classes(subdomains, copies), constraints, np.arange(bodies))
-    return _with_held_without_contact(DualProblem(system))
+    problem = build_problem(_classes(subdomains, copies), constraints, np.arange(bodies))
+    return _with_held_without_contact(problem)
 
 
 def _conditions(
@@ -184,10 +184,7 @@ def _with_held_without_contact(problem: DualProblem) -> DualProblem:
         held = coarse is None or coarse.is_regular(probe)
     except ArithmeticError:  # no rounding error hides that it is singular
         held = False
-    system = problem.system
-    return DualProblem(
-        replace(system, constraints=replace(system.constraints, held_without_contact=held))
-    )
+    return replace(problem, constraints=replace(problem.constraints, held_without_contact=held))
 
 
 def _sparse(matrix: Any) -> sparse.csr_matrix:

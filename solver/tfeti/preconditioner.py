@@ -17,7 +17,6 @@ import math
 import numpy as np
 from scipy import sparse
 
-from solver.problem.subdomains import interface_slices
 from solver.tfeti.coupled import CoupledRows, coupled_rows
 from solver.tfeti.dual import DualProblem
 from solver.vectors import Array, Mask
@@ -44,7 +43,7 @@ class DualPreconditioner:
         self.comm, self.coarse, self.rho = problem.comm, problem.coarse, rho
         self._coupled = coupled or coupled_rows(problem)
         self.B = self._coupled.B if self._coupled else problem.B
-        self._slices = interface_slices(problem.classes)
+        self._slices = problem.slices
         self._shapes = [(c.members, len(c.interface)) for c in problem.classes]
         self._stiffness = [c.preconditioning for c in problem.classes]
         interface = problem.B.columns

@@ -11,7 +11,6 @@ by their gradient. Open rows do not influence α, so they cause no jumps of u.
 
 import numpy as np
 
-from solver.problem.subdomains import interface_slices
 from solver.tfeti.dual import DualProblem
 from solver.vectors import Array
 
@@ -43,12 +42,7 @@ def interface_displacements(problem: DualProblem, multiplier: Array, alpha: Arra
     result = np.empty_like(problem.free_displacements)
     problem.F.solve_interface(problem.constraint_forces(multiplier), result)
     np.subtract(problem.free_displacements, result, out=result)
-    for cls, part, lift in zip(
-        problem.classes,
-        interface_slices(problem.classes),
-        problem.system.loads.lifting,
-        strict=True,
-    ):
+    for cls, part, lift in zip(problem.classes, problem.slices, problem.lifting, strict=True):
         result[part].reshape(cls.members, -1)[:] += lift[cls.interface].T
     add_motions(problem, alpha, result)
     return result
@@ -57,7 +51,7 @@ def interface_displacements(problem: DualProblem, multiplier: Array, alpha: Arra
 def add_motions(problem: DualProblem, alpha: Array, displacements: Array) -> None:
     """Add R α to displacements on the interface."""
     for cls, part, kernel in zip(
-        problem.classes, interface_slices(problem.classes), problem.kernel_slices(), strict=True
+        problem.classes, problem.slices, problem.kernel_slices(), strict=True
     ):
         of_class = displacements[part].reshape(cls.members, -1)
         of_class += alpha[kernel].reshape(cls.members, -1) @ cls.kernel[cls.interface].T
@@ -69,10 +63,10 @@ def displacements(problem: DualProblem, multiplier: Array, alpha: Array) -> list
     forces = problem.constraint_forces(multiplier)
     for cls, interface, kernel, load, lift in zip(
         problem.classes,
-        interface_slices(problem.classes),
+        problem.slices,
         problem.kernel_slices(),
         problem.loads,
-        problem.system.loads.lifting,
+        problem.lifting,
         strict=True,
     ):
         force = forces[interface].reshape(cls.members, -1)

@@ -7,7 +7,7 @@ import numpy as np
 from mpi4py import MPI
 from scipy import sparse
 
-from solver.problem.system import NodePlaces
+from solver.problem.parts import NodePlaces
 from solver.tfeti.dual import DualProblem
 from solver.tfeti.from_arrays import Held, Obstacle, Subdomain, problem_from_arrays
 from solver.vectors import Array
@@ -84,7 +84,6 @@ def undecomposed(
     columns: int, down: Callable[[Array], Array], gaps: Array, held: tuple[bool, bool]
 ) -> DualProblem:
     """The beam of `in_pieces` in one piece, for methods that solve for displacements."""
-    system = in_pieces(columns, 1, down, gaps, held).system
     points = np.pad(lattice(columns)[0], ((0, 0), (0, 1)))
     places = NodePlaces(np.arange(len(points))[None], np.zeros((1, 3)), points)
-    return DualProblem(replace(system, places=(places,)))
+    return replace(in_pieces(columns, 1, down, gaps, held), places=(places,))

@@ -12,7 +12,6 @@ import numpy as np
 from contact_app.model.geometry import Geometry
 from meshes.arrays import Array, Mask
 from solver.contact.solution import Solution
-from solver.problem.subdomains import interface_slices
 from solver.tfeti.dual import DualProblem
 
 
@@ -68,7 +67,7 @@ def _at_nodes(problem: DualProblem, multiplier: Array) -> list[Array]:
     """Bᵀ λ at the nodes of each class, (nodes, members, dimension)."""
     forces = problem.constraint_forces(multiplier)
     result = []
-    for cls, part in zip(problem.classes, interface_slices(problem.classes), strict=True):
+    for cls, part in zip(problem.classes, problem.slices, strict=True):
         nodal = np.zeros((cls.unknowns, cls.members))
         nodal[cls.interface] = forces[part].reshape(cls.members, -1).T
         result.append(nodal.reshape(-1, problem.dimension, cls.members).swapaxes(1, 2))

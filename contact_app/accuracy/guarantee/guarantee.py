@@ -45,7 +45,6 @@ from meshes import Subdomain
 from solver.contact.solution import Solution
 from solver.problem.duality_gap import nearest_admissible
 from solver.problem.least_motion import with_supports_at
-from solver.problem.subdomains import interface_slices
 from solver.vectors import Array, Ints, Mask, largest_magnitude
 
 RULE = 4
@@ -151,7 +150,7 @@ class _Answer:
         self._refuse_jumps(interface)
         self.displacements = []
         for cls, part, u in zip(
-            self.problem.classes, interface_slices(self.problem.classes), solution.displacements,
+            self.problem.classes, self.problem.slices, solution.displacements,
             strict=True,
         ):  # fmt: skip
             admissible = u.copy()

@@ -12,7 +12,6 @@ from solver.driver import solve
 from solver.problem.duality_gap import duality_gap, nearest_admissible
 from solver.problem.feasible import feasible_displacements
 from solver.problem.sizes import MeasuredAnswer
-from solver.problem.subdomains import interface_slices
 from solver.tfeti.coarse.coarse_problem import CoarseProblem
 from solver.tfeti.derived import with_active
 from solver.tfeti.dual import DualProblem
@@ -156,7 +155,7 @@ def test_the_duality_gap_bounds_the_error_of_any_admissible_pair(
     )
     gap = duality_gap(problem, multiplier, problem.on_interface(u))
     near = nearest_admissible(problem, multiplier, u)
-    for cls, part, field in zip(problem.classes, interface_slices(problem.classes), u, strict=True):
+    for cls, part, field in zip(problem.classes, problem.slices, u, strict=True):
         field[cls.interface] = near[part].reshape(cls.members, -1).T
     costs = [
         0.5 * np.vdot(field, cls.stiffness @ field) - np.vdot(field, force)

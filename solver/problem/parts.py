@@ -1,26 +1,13 @@
-"""The discrete contact problem of a decomposition: stiffness, constraints, contact points, loads.
-
-    min ½ uᵀ K u - fᵀ u  subject to  B u = c on gluing, held and tied rows, B u ≤ c on contact rows.
-
-Each part is an immutable record of its own. The factors of the stiffness and of the coarse problem
-belong to parts that are independent of the loads, so that another load case needs no new factor
-(`ContactSystem.with_loads`).
-"""
+"""The parts of a contact problem: constraints, nodes and loads, each an immutable record."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
-from typing import Self
+from dataclasses import dataclass
 
 import numpy as np
-from mpi4py import MPI
 from numpy.typing import NDArray
 from scipy import sparse
 
-from solver.contact.bodies import Bodies
-from solver.contact.row_kinds import RowKind
 from solver.problem.constraints.matrix import ConstraintMatrix
-from solver.problem.constraints.shared_rows import SharedRows
-from solver.problem.free_motions import FreeMotions
 from solver.problem.subdomains import SubdomainClass
 from solver.vectors import Array, Ints, Mask
 
@@ -76,51 +63,6 @@ class Loads:
     one."""
     displacements_before: tuple[Array, ...] = ()  # one (n, members) array per class
     """Displacements from which undetermined motions are least; empty for those of zero."""
-
-
-@dataclass(frozen=True, eq=False)
-class ContactSystem:
-    """The discrete contact problem; local parts throughout."""
-
-    comm: MPI.Intracomm
-    dimension: int
-    """Components of a node."""
-    classes: tuple[SubdomainClass, ...]
-    """Congruence classes of subdomains on this rank."""
-    constraints: Constraints
-    shared: SharedRows
-    """Geometry of the contact, tangential, tied and mean rows, each in row order."""
-    loads: Loads
-    bodies: Bodies
-    """The body of each subdomain and row."""
-    places: tuple[NodePlaces, ...] = ()
-    """Nodes of each class if the subdomains are not factored; otherwise empty."""
-    nodes: int = 0
-    """Number of nodes on all ranks."""
-    free_motions: FreeMotions | None = None
-    """Rigid motions that nothing resists; None without such motions."""
-
-    def with_loads(
-        self,
-        forces: Sequence[Array],
-        lifting: Sequence[Array] | None = None,
-        c: Array | None = None,
-        thermal: Sequence[Array | None] = (),
-    ) -> Self:
-        """The system with other loads; parameters as in `Loads`.
-
-        Displacements and gaps stay unchanged unless given.
-        """
-        loads, shared = self.loads, self.shared
-        lifting = loads.lifting if lifting is None else lifting
-        if c is None:
-            c = loads.c
-        else:
-            of_contact = self.constraints.kinds == RowKind.CONTACT
-            gaps = c[of_contact] / shared.contact.spread
-            shared = replace(shared, contact=replace(shared.contact, gaps=gaps))
-        loads = loads_on(self.classes, forces, lifting, c)
-        return replace(self, loads=replace(loads, thermal=tuple(thermal)), shared=shared)
 
 
 def loads_on(
