@@ -34,7 +34,7 @@ from solver.problem.task import Task
 from solver.qp.mprgp import MPRGP
 from solver.qp.result import Monitor, Reason
 from solver.tfeti.dual import DualProblem
-from solver.tfeti.methods.answers import answer_of_iterate, answer_of_state
+from solver.tfeti.methods.answers import answer_of_state, certified_answer
 from solver.tfeti.methods.by_active_sets import METHOD, solve_from_first_set
 from solver.tfeti.methods.by_mprgp import solve_by_mprgp
 from solver.tfeti.methods.by_smalbe import solve_as_in_the_paper, solve_by_smalbe
@@ -96,7 +96,7 @@ def solve(
     """
     rule = stopping_rule(options, assess)
     if problem.factored and problem.comm.allreduce(problem.size) == 0:
-        return rule.judge(answer_of_iterate(problem, rule, np.zeros(0), None))
+        return rule.judge(certified_answer(problem, np.zeros(0), None, rule.tolerance))
     inner = MPRGP(
         expansion=options.expansion,
         alpha_u=options.alpha_u,
@@ -134,33 +134,31 @@ def _at_rest(task: Task[DualProblem]) -> Solution:
 
 def _solved(task: Task[DualProblem], method: Method, start: Guess | None) -> Solution:
     """The answer of a method (collective)."""
-    problem, checkpoint = task.problem, task.checkpoint
+    problem = task.problem
     if _rests(problem):
         return _at_rest(task)
     if not problem.factored:
         from solver.primal.by_active_sets import solve_by_multigrid
 
-        restart = checkpoint.load(problem.size, problem.description) if checkpoint else None
-        return solve_by_multigrid(task, start, restart)
+        return solve_by_multigrid(task, start, task.restart())
     if method == "smalbe":
         if problem.coarse is not None and problem.friction.acts:
-            restart = checkpoint.load(problem.size, problem.description) if checkpoint else None
-            return solve_by_smalbe(task, None, restart, active_sets=False)
+            return solve_by_smalbe(task, None, task.restart(), active_sets=False)
         if problem.coarse is not None:
             return solve_as_in_the_paper(task)
         return replace(solve_by_mprgp(task, None, accelerated=False), method=method)
     if problem.coarse is None or not problem.one_sided:
         return solve_by_mprgp(task, None if start is None else start.multiplier)
-    restart = checkpoint.load(problem.size, problem.description) if checkpoint else None
+    restart = task.restart()
     if restart is not None and restart.rho:
         return solve_by_smalbe(task, None, restart)
-    outcome, answer = solve_from_first_set(task, restart, Saver(checkpoint), start)
+    outcome, answer = solve_from_first_set(task, restart, Saver(task.checkpoint), start)
     if answer is not None:
         return answer
     if method == "auto":
         return solve_by_smalbe(task, outcome, None)
     if outcome.state is None:  # nothing better than the loads shared out among the constraints
-        answer = answer_of_iterate(problem, task.rule, np.zeros(problem.size), None)
+        answer = certified_answer(problem, np.zeros(problem.size), None, task.rule.tolerance)
     else:
         answer = answer_of_state(problem, task.rule, outcome.state)
     return replace(answer, counts=outcome.counts, reason=Reason.UNSETTLED, method=METHOD)

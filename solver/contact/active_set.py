@@ -21,7 +21,7 @@ from mpi4py import MPI
 from solver.backend import Backend, S, Statuses
 from solver.contact.active_set_options import ActiveSetOptions, Failure, Turnover
 from solver.contact.active_set_update import ActiveSetUpdate, EarlyReleases, SetRules, changed_rows
-from solver.contact.law import ContactLaw, Frictionless
+from solver.contact.law import ContactLaw
 from solver.contact.loop_state import LoopState
 from solver.contact.monitoring import on_active_set
 from solver.contact.solve_on_set import Outcome, SaveState, StoppingTest, solve_on_set
@@ -65,7 +65,7 @@ class ActiveSetMethod(Generic[S]):
     save: SaveState[S] | None = None
     """Saves states for a checkpoint."""
     options: ActiveSetOptions = ActiveSetOptions()
-    law: ContactLaw = Frictionless()
+    law: ContactLaw = ContactLaw()
     work_before: Counts = field(default_factory=Counts)
     """Work before the first set."""
 
@@ -127,7 +127,7 @@ def _with_rules(method: ActiveSetMethod[S], loop: LoopState[S]) -> LoopState[S]:
     rules, statuses = loop.rules.for_set(loop.number, loop.statuses, loop.history.turnovers)
     loop = replace(loop, rules=rules, statuses=statuses)
     law, backend, state = method.law, method.backend, loop.outcome.state
-    if state is None:
+    if state is None or statuses.tractions is None:  # no point may slide
         return loop
     tangential, share = ~backend.contact_rows, method.options.stuck_again
     loop = replace(loop, sliding=loop.sliding.after(backend.comm, statuses, tangential, share))

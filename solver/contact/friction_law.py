@@ -34,7 +34,7 @@ from mpi4py import MPI
 from solver.backend import Relaxation, SetState, Statuses, Turn
 from solver.contact.active_set_options import ActiveSetOptions, Failure, SetHistory
 from solver.contact.friction_points import AT_LIMIT, FrictionPoints
-from solver.contact.law import Frictionless, StateError
+from solver.contact.law import ContactLaw, StateError
 from solver.contact.slip_front import SlipFront
 from solver.contact.slip_limits import History, combined
 from solver.contact.slip_springs import with_springs
@@ -89,7 +89,7 @@ class FrictionOptions:
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class Friction(Frictionless):
+class Friction(ContactLaw):
     """Signorini's conditions along normals, Coulomb's or Tresca's law in tangential rows."""
 
     name: str = "friction"

@@ -9,7 +9,6 @@ with equality on every set, as gluing rows do (`docs/theory/active_sets.md`).
 """
 
 from dataclasses import dataclass
-from typing import Protocol
 
 import numpy as np
 from mpi4py import MPI
@@ -42,49 +41,53 @@ class StateError:
         return cls(error * strongest, error, strongest)
 
 
-class ContactLaw(Protocol):
+@dataclass(frozen=True)
+class ContactLaw:
     """A contact law as the active-set loop uses it; arrays are (rows,), local parts.
 
-    `may_stay_active` and `closes` are called for normal rows alone.
+    This one has no friction: Signorini's conditions λ ≥ 0, B u ≤ c, λ (B u - c) = 0 in each contact
+    row. Other laws replace what differs.
     """
 
-    @property
-    def name(self) -> str:
-        """Name of the law in messages."""
-
-    @property
-    def settles(self) -> bool:
-        """Whether the sets reach the set of the answer after finitely many steps.
-
-        Where prescribed forces follow the answer, the sets only approach it.
-        """
-
-    @property
-    def may_vanish(self) -> bool:
-        """Whether no body needs contact forces, so that they may fall to zero from set to set."""
+    name: str = "frictionless"
+    """Name of the law in messages."""
+    settles: bool = True
+    """Whether the sets reach the set of the answer after finitely many steps. Where prescribed
+    forces follow the answer, the sets only approach it."""
+    may_vanish: bool = False
+    """Whether no body needs contact forces, so that they may fall to zero from set to set."""
 
     def failure(
         self, options: ActiveSetOptions, history: SetHistory, first: bool
     ) -> Failure | None:
         """The reason why the sets do not settle, by their history; None while they may.
 
+        Without friction contact peels off row by row, or rows join in set after set.
+
         Parameters
         ----------
         first
             Whether they began without the multiplier of a similar problem.
         """
+        sets = history.on_all_rows
+        peels = not options.may_peel and options.peels_on(sets)
+        return Failure.OTHER if peels or options.jumps(sets) else None
 
     def locking(self) -> "ContactLaw":
-        """The law with springs at points that lock."""
+        """The law with springs at points that lock; none does without friction."""
+        return self
 
     def with_limits(self, limits: Array) -> "ContactLaw":
         """The law with given slip limits (points,), whose sets do not run ahead of their states."""
+        return self
 
     def may_stay_active(self, multiplier: Array, tolerance: float) -> Mask:
-        """Active rows whose multiplier the law admits, to a tolerance."""
+        """Active normal rows whose multiplier is not tensile, to a tolerance."""
+        return multiplier > -tolerance
 
     def closes(self, distance: Array, tolerance: float) -> Mask:
-        """Open rows whose penetration the law does not admit, to a tolerance."""
+        """Open normal rows that are penetrated, to a tolerance."""
+        return distance > tolerance
 
     def initial(
         self, active: Mask, multiplier: Array | None, ahead: bool, jumps: Array | None = None
@@ -98,14 +101,16 @@ class ContactLaw(Protocol):
         jumps : (rows,)
             B u - c near that of the set, if known.
         """
+        return Statuses(active)
 
     def consistent(self, statuses: Statuses) -> Statuses:
         """The statuses after normal rows were taken out of the active set (collective)."""
+        return statuses
 
     def yielding(self, statuses: Statuses, jumps: Array) -> Statuses | None:
         """Statuses near statuses that leave a body unheld, but which hold it (collective).
 
-        None on all ranks for a law without such statuses.
+        None on all ranks for a law without such statuses: normal rows do not yield.
 
         Parameters
         ----------
@@ -129,55 +134,4 @@ class ContactLaw(Protocol):
         -------
         The statuses, and the mask (rows,) of the tangential rows of points so released.
         """
-
-
-@dataclass(frozen=True)
-class Frictionless:
-    """Signorini's conditions: λ ≥ 0, B u ≤ c, λ (B u - c) = 0 in each contact row."""
-
-    name: str = "frictionless"
-    settles: bool = True
-    may_vanish: bool = False
-
-    def failure(
-        self, options: ActiveSetOptions, history: SetHistory, first: bool
-    ) -> Failure | None:
-        """Contact that peels off row by row, or rows that join in set after set."""
-        sets = history.on_all_rows
-        peels = not options.may_peel and options.peels_on(sets)
-        return Failure.OTHER if peels or options.jumps(sets) else None
-
-    def locking(self) -> ContactLaw:
-        """The same: no point locks without friction."""
-        return self
-
-    def with_limits(self, limits: Array) -> ContactLaw:
-        """The same."""
-        return self
-
-    def may_stay_active(self, multiplier: Array, tolerance: float) -> Mask:
-        """Rows without a tensile multiplier."""
-        return multiplier > -tolerance
-
-    def closes(self, distance: Array, tolerance: float) -> Mask:
-        """Rows that are penetrated."""
-        return distance > tolerance
-
-    def initial(
-        self, active: Mask, multiplier: Array | None, ahead: bool, jumps: Array | None = None
-    ) -> Statuses:
-        """The active rows; the others carry no force."""
-        return Statuses(active)
-
-    def consistent(self, statuses: Statuses) -> Statuses:
-        """The statuses, unchanged."""
-        return statuses
-
-    def yielding(self, statuses: Statuses, jumps: Array) -> Statuses | None:
-        """None: normal rows do not yield."""
-
-    def following(
-        self, normals: Mask, state: SetState, error: StateError, before: Statuses, ahead: bool
-    ) -> tuple[Statuses, Mask]:
-        """The active rows; the others carry no force."""
         return Statuses(normals), np.zeros_like(normals)

@@ -48,8 +48,9 @@ class SlidingSets:
         share
             `ActiveSetOptions.stuck_again`.
         """
-        tractions = np.zeros(0) if statuses.tractions is None else statuses.tractions[tangential]
-        local = [int((statuses.holding & tangential).sum()), np.count_nonzero(tractions)]
+        assert statuses.tractions is not None
+        sliding_rows = np.count_nonzero(statuses.tractions[tangential])
+        local = [int((statuses.holding & tangential).sum()), sliding_rows]
         sticking, sliding = comm.allreduce(np.array(local))
         followed, sticks = self.followed, self.sticks
         if self.rows:

@@ -11,7 +11,7 @@ from dataclasses import replace
 from solver.backend import S, Statuses
 from solver.contact.active_set import ActiveSetMethod, Start, active_set_loop
 from solver.contact.active_set_options import Failure
-from solver.contact.law import Frictionless, StateError
+from solver.contact.law import ContactLaw, StateError
 from solver.contact.solve_on_set import Outcome, StoppingTest
 from solver.qp.result import Reason
 
@@ -53,7 +53,7 @@ def _contact_without_friction(
     None where bodies are held by friction alone.
     """
     settled = StoppingTest[S](lambda state: 1.0, lambda state: True)
-    outcome, _ = active_set_loop(replace(method, test=settled, law=Frictionless()), start)
+    outcome, _ = active_set_loop(replace(method, test=settled, law=ContactLaw()), start)
     state, before = outcome.state, outcome.following
     if outcome.reason is not Reason.ACCEPTED or state is None:
         return outcome, None

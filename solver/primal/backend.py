@@ -26,12 +26,13 @@ from solver.primal.matrices import Matrices, free_matrices
 from solver.primal.merged import MergedSystem, bodies_alone
 from solver.primal.preconditioner import Preconditioner
 from solver.primal.products import multiply, multiply_transposed
-from solver.primal.projector import REDUNDANT, Projector
+from solver.primal.projector import Projector
 from solver.primal.rigid_space import OPTIONS, RigidSpace, lifts_of_means
 from solver.primal.springs import CoupledStiffness, Coupling, ProjectedStiffness, Springs
 from solver.primal.state import PrimalState
 from solver.primal.step import Position, shortened
 from solver.problem.constraint_hierarchy import constraint_hierarchy
+from solver.problem.constraints.matrix import REDUNDANT
 from solver.problem.decomposed import DecomposedProblem
 from solver.qp.box_qp import BoxQP
 from solver.qp.iterate import Iterate, Watch
@@ -396,7 +397,7 @@ class PrimalSet:
         """
         it, A = self._iterate, CoupledStiffness(self._stiffness, coupling)
         rhs = it.qp.b - A.forces(multiply(self._system.C, self._start) - offset)
-        steps, shares = gmres(self._system.comm, A, self._preconditioner, rhs, limits)
+        steps, shares = gmres(self._system.comm, A.product, self._preconditioner, rhs, limits)
         assert it.image is not None
         it.x += shares @ np.array(steps)
         it.image = it.image + shares @ np.array(A.images)

@@ -5,27 +5,14 @@ linear systems*, SIAM J. Sci. Stat. Comput. 7, 1986. Friction that follows the c
 the matrix of a set unsymmetric, by few rows.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Protocol
 
 import numpy as np
 from mpi4py import MPI
 
-from solver.vectors import Array, Mask
-
-
-class Operator(Protocol):
-    """A square matrix that need not be symmetric."""
-
-    def product(self, x: Array) -> Array:
-        """Its product (collective)."""
-
-
-class Preconditioner(Protocol):
-    """A nearly inverse matrix."""
-
-    def apply(self, r: Array, free_mask: Mask, out: Array) -> None:
-        """Put the product into out (collective)."""
+from solver.qp.preconditioner import Preconditioner
+from solver.vectors import Array
 
 
 @dataclass(frozen=True)
@@ -44,12 +31,18 @@ class GMRESLimits:
 
 def gmres(
     comm: MPI.Intracomm,
-    A: Operator,
+    product: Callable[[Array], Array],
     M: Preconditioner,
     rhs: Array,
     limits: GMRESLimits,
 ) -> tuple[list[Array], Array]:
-    """Preconditioned directions and their shares in the solution (collective)."""
+    """Preconditioned directions and their shares in the solution (collective).
+
+    Parameters
+    ----------
+    product
+        Multiplies by a square matrix that need not be symmetric.
+    """
     size = float(np.sqrt(comm.allreduce(float(rhs @ rhs))))
     basis, steps = [rhs / (size or 1.0)], list[Array]()
     H, target = np.zeros((limits.most + 1, limits.most)), np.zeros(limits.most + 1)
@@ -58,7 +51,7 @@ def gmres(
         k = len(steps)
         steps.append(np.empty_like(rhs))
         M.apply(basis[k], np.zeros(0, bool), steps[k])
-        image = A.product(steps[k])
+        image = product(steps[k])
         for _ in range(2):  # once leaves rounding errors
             along = comm.allreduce(np.array([v @ image for v in basis]))
             image = image - along @ np.array(basis)

@@ -19,13 +19,8 @@ from solver.primal.cholesky import BorderedInverse, SmallInverse
 from solver.primal.merged import MergedSystem
 from solver.primal.products import chosen_rows, own_columns
 from solver.primal.rigid_bodies import RowsOfMotions
+from solver.problem.constraints.matrix import REDUNDANT
 from solver.vectors import Array, Mask
-
-REDUNDANT = 1e-12
-"""Relative addition to the diagonal of S.
-
-Dependent rows then share their force, and leave jumps of this size.
-"""
 
 
 class Projector:

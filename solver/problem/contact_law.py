@@ -3,7 +3,7 @@
 import numpy as np
 
 from solver.contact.friction_law import Friction, FrictionOptions
-from solver.contact.law import ContactLaw, Frictionless
+from solver.contact.law import ContactLaw
 from solver.contact.slip_front import SlipFront
 from solver.problem.decomposed import DecomposedProblem
 from solver.vectors import largest_magnitude
@@ -20,7 +20,7 @@ def contact_law(problem: DecomposedProblem) -> ContactLaw:
     """The law of the contacts of a problem."""
     points = problem.friction
     if not points.acts:
-        return Frictionless()
+        return ContactLaw()
     options, shared_compliance = FrictionOptions(), None
     stiffness = problem.row_stiffness(problem.tangential)
     if problem.comm.allreduce(len(points.shared)):

@@ -13,6 +13,7 @@ from solver.contact.stopping import CertificateTest, StoppingRule
 from solver.problem.contact_law import contact_law
 from solver.problem.decomposed import DecomposedProblem
 from solver.qp.mprgp import MPRGP
+from solver.qp.outer_state import Restart
 from solver.qp.result import Counts, Monitor
 
 Problem = TypeVar("Problem", bound=DecomposedProblem, covariant=True)
@@ -34,6 +35,11 @@ class Task(Generic[Problem]):
     """Checkpoint to save the state to, and to resume from."""
     active_sets: ActiveSetOptions = field(default_factory=ActiveSetOptions)
     """Options of the active-set loop."""
+
+    def restart(self) -> Restart | None:
+        """The state to go on from; None without a checkpoint to resume (collective)."""
+        checkpoint, problem = self.checkpoint, self.problem
+        return checkpoint.load(problem.size, problem.description) if checkpoint else None
 
     def active_set_method(
         self, backend: Backend[S], test: CertificateTest[S], save: SaveState[S]

@@ -9,7 +9,7 @@ from mpi4py import MPI
 from petsc4py import PETSc
 
 from solver.errors import NotFiniteError, QPError
-from solver.qp.operators import Operator, estimate_norm
+from solver.qp.operators import MatrixOperator, Operator, PETScOperator, estimate_norm
 from solver.vectors import Vector, on_arrays
 
 
@@ -32,48 +32,36 @@ class Equalities(Protocol):
         """The operator x -> Ax + ρ CᵀCx."""
 
 
-class MatrixEqualities:
+class _Penalising:
+    """Equalities whose penalty is added to an operator by two products."""
+
+    def penalised(self: Equalities, operator: Operator, rho: float) -> Operator:
+        """The operator x -> Ax + ρ CᵀCx."""
+        return Penalised(operator, self, rho)
+
+
+class MatrixEqualities(_Penalising, MatrixOperator):
     """Equalities from a dense or sparse array or a LinearOperator, on one rank."""
 
     def __init__(self, matrix: Any) -> None:
-        self.comm = MPI.COMM_SELF
-        self.rows = int(matrix.shape[0])
-        self.matrix = matrix
-        self._transpose = matrix.T
-
-    def apply(self, x: Vector, out: Vector) -> None:
-        """Put Cx into out."""
-        out[:] = self.matrix @ x
+        super().__init__(matrix)
+        self.rows, self._transpose = self.size, matrix.T
 
     def apply_transpose(self, m: Vector, out: Vector) -> None:
         """Put Cᵀm into out."""
         out[:] = self._transpose @ m
 
-    def penalised(self, operator: Operator, rho: float) -> Operator:
-        """The operator x -> Ax + ρ CᵀCx."""
-        return Penalised(operator, self, rho)
 
-
-class PETScEqualities:
+class PETScEqualities(_Penalising, PETScOperator):
     """Equalities from a PETSc matrix of any type."""
 
     def __init__(self, matrix: PETSc.Mat) -> None:
-        self.comm = matrix.getComm().tompi4py()
-        self.rows = int(matrix.getLocalSize()[0])
-        self.matrix = matrix
-        self._x, self._rows = matrix.createVecs()
-
-    def apply(self, x: Vector, out: Vector) -> None:
-        """Put Cx into out."""
-        on_arrays(self.matrix.mult, self._x, x, self._rows, out)
+        super().__init__(matrix)
+        self.rows = self.size
 
     def apply_transpose(self, m: Vector, out: Vector) -> None:
         """Put Cᵀm into out."""
-        on_arrays(self.matrix.multTranspose, self._rows, m, self._x, out)
-
-    def penalised(self, operator: Operator, rho: float) -> Operator:
-        """The operator x -> Ax + ρ CᵀCx."""
-        return Penalised(operator, self, rho)
+        on_arrays(self.matrix.multTranspose, self._out, m, self._x, out)
 
 
 class Penalised:

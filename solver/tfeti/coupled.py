@@ -23,17 +23,10 @@ from scipy.sparse.csgraph import connected_components
 
 from solver.contact.row_kinds import RowKind
 from solver.distributed import lent, local_rows, petsc_rows
-from solver.problem.constraints.matrix import ConstraintMatrix
+from solver.problem.constraints.matrix import REDUNDANT, ConstraintMatrix
 from solver.problem.decomposed import DecomposedProblem
 from solver.tfeti.subdomain.generalised_inverse import CholeskyFactor
 from solver.vectors import Array, Ints, Mask
-
-REDUNDANT = 1e-12
-"""Relative addition to the diagonal of M.
-
-If contact along the edge of a tie closes more rows than the other side has nodes there, the rows
-are linearly dependent and M alone is singular.
-"""
 
 NEGLIGIBLE = 1e-12
 """Cosine of the angle between rows up to which they count as perpendicular."""

@@ -11,6 +11,10 @@ from solver.backend import Turn
 from solver.distributed import petsc_rows, transposed_rows
 from solver.vectors import Array, Mask, on_arrays
 
+REDUNDANT = 1e-12
+"""Relative addition to the diagonal of a Gram matrix of rows, which may depend on one another: such
+rows then share their force, and leave jumps of this size."""
+
 
 class ConstraintMatrix:
     """B and its explicit transpose; a product with this is twice as fast as a transposed product.

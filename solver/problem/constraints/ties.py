@@ -13,13 +13,11 @@ from scipy import sparse
 from scipy.sparse.linalg import splu
 
 from solver.problem.constraints.conditions import ContactRows
+from solver.problem.constraints.matrix import REDUNDANT
 from solver.vectors import Array, Ints, Mask
 
 SAME = 1e-10
 """Squared sine of the angle between a row and the tied rows that contain it."""
-
-REDUNDANT = 1e-12
-"""Addition to the products of tied rows of unit length, which may be linearly dependent."""
 
 AT_ONCE = 100
 """Number of contact rows that are compared with tied rows of several nodes at once."""

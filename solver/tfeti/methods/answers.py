@@ -12,13 +12,6 @@ from solver.tfeti.recovery import displacements, kernel_coefficients
 from solver.vectors import Array
 
 
-def answer_of_iterate(
-    problem: DualProblem, rule: StoppingRule, x: Array, equality_force: Array | None
-) -> Solution:
-    """The `certified_answer` of an iterate, judged by a stopping rule."""
-    return certified_answer(problem, x, equality_force, rule.tolerance)
-
-
 def answer_of_state(problem: DualProblem, rule: StoppingRule, state: State) -> Solution:
     """The certified answer of the solution on an active set, judged by a stopping rule."""
     multiplier = feasible_multiplier(problem, state.multiplier, state.active)

@@ -11,7 +11,7 @@ from solver.qp.box_qp import BoxQP
 from solver.qp.iterate import Iterate
 from solver.qp.result import Counts, Reason
 from solver.tfeti.dual import DualProblem
-from solver.tfeti.methods.answers import answer_of_iterate
+from solver.tfeti.methods.answers import certified_answer
 from solver.vectors import Array
 
 METHOD = "mprgp"
@@ -37,7 +37,7 @@ def solve_by_mprgp(
     problem, rule, checkpoint = task.problem, task.rule, task.checkpoint
     qp = BoxQP(problem.projected, problem.rhs, lower=problem.lower)
     inner, before = replace(task.inner, atol=problem.round_off), Counts()
-    restart = checkpoint.load(problem.size, problem.description) if checkpoint else None
+    restart = task.restart()
     warm = start is not None
     if restart is not None:
         start, before = restart.x, restart.counts
@@ -52,7 +52,7 @@ def solve_by_mprgp(
 
     def certify(x: Array) -> Solution:
         nonlocal answer
-        answer = rule.judge(answer_of_iterate(problem, rule, x, None))
+        answer = rule.judge(certified_answer(problem, x, None, rule.tolerance))
         return answer
 
     saver = Saver(checkpoint, before)

@@ -36,7 +36,7 @@ from solver.qp.smalbe import SMALBE, OuterIterations
 from solver.tfeti.active_set_problem import State
 from solver.tfeti.admissible import admissible_set
 from solver.tfeti.dual import DualProblem
-from solver.tfeti.methods.answers import answer_of_iterate
+from solver.tfeti.methods.answers import certified_answer
 from solver.tfeti.methods.by_active_sets import solve_from
 from solver.tfeti.preconditioner import DualPreconditioner
 from solver.tfeti.projected import ProjectorEquality
@@ -80,8 +80,7 @@ def solve_as_in_the_paper(task: Task[DualProblem]) -> Solution:
         ProjectorEquality(problem.coarse),
         Hooks(task.monitor, saver, lambda: saver.due),
     )
-    restart = task.checkpoint.load(problem.size, problem.description) if task.checkpoint else None
-    answer = _to_a_certificate(task, frozen, frozen.begin(None, None, restart), None)
+    answer = _to_a_certificate(task, frozen, frozen.begin(None, None, task.restart()), None)
     return replace(answer, counts=Counts(norm_estimation=multiplications) + answer.counts)
 
 
@@ -238,7 +237,7 @@ class _Judge:
 
     def certify(self, x: Array, force: Array) -> Solution:
         """The certified answer of an iterate and its force Cᵀ μ."""
-        answer = answer_of_iterate(self._problem, self._rule, x, force)
+        answer = certified_answer(self._problem, x, force, self._rule.tolerance)
         self._lengths = body_lengths(
             self._problem.bodies, answer.measures.deformations, self._problem.free_lengths
         )

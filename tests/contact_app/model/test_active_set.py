@@ -9,7 +9,7 @@ from solver import MPRGP, Reason
 from solver.backend import Statuses
 from solver.contact.active_set_options import ActiveSetOptions
 from solver.contact.active_set_update import ActiveSetUpdate, SetRules
-from solver.contact.law import Frictionless
+from solver.contact.law import ContactLaw
 from solver.contact.solution import Accuracy
 from solver.contact.solve_on_set import StoppingTest, solve_on_set
 from solver.contact.stopping import AutomaticOptions, AutomaticRule
@@ -141,7 +141,7 @@ def test_an_active_set_stalled_by_rounding_errors_ends(cell: str) -> None:
     backend = TotalFeti(problem)
     hierarchy = backend.hierarchy(coarsened=False)
     options = ActiveSetOptions()
-    update = ActiveSetUpdate(backend, hierarchy, Frictionless(), options)
+    update = ActiveSetUpdate(backend, hierarchy, ContactLaw(), options)
     rules = SetRules(update, options.first_reduction, coarsened=True)
     found = solve_on_set(on_set, rules, test, inner)
     assert found.reason in (None, Reason.ROUND_OFF)

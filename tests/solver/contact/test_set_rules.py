@@ -11,7 +11,7 @@ from mpi4py import MPI
 from solver.backend import Statuses
 from solver.contact.active_set_options import ActiveSetOptions, Turnover
 from solver.contact.active_set_update import ActiveSetUpdate, SetRules
-from solver.contact.law import Frictionless
+from solver.contact.law import ContactLaw
 
 ROWS = 8
 
@@ -44,7 +44,7 @@ class Rigid:
 
 def rules_of(options: ActiveSetOptions, coarsened: bool = True) -> SetRules[Any]:
     backend: Any = Rigid()
-    update = ActiveSetUpdate[Any](backend, Levels(True), Frictionless(), options)
+    update = ActiveSetUpdate[Any](backend, Levels(True), ContactLaw(), options)
     return SetRules(update, options.first_reduction, coarsened)
 
 

@@ -31,7 +31,7 @@ def test_coupled_rows_cost_as_many_iterations_as_their_rank(couples: int) -> Non
     symmetric = B @ B.T + 20.0 * np.eye(20)
     added = random.normal(size=(20, couples)) @ random.normal(size=(couples, 20))
     A, M, b = Matrix(symmetric + 5.0 * added), Matrix(np.linalg.inv(symmetric)), B[0]
-    steps, shares = gmres(MPI.COMM_SELF, A, M, b, GMRESLimits(reduction=1e-10))
+    steps, shares = gmres(MPI.COMM_SELF, A.product, M, b, GMRESLimits(reduction=1e-10))
     assert len(steps) == couples + 1
     assert shares @ np.array(steps) == pytest.approx(np.linalg.solve(A.values, b), rel=1e-7)
 
@@ -39,6 +39,6 @@ def test_coupled_rows_cost_as_many_iterations_as_their_rank(couples: int) -> Non
 def test_no_force_takes_no_iteration() -> None:
     """A right-hand side of zero."""
     one = Matrix(np.eye(3))
-    steps, shares = gmres(MPI.COMM_SELF, one, one, np.zeros(3), GMRESLimits())
+    steps, shares = gmres(MPI.COMM_SELF, one.product, one, np.zeros(3), GMRESLimits())
     assert not steps
     assert len(shares) == 0
