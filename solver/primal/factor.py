@@ -18,10 +18,9 @@ from scipy import sparse
 from scipy.sparse.csgraph import reverse_cuthill_mckee
 
 from solver.distributed import local_rows, petsc_rows
-from solver.factors import factor_seconds
+from solver.factors import factor_seconds, factored
 from solver.primal.block_rows import BlockRows
 from solver.primal.blocks import made_once, rows_in_blocks
-from solver.primal.cholesky import factored
 from solver.primal.merged import MergedSystem
 from solver.primal.products import chosen_rows, multiply, multiply_transposed
 from solver.primal.projector import Projector

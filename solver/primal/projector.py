@@ -15,10 +15,10 @@ import numpy as np
 from mpi4py import MPI
 from scipy import sparse
 
-from solver.primal.cholesky import BorderedInverse, SmallInverse
 from solver.primal.merged import MergedSystem
 from solver.primal.products import chosen_rows, own_columns
 from solver.primal.rigid_bodies import RowsOfMotions
+from solver.primal.small_inverse import BorderedInverse, SmallInverse
 from solver.problem.constraints.matrix import REDUNDANT
 from solver.vectors import Array, Mask
 

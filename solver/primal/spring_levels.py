@@ -23,9 +23,9 @@ from scipy.linalg import LinAlgError, cho_factor, cho_solve
 from scipy.linalg.blas import dsyrk
 
 from solver.distributed import lent
+from solver.factors import factored
 from solver.primal.block_rows import BlockRows
 from solver.primal.blocks import petsc_blocks, rows_in_blocks
-from solver.primal.cholesky import factored
 from solver.primal.cycle import Cycle, CycleWithSprings
 from solver.primal.factor import diagonal_below, spring_matrix, squared, with_springs
 from solver.primal.friction_springs import FrictionSprings

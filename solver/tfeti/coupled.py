@@ -23,9 +23,9 @@ from scipy.sparse.csgraph import connected_components
 
 from solver.contact.row_kinds import RowKind
 from solver.distributed import lent, local_rows, petsc_rows
+from solver.factors import CholeskyFactor
 from solver.problem.constraints.matrix import REDUNDANT, ConstraintMatrix
 from solver.problem.decomposed import DecomposedProblem
-from solver.tfeti.subdomain.generalised_inverse import CholeskyFactor
 from solver.vectors import Array, Ints, Mask
 
 NEGLIGIBLE = 1e-12

@@ -6,7 +6,7 @@ FACTOR = """
 import os
 import numpy as np
 from scipy import sparse
-from solver.tfeti.subdomain.generalised_inverse import CholeskyFactor
+from solver.factors import CholeskyFactor
 
 line = sparse.diags([-1.0, 2.1, -1.0], [-1, 0, 1], shape=(13, 13))
 one = sparse.diags([1.0, 4.0, 1.0], [-1, 0, 1], shape=(13, 13))

@@ -25,7 +25,7 @@ from contact_app.accuracy.guarantee.grid_stress import GridStress, GridStresses
 from contact_app.accuracy.guarantee.separable import EquilibriumPreconditioner, conjugate_gradients
 from contact_app.errors import ContactError
 from meshes.arrays import Array, Mask
-from solver.tfeti.subdomain.generalised_inverse import CholeskyFactor
+from solver.factors import CholeskyFactor
 
 BALANCED = 1e-10
 """Largest residual of equilibrium by rounding errors; a larger one means no equilibrium."""

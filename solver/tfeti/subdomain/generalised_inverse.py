@@ -16,21 +16,17 @@ from collections.abc import Sequence
 from typing import Protocol
 
 import numpy as np
-from petsc4py import PETSc
 from scipy import sparse
 from scipy.linalg import lapack
 
-from solver.openmp import one_openmp_thread
+from solver.factors import COLUMNS_AT_ONCE, CholeskyFactor
 from solver.tfeti.subdomain.reflections import Split, Symmetry
-from solver.vectors import Array, Ints, on_arrays
+from solver.vectors import Array, Ints
 
 SMALL = 600
 """Size up to which blocks of one character have dense factors: for 200 to 400 unknowns of boxes in
 space, the factor and the inverse between those of the interface take half the time of sparse ones,
 at 650 nine tenths, and more above; in the plane as long at 340."""
-
-COLUMNS_AT_ONCE = 256
-"""Number of right-hand sides of one sparse solve; more only cost memory."""
 
 SINGLE_CONDITION = 1e5
 """Largest condition of Schur complements in single precision: then products take half the time, and
@@ -55,9 +51,6 @@ class Block(Protocol):
     def apply(self, loads: Array, out: Array) -> None:
         """Apply the block to vectors, one row per member: (s, m) to (s, m)."""
 
-    def toarray(self) -> Array:
-        """The block as one matrix, (m, m)."""
-
     def schur_complement(self, kernel: Array) -> "Block":
         """The Schur complement of the stiffness on the same unknowns, (m, m).
 
@@ -71,76 +64,6 @@ class Block(Protocol):
         numpy.linalg.LinAlgError
             The block is not positive definite to working precision.
         """
-
-
-class CholeskyFactor:
-    """CHOLMOD's factor of a sparse positive definite matrix, through PETSc.
-
-    Raises
-    ------
-    ArithmeticError
-        The matrix is not positive definite.
-    """
-
-    def __init__(self, matrix: sparse.spmatrix) -> None:
-        rows = matrix.tocsr()
-        rows.sort_indices()
-        self.size = rows.shape[0]
-        if not self.size:  # all unknowns are held: PETSc factors no empty matrix
-            return
-        petsc = PETSc.Mat().createAIJWithArrays(
-            rows.shape,
-            (rows.indptr.astype(PETSc.IntType), rows.indices.astype(PETSc.IntType), rows.data),
-            comm=PETSc.COMM_SELF,
-        )
-        petsc.setOption(PETSc.Mat.Option.SPD, True)
-        self._pc = PETSc.PC().create(PETSc.COMM_SELF)
-        self._pc.setOperators(petsc)
-        self._pc.setType("cholesky")
-        self._pc.setFactorSolverType("cholmod")
-        try:
-            with one_openmp_thread():
-                self._pc.setUp()
-        except PETSc.Error as error:
-            raise ArithmeticError(NO_FACTOR) from error
-        self._factor = self._pc.getFactorMatrix()
-        # only the shapes of these vectors are used, never their arrays
-        self._source, self._target = (
-            PETSc.Vec().createWithArray(np.empty(self.size), comm=PETSc.COMM_SELF) for _ in range(2)
-        )
-
-    def solve(self, loads: Array) -> Array:
-        """The inverse times each column: (n, columns) to (n, columns), both in Fortran order."""
-        result = np.empty(loads.shape, order="F")
-        loads = np.asfortranarray(loads)
-        if loads.shape[1] == 1 and self.size:
-            # without temporary matrices
-            on_arrays(self._factor.solve, self._source, loads[:, 0], self._target, result[:, 0])
-            return result
-        for begin in range(0, loads.shape[1] if self.size else 0, COLUMNS_AT_ONCE):
-            part = slice(begin, begin + COLUMNS_AT_ONCE)
-            b = PETSc.Mat().createDense(
-                loads[:, part].shape, array=loads[:, part], comm=PETSc.COMM_SELF
-            )
-            x = PETSc.Mat().createDense(
-                loads[:, part].shape, array=result[:, part], comm=PETSc.COMM_SELF
-            )
-            self._factor.matSolve(b, x)
-            b.destroy()
-            x.destroy()
-        return result
-
-    def restricted(self, unknowns: Ints) -> Array:
-        """The inverse between some unknowns, (m, m), symmetric."""
-        block = np.empty((len(unknowns), len(unknowns)))
-        for begin in range(0, len(unknowns), COLUMNS_AT_ONCE):
-            part = unknowns[begin : begin + COLUMNS_AT_ONCE]
-            unit = np.zeros((self.size, len(part)), order="F")
-            unit[part, np.arange(len(part))] = 1.0
-            block[:, begin : begin + len(part)] = self.solve(unit)[unknowns]
-        block += block.T.copy()
-        block *= 0.5
-        return block
 
 
 class DenseFactor:
@@ -197,7 +120,7 @@ class GeneralisedInverse:
     """
 
     def __init__(self, stiffness: sparse.csr_matrix, kernel: Array, fixing: Ints) -> None:
-        self._factor = CholeskyFactor(_regularised(stiffness, kernel, fixing))
+        self._factor = CholeskyFactor(_regularised(stiffness, kernel, fixing), NO_FACTOR)
 
     def solve(self, loads: Array) -> Array:
         """K⁺ times each column: (n, columns) to (n, columns), both in Fortran order."""
@@ -224,9 +147,7 @@ class SymmetricInverse:
         bases = self._split.bases(stiffness.shape[0])
         # V_χᵀ K V_χ from the first row of each orbit: the others repeat it
         self.factors = [
-            (DenseFactor if 0 < len(first) <= SMALL else CholeskyFactor)(
-                _scaled_rows(regular[first] @ V, orbit)
-            )
+            _factor_of(_scaled_rows(regular[first] @ V, orbit))
             for V, (first, orbit) in zip(bases, self._split.orbits, strict=True)
         ]
 
@@ -263,10 +184,6 @@ class DenseBlock:
     def apply(self, loads: Array, out: Array) -> None:
         """Apply the block to vectors, one row per member: (s, m) to (s, m)."""
         out[:] = loads.astype(self.matrix.dtype, copy=False) @ self.matrix
-
-    def toarray(self) -> Array:
-        """The block as one matrix, (m, m)."""
-        return self.matrix
 
     def schur_complement(self, kernel: Array) -> "DenseBlock":
         """The Schur complement of the stiffness on the same unknowns, (m, m)."""
@@ -305,13 +222,6 @@ class SymmetricBlock:
                 np.matmul(coordinates[:, place], block, out=solved[:, place])
             self.split.backward(solved, out[members])
 
-    def toarray(self) -> Array:
-        """The block as one matrix, (m, m)."""
-        identity = np.eye(len(self.split.unknowns))
-        result = np.empty_like(identity)
-        self.apply(identity, result)
-        return result
-
     def schur_complement(self, kernel: Array) -> "SymmetricBlock":
         """The Schur complement of the stiffness on the same unknowns, (m, m)."""
         coordinates = self.split.forward(np.ascontiguousarray(kernel.T))
@@ -323,6 +233,12 @@ class SymmetricBlock:
             motions = _range(coordinates[:, place].T, np.linalg.norm(coordinates))
             complements.append(_relaxed(block, motions, 1.0 / orbit))
         return SymmetricBlock(complements, self.split)
+
+
+def _factor_of(matrix: sparse.csr_matrix) -> DenseFactor | CholeskyFactor:
+    """The faster factor of a part of a stiffness."""
+    small = 0 < matrix.shape[0] <= SMALL
+    return DenseFactor(matrix) if small else CholeskyFactor(matrix, NO_FACTOR)
 
 
 def _scaled_rows(matrix: sparse.csr_matrix, factors: Ints) -> sparse.csr_matrix:

@@ -40,10 +40,6 @@ class ZeroBlock:
         """Put zeros into out."""
         out[:] = 0.0
 
-    def toarray(self) -> Array:
-        """The block as one matrix."""
-        return np.zeros((self._size, self._size))
-
     def schur_complement(self, kernel: Array) -> "ZeroBlock":
         """A rigid body has no stiffness."""
         return self

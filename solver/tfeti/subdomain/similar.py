@@ -122,10 +122,6 @@ class ScaledBlock:
         self._block.apply(loads, out)
         out *= self._factor
 
-    def toarray(self) -> Array:
-        """The block as one matrix, (m, m)."""
-        return self._factor * self._block.toarray()
-
     def schur_complement(self, kernel: Array) -> "ScaledBlock":
         """The Schur complement of the stiffness on the same unknowns, (m, m)."""
         return ScaledBlock(self._block.schur_complement(kernel), 1.0 / self._factor)

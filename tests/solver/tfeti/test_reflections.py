@@ -129,10 +129,9 @@ def test_split_inverse_is_the_inverse(cells: tuple[int, ...]) -> None:
     touched = np.flatnonzero(points[:, 0] == 0.0) * d
     interface = symmetry.split(symmetry.closure(touched)).unknowns
     assert len(interface) == 2 * len(touched)
-    block, whole = split.restricted(interface), plain.restricted(interface).toarray()
+    block, whole = split.restricted(interface), plain.restricted(interface).matrix
     assert isinstance(block, SymmetricBlock)
     assert sum(b.nbytes for b in block.blocks) <= 0.6 * whole.nbytes
-    np.testing.assert_allclose(block.toarray(), whole, atol=1e-10)
     x = np.random.default_rng(2).normal(size=(150, len(interface)))
     y = np.empty_like(x)
     block.apply(x, y)
@@ -160,7 +159,8 @@ def test_the_schur_complement_comes_from_the_inverse(cells: tuple[int, ...]) -> 
         whole = GeneralisedInverse(K, R, where).restricted(interface)
         split = SymmetricInverse(K, R, where, symmetry).restricted(interface)
         for block in (whole, split):
-            found = block.schur_complement(R[interface]).toarray()
+            found = np.empty_like(relaxed)
+            block.schur_complement(R[interface]).apply(np.eye(len(relaxed)), found)
             np.testing.assert_allclose(found, relaxed, atol=1e-6 * np.abs(relaxed).max())
 
 

@@ -1,30 +1,11 @@
-"""Sparse Cholesky factors of PETSc matrices."""
+"""Inverses of matrices much smaller than K, which every rank has as a whole."""
 
 import numpy as np
-from mpi4py import MPI
-from petsc4py import PETSc
 from scipy import sparse
 from scipy.linalg import LinAlgError, cho_factor, cho_solve
 
-from solver.distributed import petsc_rows
-from solver.factors import compute_factor
-from solver.vectors import Array, Mask, on_arrays
-
-
-def factored(matrix: PETSc.Mat) -> PETSc.PC:
-    """A factor by CHOLMOD, by MUMPS on several ranks (collective).
-
-    Raises
-    ------
-    ArithmeticError
-        The matrix has no Cholesky factor.
-    """
-    pc = PETSc.PC().create(matrix.comm)
-    matrix.setOption(PETSc.Mat.Option.SPD, True)
-    pc.setType("cholesky")
-    pc.setFactorSolverType("cholmod" if matrix.comm.size == 1 else "mumps")
-    compute_factor(pc, matrix)
-    return pc
+from solver.factors import CholeskyFactor
+from solver.vectors import Array, Mask
 
 
 class SmallInverse:
@@ -42,21 +23,15 @@ class SmallInverse:
     def __init__(self, matrix: sparse.csr_matrix) -> None:
         diagonal = matrix.diagonal()
         self._diagonal: Array | None = diagonal if matrix.nnz == len(diagonal) else None
-        if self._diagonal is not None:
-            return
-        local = petsc_rows(MPI.COMM_SELF, sparse.csr_matrix(matrix).sorted_indices(), len(diagonal))
-        self._pc = factored(local)
-        self._right, self._left = local.createVecs()
+        if self._diagonal is None:
+            self._factor = CholeskyFactor(matrix)
 
     def apply(self, values: Array) -> Array:
         """The product with values (rows,), or with each column of (rows, columns)."""
-        if values.ndim == 2:
-            return np.stack([self.apply(column) for column in values.T], axis=1)
         if self._diagonal is not None:
-            return values / self._diagonal
-        out = np.empty_like(values)
-        on_arrays(self._pc.apply, self._right, np.ascontiguousarray(values), self._left, out)
-        return out
+            return (values.T / self._diagonal).T
+        columns = values.reshape(len(values), -1)
+        return self._factor.solve(columns).reshape(values.shape)
 
 
 class BorderedInverse:
