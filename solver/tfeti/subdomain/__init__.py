@@ -9,4 +9,4 @@ alone. `reflections` splits the inverse of a mirror symmetric subdomain into sma
 bodies as subdomains, and `costs` predicts seconds and bytes.
 """
 
-__all__ = ["classes", "costs", "generalised_inverse", "kernels", "rigid"]
+__all__ = ["classes", "costs", "kernels", "rigid"]
