@@ -63,7 +63,6 @@ class Reduction:
     def __init__(self, comm: MPI.Comm) -> None:
         self.comm = comm
         self._serial = comm.size == 1
-        self.collectives = 0  # collective operations so far
         self._send = np.zeros(self.WIDTH)
         self._receive = np.zeros((comm.size, self.WIDTH))
 
@@ -75,7 +74,6 @@ class Reduction:
         self, values: tuple[float, ...] | list[float], minimum: float
     ) -> tuple[list[float], float]:
         """Sums of ``values`` and the least ``minimum``, in one collective."""
-        self.collectives += 1
         if self._serial:
             return [float(value) for value in values], float(minimum)
         count = len(values)

@@ -39,7 +39,6 @@ class SolvedScene:
     accuracy: Accuracy
     timings: Timings
     nodal: dict[str, Array] = field(default_factory=dict)
-    communication: dict[str, float] | None = None
     summary: dict[str, Any] = field(default_factory=dict)
     guaranteed: "Guarantee | None" = None
     holds: float = HOLDS

@@ -19,7 +19,7 @@ from contact_app.results.pressure import NodesInContact, nodes_of_side
 from contact_app.results.reactions import add_contact
 from contact_app.results.resultants import joined, summed
 from contact_app.results.smoothed_pressure import AT_PLANE, smoothed_on
-from contact_app.run.summary import decomposition_record, solver_record
+from contact_app.results.summary import decomposition_record, solver_record
 from meshes.quadratic import FACETS
 from solver.contact.solution import Solution
 from solver.exchange import NodeExchange

@@ -6,57 +6,16 @@ with one that cannot encode what is written. None of these must lose a solved sc
 - A closed descriptor 0, 1 or 2 is put on the null device. Otherwise the next file to be opened
   would get its number, and libraries that print to it would write into a file of results.
 - Output to a pipe without a reader is dropped, and so is output that standard error cannot take.
-- A character that is missing in the encoding is replaced by a similar one: × by x, … by three dots.
+- A character that is missing in the encoding is replaced by a question mark.
 """
 
-import codecs
 import errno
 import io
 import os
 import sys
-import unicodedata
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from typing import TextIO
-
-ERRORS = "contact-app-ascii"
-"""Name of the handler of characters that an encoding lacks."""
-
-SIMILAR = {
-    "×": "x", "…": "...", "‖": "||", "≤": "<=", "≥": ">=", "≠": "!=", "·": "*", "−": "-",
-    "–": "-", "—": "-", "‘": "'", "’": "'", "“": '"', "”": '"', "∞": "inf", "→": "->", "°": "deg",
-    "ν": "nu", "λ": "lambda", "μ": "mu", "σ": "sigma", "ε": "epsilon", "ρ": "rho", "Γ": "Gamma",
-    "α": "alpha", "∂": "d", "•": "*", "✓": "ok", "⁻": "-", "─": "-", "│": "|",
-}  # fmt: skip
-
-
-def in_ascii(text: str) -> str:
-    """The text in ASCII, with similar characters.
-
-    >>> in_ascii("‖u‖ ≤ 2 × 10⁻³ …")
-    '||u|| <= 2 x 10-3 ...'
-    """
-    letters = []
-    for c in text:
-        if c.isascii():
-            letters.append(c)
-        elif c in SIMILAR:
-            letters.append(SIMILAR[c])
-        elif "─" <= c <= "╿":  # lines of boxes
-            letters.append("+")
-        else:
-            parts = unicodedata.normalize("NFKD", c)
-            letters.append("".join(p for p in parts if p.isascii()) or "?")
-    return "".join(letters)
-
-
-def _replace(error: UnicodeError) -> tuple[str, int]:
-    if not isinstance(error, UnicodeEncodeError):
-        raise error
-    return in_ascii(error.object[error.start : error.end]), error.end
-
-
-codecs.register_error(ERRORS, _replace)
 
 
 class _Output(io.FileIO):
@@ -114,7 +73,7 @@ def _text(descriptor: int, before: TextIO | None, strict: bool) -> TextIO:
     raw = _Output(descriptor, strict)
     through = descriptor == 2 or bool(getattr(before, "write_through", False))
     return io.TextIOWrapper(
-        io.BufferedWriter(raw), encoding, ERRORS, line_buffering=raw.isatty() or through
+        io.BufferedWriter(raw), encoding, "replace", line_buffering=raw.isatty() or through
     )
 
 

@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 
 from contact_app.model.assembly import Element
 from contact_app.model.boundaries import refuse_without_facet
+from contact_app.model.equilibrium import body_frame
 from contact_app.model.geometry import Geometry
 from contact_app.scene.conditions import TotalLoad
 from meshes.arrays import Array
@@ -80,10 +81,8 @@ def _moments_of_boundary(
     geometry: Geometry, elements: dict[int, Element], load: TotalLoad
 ) -> tuple[float, Array, Array]:
     """Area, centroid (3,) and ∫ r rᵀ ds (3, 3) about it; zeros without a facet (collective)."""
-    mesh, d = geometry.bodies[load.body].mesh, geometry.dimension
-    middle = np.zeros(3)  # origin near the boundary: sums lose no digits
-    middle[:d] = 0.5 * (np.array(mesh.lower) + np.array(mesh.upper))
-    sums = np.zeros(13)
+    d, sums = geometry.dimension, np.zeros(13)
+    middle = body_frame(geometry.bodies[load.body])[0]  # near the boundary: sums lose no digits
     chosen = geometry.facets_of(load.body, load.boundary)
     for s, rows in zip(geometry.partition.subdomains, chosen, strict=True):
         if len(rows):

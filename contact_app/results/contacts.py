@@ -19,6 +19,7 @@ from typing import Any
 import numpy as np
 from mpi4py import MPI
 
+from contact_app.model.equilibrium import body_frame
 from contact_app.model.geometry import Geometry
 from contact_app.model.model import Model
 from contact_app.model.planes import on_planes
@@ -78,7 +79,8 @@ def _resultants(
     """Sums over the nodes of each contact of the solved part (collective)."""
     comm, resultants = geometry.comm, []
     for touching, contact, peak in zip(geometry.touching, nodes.contacts, peaks, strict=True):
-        centre, on = _middle(geometry.bodies[touching.body].mesh), np.ones(len(contact.nodes), bool)
+        on = np.ones(len(contact.nodes), bool)
+        centre = body_frame(geometry.bodies[touching.body])[0]  # near: sums lose no digits
         arm = nodes.points[contact.nodes - nodes.first] - centre
         whole = summed(comm, arm, on, contact.forces, contact.shares, contact.moments)
         largest = largest_magnitude(comm, contact.pressure)
@@ -87,13 +89,6 @@ def _resultants(
         whole = replace(whole, point=centre + whole.point)
         resultants.append(_Contact(whole, area, largest, smoothed))
     return resultants
-
-
-def _middle(mesh: Any) -> Array:
-    """Centre of a mesh, (3,): sums about a point near the mesh lose no digits."""
-    middle = np.zeros(3)
-    middle[: mesh.dimension] = 0.5 * (np.array(mesh.lower) + np.array(mesh.upper))
-    return middle
 
 
 class ContactsOfWhole:

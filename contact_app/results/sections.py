@@ -27,6 +27,7 @@ from numpy.typing import NDArray
 
 from contact_app.model.assembly import Element
 from contact_app.model.boundaries import surface_facets
+from contact_app.model.facets import moments
 from contact_app.model.loads import Loads, subdomain_load
 from contact_app.model.model import Model
 from contact_app.model.planes import on_planes
@@ -98,7 +99,8 @@ def _shares(model: Model, piece: SectionPiece) -> Array:
             shares[s.reference.cells[behind], 0] = 1.0
             shares[s.reference.cells[~behind], 1] = 1.0
             rows = surface_facets(s, model.scene.bodies[s.body])
-            facets, area = s.reference.facets[rows], _areas(s, rows)
+            facets = s.reference.facets[rows]
+            area = moments(s.reference.points[facets], model.scene.dimension).sum(axis=(1, 2))
             side = np.where(behind[s.reference.facet_cells[rows]], 2, 3)
             np.add.at(shares, (facets, side[:, None]), area[:, None])
         copies.append(shares)
@@ -110,19 +112,6 @@ def _shares(model: Model, piece: SectionPiece) -> Array:
     surface = behind_area + before_area
     share = np.divide(behind_area, surface, out=np.full(size, 0.5), where=surface > 0.0)
     return np.where(cells_behind == 0.0, 0.0, np.where(cells_before == 0.0, 1.0, share))
-
-
-def _areas(s: Subdomain, rows: NDArray[np.int32]) -> Array:
-    """Areas of facets between their vertices, (rows,)."""
-    reference = s.reference
-    x = reference.points[reference.facets[rows]]
-    if reference.cell in ("triangle", "quadrilateral"):
-        return np.asarray(np.linalg.norm(x[:, 1] - x[:, 0], axis=1))
-    if reference.cell == "tetrahedron":
-        across = x[:, 1] - x[:, 0], x[:, 2] - x[:, 0]
-    else:
-        across = x[:, 3] - x[:, 0], x[:, 2] - x[:, 1]
-    return np.asarray(0.5 * np.linalg.norm(np.cross(*across), axis=1))
 
 
 def _load_behind(model: Model, piece: SectionPiece, number: int) -> Array | None:

@@ -20,7 +20,6 @@ from contact_app.model.model import Model, build_model
 from contact_app.model.outline import Report
 from contact_app.results.fields import cell_fields, node_fields
 from contact_app.results.report import log
-from contact_app.run.communication import Communication
 from contact_app.run.fallback import FAILURES, NoAnswerError, failure_text
 from contact_app.run.model_warnings import model_warnings
 from contact_app.run.placing import (
@@ -237,12 +236,10 @@ def _solve_once(request: _Request) -> SolvedScene:
         model = request.model()
     except FAILURES as error:
         raise NoAnswerError(failure_text(error)) from error
-    communication = Communication(comm)
     estimator = request.estimator(model)
     with timings.measure("solve"):
         solution = _solution_of(model, estimator, request)
     give_back()  # return freed memory to the system, so that the estimate of free memory sees it
-    record = communication.per_multiplication(solution.counts)
     with timings.measure("estimate"):
         accuracy = solution.accuracy or estimator.accuracy(solution)
         solution = replace(
@@ -252,7 +249,7 @@ def _solve_once(request: _Request) -> SolvedScene:
         nodes, cells = node_fields(model, solution), cell_fields(model, solution)
         output = model.scene.output
         nodal = nodal_stresses(model, solution, estimator) if output.xdmf or output.vtu else {}
-        solved = SolvedScene(model, solution, nodes, cells, accuracy, timings, nodal, record)
+        solved = SolvedScene(model, solution, nodes, cells, accuracy, timings, nodal)
         warnings = model_warnings(solved)
         rigid = model.scene.rigid
         warnings += rotation_warnings(rigid.placements, rigid.bodies, solved.placements)

@@ -32,7 +32,7 @@ from contact_app.scene.read_rigid import read_rigid_bodies, refuse_with_rigid
 from contact_app.scene.rigid import RigidBodies, RigidLoad, RigidMotion
 from contact_app.scene.scene import Decomposition, InnerSection, OutputOptions, Scene, Section
 from contact_app.scene.schema.bodies import Body as BodyKeys
-from contact_app.scene.schema.options import Section as SectionKeys
+from contact_app.scene.schema.options import PlaneSection, SurfaceSection
 from contact_app.scene.yaml_reader import key_text
 
 if TYPE_CHECKING:
@@ -158,45 +158,18 @@ def _output(keys: Keys, bodies: tuple[Body, ...]) -> OutputOptions:
 
 
 def _section(
-    keys: Keys, bodies: tuple[Body, ...], name: str, section: SectionKeys
+    keys: Keys, bodies: tuple[Body, ...], name: str, section: PlaneSection | SurfaceSection
 ) -> Section | InnerSection:
     """A section as resolved from its keys."""
     names, path = [body.name for body in bodies], ("output", "sections", name)
-    if section.on is not None:
-        return _inner_section(keys, bodies, name, section)
-    if section.behind is not None:
-        keys.fail((*path, "behind"), "is allowed for an inner surface only, `on: body.surface`")
-    if section.plane is None and section.inside is None:
-        keys.fail(path, "is empty; it has the form {in: body, plane: {point, normal}} or {on: "
-                  "body.surface, behind: point}")  # fmt: skip
-    if section.plane is None:
-        keys.fail((*path, "plane"), "is missing: {point: …, normal: …}")
-    if section.inside is None:
-        keys.fail((*path, "in"), f"is missing: the name of a body ({', '.join(names)})")
+    if isinstance(section, SurfaceSection):
+        where = ConditionReader(keys, bodies).boundary(section.on, (*path, "on"), inner=True)
+        return InnerSection(name, *where, keys.space(section.behind, (*path, "behind"), "a point"))
     if section.inside not in names:
         keys.fail((*path, "in"), f"is {section.inside}; the bodies are {', '.join(names)}")
     point = keys.space(section.plane.point, (*path, "plane", "point"), "a point")
     normal = keys.direction(section.plane.normal, (*path, "plane", "normal"))
     return Section(name, names.index(section.inside), section.inside, point, normal)
-
-
-def _inner_section(
-    keys: Keys, bodies: tuple[Body, ...], name: str, section: SectionKeys
-) -> InnerSection:
-    """A section on an inner surface."""
-    path = ("output", "sections", name)
-    if section.plane is not None or section.inside is not None:
-        extra = "in" if section.plane is None else "plane"
-        keys.fail((*path, extra), "is not allowed together with `on`, which names body and surface")
-    reader = ConditionReader(keys, bodies)
-    body, boundary = reader.boundary(str(section.on), (*path, "on"), inner=True)
-    if section.behind is None:
-        keys.fail(
-            (*path, "behind"),
-            f"is missing: a point in {bodies[body].name} on the side on which the force acts",
-        )
-    behind = keys.space(section.behind, (*path, "behind"), "a point")
-    return InnerSection(name, body, boundary, behind)
 
 
 def _places(configuration: Configuration) -> dict[str, str]:

@@ -106,10 +106,7 @@ def _meshes(keys: Keys, bodies: dict[int, c.Body]) -> dict[int, BodyMesh]:
 
 def _mesh_of(keys: Keys, i: int, body: c.Body, read: Read) -> BodyMesh:
     """The mesh of a body."""
-    path: Place = ("bodies", i)
-    if body.degree not in (1, 2):
-        keys.fail((*path, "degree"), f"is {body.degree}; 1 or 2 is allowed")
-    return _mesh(keys, body.mesh, body.degree, (*path, "mesh"), read)
+    return _mesh(keys, body.mesh, body.degree, ("bodies", i, "mesh"), read)
 
 
 def _body(keys: Keys, i: int, body: c.Body, mesh: BodyMesh) -> Body:

@@ -22,7 +22,7 @@ from contact_app.machine.timings import Timings
 from contact_app.model.model import Model, build_model
 from contact_app.results.fields import cell_fields, node_fields
 from contact_app.results.report import write_summary
-from contact_app.run.summary import summary_of
+from contact_app.run.summary import summary_of_scene
 from contact_app.scene.build import build_scene
 from contact_app.scene.configuration import load
 from contact_app.scene.scene import Scene
@@ -139,7 +139,7 @@ class _Study:
         with clock.measure("output"):
             nodes, cells = node_fields(model, solution), cell_fields(model, solution)
             solved = SolvedScene(model, solution, nodes, cells, self._accuracy(solution), clock)
-        summary = summary_of(solved)
+        summary = summary_of_scene(solved)
         summary["scene"]["title"] = f"{model.scene.title}: {name}"
         if problem.comm.rank == 0:
             (self.output / name).mkdir(parents=True, exist_ok=True)

@@ -21,8 +21,8 @@ from contact_app.machine.timings import Timings
 from contact_app.model.model import Model, build_model
 from contact_app.results.history import History
 from contact_app.results.report import write_summary
+from contact_app.results.summary import summary_of_solution
 from contact_app.run.progress import Interruption, Progress, together
-from contact_app.run.summary import summary_of_solution
 from contact_app.scene.scene import Scene
 from contact_app.studies.cube import RTOL, equality
 from solver import MPRGP, SMALBE, BoxQP, Reason

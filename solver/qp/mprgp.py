@@ -101,10 +101,8 @@ class MPRGP:
                     tolerance = max(self.tighten * tolerance, self.atol)
             return None
 
-        before = qp.reduction.collectives
         reason = self.minimise(it, stop, monitor)
         it.settle()
-        it.counts.collectives += qp.reduction.collectives - before
         return Result(
             x=qp.wrap(it.x),
             reason=reason,

@@ -59,8 +59,6 @@ class Counts:
     outer: int = 0
     #: multiplications of the power method; as in the paper, not part of ``hessian``
     norm_estimation: int = 0
-    #: sums over all ranks, at which every rank waits
-    collectives: int = 0
 
     @property
     def inner(self) -> int:

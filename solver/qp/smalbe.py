@@ -209,7 +209,6 @@ class OuterIterations:
         self.outer = self._begun = restart.outer if restart else 0
         self._measured, self._size = -1, 0.0  # the step at which ‖Cx - c‖ was taken, and what it is
         self._peak = 0.0  # largest ‖Cx‖ carried along so far: it sets the rounding errors of others
-        self._before = it.reduction.collectives
         self._inner_reason = Reason.CONVERGED
         it.watch = self._watch
 
@@ -322,7 +321,6 @@ class OuterIterations:
         it, qp = self._it, self._problem.qp
         it.watch = None  # it refers to this object: the circle would keep the memory allocated
         it.settle()
-        it.counts.collectives += it.reduction.collectives - self._before
         return Result(
             x=qp.wrap(it.x),
             reason=reason,

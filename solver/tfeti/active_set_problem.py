@@ -139,7 +139,6 @@ class ActiveSetProblem:
         it.counts.hessian += 1  # of the right-hand side
         self._weight = it.reduction.norm(self.reduced.offset)
         self._most, self._stalls = STALLED * problem.comm.allreduce(problem.size), False
-        self._before = it.reduction.collectives
 
     def _start(self, multiplier: Array) -> Array:
         """A multiplier of the whole problem as one of this set, in its frames."""
@@ -215,8 +214,7 @@ class ActiveSetProblem:
     @property
     def counts(self) -> Counts:
         """Work so far."""
-        it = self._iterate
-        return replace(it.counts, collectives=it.reduction.collectives - self._before)
+        return replace(self._iterate.counts)
 
     def solve(
         self, inner: MPRGP, residual: float, monitor: Monitor | None, watch: Watch | None = None

@@ -101,7 +101,7 @@ class Body(Model):
 
     name: str = Field(description="Name by which conditions and contacts refer to it.")
     mesh: Mesh = Field(description="Mesh: {box: …} or {file: …}.")
-    degree: int = Field(1, description="Polynomial degree of the displacement, 1 or 2.")
+    degree: Literal[1, 2] = Field(1, description="Polynomial degree of the displacement, 1 or 2.")
     mean_dilatation: bool = Field(
         False,
         description="Change of volume taken as its mean over each cell (B-bar), so that "

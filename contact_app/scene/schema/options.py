@@ -1,11 +1,13 @@
 """Sections of options: decomposition, solver, certificate and output."""
 
 from collections.abc import Callable
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, ClassVar, Literal
 
 from pydantic import (
     ConfigDict,
+    Discriminator,
     Field,
+    Tag,
     TypeAdapter,
     WithJsonSchema,
     field_validator,
@@ -131,24 +133,40 @@ class SectionPlane(Model):
     )
 
 
-class Section(Model):
-    """A section through a body, at which the force between the two sides is computed.
+class PlaneSection(Model):
+    """A plane through a body, at which the force between the two sides is computed."""
 
-    A plane through a body, `{in, plane}`, or an inner surface, `{on, behind}`.
-    """
+    why_absent: ClassVar[dict[str, str]] = {"behind": "it is for an inner surface, {on, behind}"}
 
-    plane: SectionPlane | None = Field(None, description="{point, normal}, with `in`.")
-    inside: str | None = Field(None, alias="in", description="Name of the body, with `plane`.")
-    on: str | None = Field(
-        None,
+    plane: SectionPlane = Field(description="{point, normal}.")
+    inside: str = Field(alias="in", description="Name of the body.")
+
+
+class SurfaceSection(Model):
+    """An inner surface of a body, at which the force between the two sides is computed."""
+
+    why_absent: ClassVar[dict[str, str]] = dict.fromkeys(
+        ("in", "plane"), "`on` names body and surface"
+    )
+
+    on: str = Field(
         description="An inner surface, body.name: facets between cells that a group of the mesh "
         "file or a boundary's expression names. It divides the body into two sides.",
     )
-    behind: Numbers | None = Field(
-        None,
-        description="With `on`: a point in the body on the side on which force and moment act "
-        "(length).",
+    behind: Numbers = Field(
+        description="A point in the body on the side on which force and moment act (length).",
     )
+
+
+def _section_form(value: Any) -> str:
+    """Whether a section is an inner surface or a plane."""
+    return "{surface}" if isinstance(value, dict) and "on" in value else "{plane}"
+
+
+Section = Annotated[
+    Annotated[PlaneSection, Tag("{plane}")] | Annotated[SurfaceSection, Tag("{surface}")],
+    Discriminator(_section_form),
+]
 
 
 class Output(Model):

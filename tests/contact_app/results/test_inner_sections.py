@@ -212,7 +212,7 @@ def test_symmetry_leaves_a_scene_with_an_inner_surface_whole() -> None:
 @pytest.mark.parametrize(
     ("section", "message"),
     [
-        ({"on": "b.post"}, r"sections\.s\.behind is missing: a point in b"),
+        ({"on": "b.post"}, r"sections\.s\.behind is missing"),
         ({"on": "b.post", "behind": [9, 0, 0]}, r"s\.behind: the point \(9, 0, 0\) does not lie"),
         ({"on": "b.post", "behind": [0, 0]}, r"s\.behind has 2 components"),
         ({"on": "b.half", "behind": [0, 0, 0]}, r"s\.on: .* do not divide b into two sides"),
@@ -221,10 +221,10 @@ def test_symmetry_leaves_a_scene_with_an_inner_surface_whole() -> None:
         ({"on": "b.pst", "behind": [0, 0, 0]}, r"did you mean b\.post"),
         (
             {"on": "b.post", "in": "b", "behind": [0, 0, 0]},
-            r"s\.in is not allowed together with `on`",
+            r"s\.in is an unknown key; `on` names body and surface; allowed: on, behind",
         ),
-        ({"in": "b", "behind": [0, 0, 0]}, r"s\.behind is allowed for an inner surface"),
-        ({}, r"sections\.s is empty"),
+        ({"in": "b", "behind": [0, 0, 0]}, r"s\.behind .* key; it is for an inner surface"),
+        ({}, r"sections\.s\.plane is missing"),
     ],
 )
 def test_wrong_surfaces_are_refused(section: dict[str, Any], message: str) -> None:

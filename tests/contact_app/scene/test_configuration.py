@@ -143,7 +143,7 @@ WRONG = [
     (f"{BOX}.cell=triangle", "in 3D hexahedron or tetrahedron is allowed"),
     ("bodies.0.mesh={}", "needs `box:"),
     ("bodies.0.mesh.file=part.msh", "bodies[0].mesh has both; exactly one of `box"),
-    ("bodies.0.degree=3", "1 or 2 is allowed"),
+    ("bodies.0.degree=3", "allowed: 1 or 2"),
     ("bodies.0.material={steel: {young: 1, poisson: 0.3}}", "by tag needs a mesh from a file"),
     # names
     ("bodies.0.name=a.b", "or _ first, then these, digits and - are allowed"),

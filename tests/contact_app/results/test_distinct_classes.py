@@ -4,7 +4,7 @@ from types import SimpleNamespace
 
 from mpi4py import MPI
 
-from contact_app.run.summary import distinct_classes
+from contact_app.results.summary import distinct_classes
 from solver.tfeti.subdomain.classes import subdomain_class, subdomain_classes
 from tests.solver.tfeti.test_similar import data, turned
 
