@@ -47,7 +47,7 @@ from contact_app.results.repeated_sentences import without_repetitions
 from contact_app.results.shared_forces import shared_force_warnings
 from contact_app.results.sliding import largest_sliding, sliding_on_each_other
 from contact_app.results.tilted_pairs import tilted
-from contact_app.results.undetermined import Movable, play_warnings, undetermined_of
+from contact_app.results.undetermined import Movable, play_warnings, undetermined
 from contact_app.run import warning_texts as texts
 from contact_app.scene.material import NEARLY_INCOMPRESSIBLE
 from contact_app.scene.obstacles import Plane
@@ -135,7 +135,7 @@ def _of_bodies(answer: FormAnswer) -> Iterator[str]:
     names = [bodies.name(b) for b in range(bodies.count)]
     motions_of = partial(contact_motions, bodies, model.exchange, d=problem.dimension)
     movable = Movable(groups, names, bodies.size_of)
-    yield from play_warnings(undetermined_of(problem, solution, motions_of, movable), fixes)
+    yield from play_warnings(undetermined(problem, solution, motions_of, movable), fixes)
     if solution.converged:
         yield from carried(problem, solution, motions_of, movable)
 

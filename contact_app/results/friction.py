@@ -78,19 +78,24 @@ def _works(problem: DualProblem, solution: Solution) -> Array:
     return points.dots(points.forces(solution.multiplier), points.slips(residual))
 
 
-def approach_of_held(geometry: Geometry, problem: DualProblem, before: RigidBodies | None) -> Array:
-    """Sum (dual,) with which penetrations are those before held rigid bodies moved, zero elsewhere.
+def moved_by_held(
+    geometry: Geometry, problem: DualProblem, before: RigidBodies | None, slips: bool = False
+) -> Array:
+    """Sum (dual,) with which penetrations, or slips, are those before held rigid bodies moved.
+
+    Zero for other rows.
 
     Parameters
     ----------
     before
         The rigid bodies as they were loaded before; None without load.
     """
-    added = np.zeros(problem.size)
+    added, chosen, rows = np.zeros(problem.size), problem.inequality, problem.contact
+    if slips:
+        chosen, rows = problem.tangential, problem.shared.friction.rows
     if geometry.rigid.bodies:
-        unknowns = RigidUnknowns.of(geometry)
-        of_rows = slips_of_held(problem.contact, unknowns, geometry.contacts, before)
-        added[problem.inequality] = of_rows * problem.spread[problem.inequality]
+        of_rows = slips_of_held(rows, RigidUnknowns.of(geometry), geometry.contacts, before)
+        added[chosen] = of_rows * problem.spread[chosen]
     return added
 
 

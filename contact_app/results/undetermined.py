@@ -21,7 +21,6 @@ from mpi4py import MPI
 from scipy import sparse
 
 from contact_app.model.equilibrium import (
-    contact_motions,
     directions_in_words,
     groups_in_contact,
     motion_size,
@@ -88,14 +87,6 @@ def play_warnings(motions: list[Undetermined], remedy: str) -> list[str]:
     ]
 
 
-def undetermined(
-    geometry: Geometry, problem: DualProblem, solution: Solution
-) -> list[Undetermined]:
-    """The motions that an answer leaves open (collective)."""
-    motions_of = partial(contact_motions, geometry)
-    return undetermined_of(problem, solution, motions_of, Movable.of(geometry))
-
-
 @dataclass(frozen=True, eq=False)
 class Movable:
     """Bodies that may move."""
@@ -120,7 +111,7 @@ class Movable:
         return int(group[most]), directions_in_words(upward(parts[most][:, None])), speeds[most]
 
 
-def undetermined_of(
+def undetermined(
     problem: DualProblem,
     solution: Solution,
     motions_of: Callable[[ContactRows], sparse.csr_matrix],

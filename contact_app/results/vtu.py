@@ -25,12 +25,6 @@ AT_ONCE = 1_000_000
 """Cells whose offsets and types are written at once."""
 
 
-def vtu_bytes(nodes: int, cells: int, vertices: int, at_nodes: int, at_cells: int) -> int:
-    """Size of a file, about, in base64: four bytes for three. Parameters as of `grid_bytes`."""
-    numbers = nodes * 8 * (3 + at_nodes) + cells * (8 * at_cells + 4 * vertices + 9)
-    return 4096 + numbers * 4 // 3
-
-
 class _Array:
     """An array of a file: its XML element, its place, and what of it awaits encoding."""
 

@@ -16,13 +16,11 @@ from contact_app.accuracy.estimate.error_estimate import ErrorEstimator
 from contact_app.accuracy.solved_scene import SolvedScene
 from contact_app.machine.timings import Timings
 from contact_app.model.candidates import Needed
-from contact_app.model.geometry import Geometry
 from contact_app.model.method import is_undecomposed, with_chosen_method
 from contact_app.model.model import Model
 from contact_app.model.normal_forces import NormalForces
 from contact_app.model.outline import Report
-from contact_app.model.rigid import RigidUnknowns, slips_of_held
-from contact_app.results.friction import approach_of_held
+from contact_app.results.friction import moved_by_held
 from contact_app.run.case_models import CaseModels
 from contact_app.run.fallback import fewest_subdomains
 from contact_app.run.placing import SameRows
@@ -32,7 +30,6 @@ from meshes.arrays import Array
 from solver.contact.options import Method, SolverOptions
 from solver.contact.solution import Guess
 from solver.tfeti.derived import beside_moved
-from solver.tfeti.dual import DualProblem
 
 Displacements = list[Array]
 """One (n, members) array per class."""
@@ -109,23 +106,14 @@ class IncrementModels:
             problem = problem.with_least_motion_from(begin)
         if self._rough and begin is not None:
             problem = problem.with_slip_from(begin)
-            moved = self._moved(model.geometry, problem)
-            problem = problem if moved is None else beside_moved(problem, moved)
+            if scene.rigid.bodies:
+                moved = moved_by_held(model.geometry, problem, self._last, slips=True)
+                problem = beside_moved(problem, moved)
         return replace(model, problem=problem, pressed_before=self._pressed)
-
-    def _moved(self, geometry: Geometry, problem: DualProblem) -> Array | None:
-        """Slips (dual,) from held components of rigid bodies in this increment."""
-        rows, before = problem.shared.friction.rows, self._last
-        if not geometry.rigid.bodies:
-            return None
-        unknowns, moved = RigidUnknowns.of(geometry), np.zeros(problem.size)
-        added = slips_of_held(rows, unknowns, geometry.contacts, before)
-        moved[problem.tangential] = added * problem.spread[problem.tangential]
-        return moved
 
     def approach(self, model: Model) -> Array:
         """Penetrations (dual,) that held components of rigid bodies add in the increment."""
-        return approach_of_held(model.geometry, model.problem, self._last)
+        return moved_by_held(model.geometry, model.problem, self._last)
 
     def estimator(self, model: Model) -> ErrorEstimator:
         """The estimator of errors of answers to a model."""

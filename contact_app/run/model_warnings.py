@@ -34,7 +34,7 @@ from contact_app.model.loaded_area import loaded_facets, straddled_area
 from contact_app.model.obstacle_hints import facing_away, turned_round
 from contact_app.results.carried import carried
 from contact_app.results.free_motions import free_motions
-from contact_app.results.friction import approach_of_held, closing_points
+from contact_app.results.friction import closing_points, moved_by_held
 from contact_app.results.percent import percent
 from contact_app.results.reactions import hold_records
 from contact_app.results.repeated_sentences import without_repetitions
@@ -268,23 +268,16 @@ def _certificates(answer: SolvedScene) -> Iterator[str]:
         yield f"not certified: {reason_text(solution)}"
 
 
-def _rubs_where_open(answer: SolvedScene) -> Iterator[str]:
-    """Friction of a given limit at nodes without a contact force."""
+def _friction(answer: SolvedScene) -> Iterator[str]:
+    """Friction of open nodes, and friction for which the answer need not be unique (collective)."""
     scene, comm = answer.model.scene, answer.model.comm
     for contact, nodes in zip(scene.touching, answer.nodes.contacts, strict=True):
         count = comm.allreduce(int((nodes.rubs & ~nodes.closed).sum()))
-        if text := texts.rubbing_where_open(count):
+        pressed = comm.allreduce(int(nodes.closed.any()), op=MPI.MAX)
+        several = texts.several_answers(contact.law.coefficient, bool(pressed))
+        for text in filter(None, (texts.rubbing_where_open(count), several)):
             yield f"{contact.source}: {text}"
-
-
-def _several_answers(answer: SolvedScene) -> Iterator[str]:
-    """Friction so large, or in so many contacts of a node, that the answer need not be unique."""
-    for contact, nodes in zip(answer.model.scene.touching, answer.nodes.contacts, strict=True):
-        pressed = answer.model.comm.allreduce(int(nodes.closed.any()), op=MPI.MAX)
-        if text := texts.several_answers(contact.law.coefficient, bool(pressed)):
-            yield f"{contact.source}: {text}"
-
-    names = [contact.source for contact in answer.model.scene.touching]
+    names = [contact.source for contact in scene.touching]
     yield from shared_force_warnings(answer.model.problem, answer.solution, names)
 
 
@@ -293,7 +286,7 @@ def _closes_at_once(answer: SolvedScene) -> Iterator[str]:
     model = answer.model
     if not model.scene.has_friction or model.scene.in_step:
         return
-    approach = approach_of_held(model.geometry, model.problem, None)
+    approach = moved_by_held(model.geometry, model.problem, None)
     changed = closing_points(model.problem, answer.solution, None, approach)
     remedy = "`steps` with several increments show how much this matters"
     yield texts.closing_at_once(*changed, "the unloaded state", remedy)
@@ -328,21 +321,14 @@ def _loaded_holds(answer: SolvedScene) -> Iterator[str]:
             )
 
 
-def _plays(answer: SolvedScene) -> list[str]:
-    """Bodies that can be moved without any change of energy and forces (collective)."""
-    remedy = "a displacement condition, `hold` or friction"
-    model = answer.model
-    motions = undetermined(model.geometry, model.problem, answer.solution)
-    return play_warnings(motions, remedy)
-
-
-def _carried(answer: SolvedScene) -> Iterable[str]:
-    """Bodies that friction carries along by an amount that it leaves open (collective)."""
+def _movable(answer: SolvedScene) -> Iterator[str]:
+    """Bodies that can be moved, or that friction carries along, without any force (collective)."""
     model, solution = answer.model, answer.solution
-    if not solution.converged:
-        return []
-    motions_of = partial(contact_motions, model.geometry)
-    return carried(model.problem, solution, motions_of, Movable.of(model.geometry))
+    motions_of, movable = partial(contact_motions, model.geometry), Movable.of(model.geometry)
+    motions = undetermined(model.problem, solution, motions_of, movable)
+    yield from play_warnings(motions, "a displacement condition, `hold` or friction")
+    if solution.converged:
+        yield from carried(model.problem, solution, motions_of, movable)
 
 
 def _yielding(answer: SolvedScene) -> list[str]:
@@ -437,6 +423,6 @@ CHECKS: tuple[Callable[[SolvedScene], Iterable[str]], ...] = (
     lambda answer: answer.overcome,
     lambda answer: answer.model.cautions,
     _slides, _loaded_holds,
-    _rubs_where_open, _closes_at_once, _several_answers, _plays, _carried,
+    _friction, _closes_at_once, _movable,
 )  # fmt: skip
 """The tests of an answer, in the order of their warnings."""

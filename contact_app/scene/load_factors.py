@@ -17,9 +17,6 @@ from contact_app.scene.schema.base import suggestion
 LONGEST = 100
 """Largest number of characters in the name of a case."""
 
-RESERVED = ("con", "nul")
-"""Names that some operating systems reserve for devices."""
-
 
 def names_of_conditions(keys: Keys) -> list[str]:
     """The names of conditions in the order of the file; each is given once."""
@@ -132,8 +129,7 @@ def _refuse_bad_names(keys: Keys, names: Sequence[str]) -> None:
     """Refuse names of cases that are not valid, distinct names of directories."""
     earlier: dict[str, str] = {}
     for name in names:
-        short = len(name) <= LONGEST and name.lower() not in RESERVED
-        if not short or not re.fullmatch(r"\w[\w-]*", name):
+        if len(name) > LONGEST or not re.fullmatch(r"\w[\w-]*", name):
             keys.fail(
                 ("cases", name),
                 "is no valid name of a case: it becomes the name of a directory; letters, digits, "
