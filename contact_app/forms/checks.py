@@ -178,20 +178,6 @@ def check_lists(bcs: Any, contacts: Any) -> None:
             )  # fmt: skip
 
 
-def check_keywords(others: Mapping[str, Any]) -> None:
-    """Refuse arguments that `ContactProblem` has not, such as those of dolfinx's `LinearProblem`.
-
-    Raises
-    ------
-    TypeError
-    """
-    for name in others:
-        raise TypeError(
-            f"ContactProblem has no argument {name}; its solvers are its own and have method "
-            f"({', '.join(get_args(Method))}), tolerance and max_iterations"
-        )
-
-
 def check_options(method: Any, tolerance: Any, max_iterations: Any) -> None:
     """Check the options of the solver.
 
@@ -209,25 +195,7 @@ def check_options(method: Any, tolerance: Any, max_iterations: Any) -> None:
         raise ValueError(f"max_iterations must be a whole number from 1 on, not {max_iterations!r}")
 
 
-def check_weights(contacts: Sequence[Contact], degree: int | None) -> None:
-    """Check the factors of integrals.
-
-    Raises
-    ------
-    TypeError, ValueError
-    """
-    for number, contact in enumerate(contacts):
-        at = f"contacts[{number}].weight"
-        if contact.weight is None:
-            continue
-        _check_function(contact.weight, at)
-        if degree != 1:
-            raise ValueError(f"{at} is for spaces of degree 1, not {degree}")
-        if contact.against is not None:
-            raise ValueError(f"{at} is for obstacles, not for facets against facets")
-
-
-def check_contacts(contacts: Sequence[Contact], mesh: Any) -> None:
+def check_contacts(contacts: Sequence[Contact], mesh: Any, degree: int | None) -> None:
     """Check the arguments of the contacts, except for the existence of their facets.
 
     Raises
@@ -262,6 +230,12 @@ def check_contacts(contacts: Sequence[Contact], mesh: Any) -> None:
             value = getattr(contact, name)
             if not isinstance(value, kind):
                 raise TypeError(f"{at}.{name} must be of type {kind.__name__}, not {value!r}")
+        if contact.weight is not None:
+            _check_function(contact.weight, f"{at}.weight")
+            if degree != 1:
+                raise ValueError(f"{at}.weight is for spaces of degree 1, not {degree}")
+            if contact.against is not None:
+                raise ValueError(f"{at}.weight is for obstacles, not for facets against facets")
         if contact.obstacle is not None:
             if contact.round:
                 raise ValueError(f"{at}.round is for facets against facets; leave it out")

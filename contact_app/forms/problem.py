@@ -13,10 +13,8 @@ from contact_app.errors import CouldNotRunError
 from contact_app.forms.checks import (
     check_contacts,
     check_forms,
-    check_keywords,
     check_lists,
     check_options,
-    check_weights,
 )
 from contact_app.forms.contacts import Contact
 from contact_app.forms.grid import Grid, grid_of
@@ -123,14 +121,12 @@ class ContactProblem:
         method: Method = "auto",
         max_iterations: int = 10_000,
         u: Any = None,
-        **others: Any,
     ) -> None:
-        check_keywords(others)
         check_lists(bcs, contacts)
         self.a, self.L, self.bcs, self.contacts = a, L, list(bcs), list(contacts)
         self._space = check_forms(a, L, self.bcs)
-        check_contacts(self.contacts, self._space.mesh)
-        check_weights(self.contacts, dolfinx_compat.lagrange_degree(self._space))
+        degree = dolfinx_compat.lagrange_degree(self._space)
+        check_contacts(self.contacts, self._space.mesh, degree)
         check_options(method, tolerance, max_iterations)
         self.options = SolverOptions(
             method=method, tolerance=float(tolerance), max_iterations=max_iterations

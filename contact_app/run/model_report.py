@@ -86,7 +86,7 @@ def _modelled(
         lines += [f"  {note}" for note in body.mesh.notes]
         if not has_loadings:
             lines.append(f"  total load {_vector(_resultant(outline, i, d))}")
-    lines += _held(bodies, displacements, outline)
+    lines += [_held(bodies, condition, outline) for condition in displacements]
     for traction in (load for load in loads.on_facets if isinstance(load, Traction)):
         lines.append(
             f"{_name(traction)}: {on(traction)} loaded by "
@@ -141,18 +141,10 @@ def _modelled(
     return lines
 
 
-def _held(
-    bodies: Sequence[Body], displacements: Sequence[DisplacementCondition], outline: Outline
-) -> list[str]:
-    """Displacement conditions, one line each (collective)."""
-    lines = []
-    for condition in displacements:
-        held = _components("xyz", condition.values)
-        lines.append(
-            f"{_name(condition)}: {_on(bodies, condition)} displaced by {held} "
-            f"({_count_nodes(bodies, outline, condition):,} nodes)"
-        )
-    return lines
+def _held(bodies: Sequence[Body], condition: DisplacementCondition, outline: Outline) -> str:
+    """Line of a displacement condition (collective)."""
+    held, nodes = _components("xyz", condition.values), _count_nodes(bodies, outline, condition)
+    return f"{_name(condition)}: {_on(bodies, condition)} displaced by {held} ({nodes:,} nodes)"
 
 
 def _rigid(rigid: RigidBodies) -> list[str]:

@@ -279,11 +279,6 @@ class ConditionReader:
             )
         if not getattr(entry, laws[0]):
             return FRICTIONLESS
-        self._refuse_beside_friction(path)
-        return Friction(entry.coulomb, entry.tresca)
-
-    def _refuse_beside_friction(self, path: Place) -> None:
-        """Refuse options that do not support friction."""
         configuration = self.keys.configuration
         if configuration.certificate.guaranteed:
             self.keys.fail(
@@ -293,6 +288,7 @@ class ConditionReader:
                 "the answer minimises an energy, which does not hold with Coulomb's friction; "
                 "leave one of them out",
             )
+        return Friction(entry.coulomb, entry.tresca)
 
     def _refuse_beside_tied(self, contact: c.Contact, path: Place) -> None:
         """Refuse keys that have no meaning in a tied contact."""

@@ -100,11 +100,6 @@ def forms_over(space: Any) -> tuple:
     return other.a, other.L
 
 
-def test_arguments_of_other_solvers_are_refused(body: Square) -> None:
-    with pytest.raises(TypeError, match="no argument petsc_options; its solvers are its own"):
-        ContactProblem(body.a, body.L, petsc_options={"ksp_type": "cg"})
-
-
 @pytest.mark.parametrize("name", WRONG_FORMS)
 def test_forms_that_are_refused(name: str, body: Square) -> None:
     make, kind, text = WRONG_FORMS[name]
