@@ -27,7 +27,10 @@ def named_rows(summary: Mapping[str, Any]) -> Iterator[Row]:
         if len(contacts) < 2 or any(contact["with"] in SHAPES for contact in contacts):
             yield "contact force", contact_force(summary)
         yield "largest contact pressure", number(solution["max_contact_pressure"])
-        yield from _contacts(contacts)
+        loads = [f"{force_of(c)}, {number(c['max_pressure'])}" for c in contacts]
+        names = [f"{c['on']} on {c['with']}" for c in contacts]
+        each = [*zip(names, loads, strict=True)] if len(contacts) > 1 else []
+        yield from _several("of each contact: force, largest pressure", each)
     reactions = summary.get("reactions", [])
     forces = [force for record in (*contacts, *reactions) for force in record["force"]]
     most = max(map(abs, forces), default=0.0)
@@ -59,21 +62,6 @@ def force_of(contact: Mapping[str, Any]) -> str:
 def _size(contact: Mapping[str, Any]) -> float:
     """Largest pressure times area."""
     return float((contact.get("max_pressure") or 0.0) * (contact.get("area") or 0.0))
-
-
-def _contacts(contacts: Sequence[Mapping[str, Any]]) -> Iterator[Row]:
-    """Force and largest pressure of each contact, if there are several."""
-    if len(contacts) > 1:
-        yield from _several(
-            "of each contact: force, largest pressure",
-            [
-                (
-                    f"{contact['on']} on {contact['with']}",
-                    f"{force_of(contact)}, {number(contact['max_pressure'])}",
-                )
-                for contact in contacts
-            ],
-        )
 
 
 def _several(head: str, rows: Sequence[Row]) -> Iterator[Row]:

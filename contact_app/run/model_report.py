@@ -120,7 +120,7 @@ def _modelled(
         lines.append(
             f"{contact.source}: {on(contact)} may touch {whose or 'the '}{obstacle} "
             f"({_candidates(outline, i, bodies[contact.body], nodes)})"
-            f"{_friction(contact)}{_interference(contact)}"
+            f"{_law(contact)}"
         )
     hints = obstacle_hints(outline.geometry, outline.rows.contact)
     lines += [f"warning: {hint}" for hint in hints]
@@ -129,7 +129,7 @@ def _modelled(
         lines.append(
             f"{pair.source}: {on(pair)} may touch {other}, by a mortar method "
             f"({_candidates(outline, i, bodies[pair.body])})"
-            f"{_friction(pair)}{_interference(pair)}"
+            f"{_law(pair)}"
         )
     for tie in (tie for tie in geometry.ties if isinstance(tie, Tie)):
         other = f"{bodies[tie.other].name}.{tie.other_boundary}"
@@ -172,17 +172,13 @@ def _components(names: Sequence[str], values: Sequence[float | None]) -> str:
     return ", ".join(f"{name} = {value:g}" for name, value in pairs if value is not None)
 
 
-def _friction(contact: Contact | BodyContact) -> str:
-    """The law of friction of a contact as a phrase; empty without friction."""
-    return f", with {contact.law.description}" if contact.law.acts else ""
-
-
-def _interference(contact: Contact | BodyContact) -> str:
-    """The interference or clearance of a contact, as the end of a line."""
-    amount = contact.interference
-    if not amount:
-        return ""
-    return f", with {'an interference' if amount > 0.0 else 'a clearance'} of {abs(amount):g}"
+def _law(contact: Contact | BodyContact) -> str:
+    """Friction and interference or clearance of a contact, as the end of a line."""
+    law = f", with {contact.law.description}" if contact.law.acts else ""
+    if not contact.interference:
+        return law
+    kind = "an interference" if contact.interference > 0.0 else "a clearance"
+    return f"{law}, with {kind} of {abs(contact.interference):g}"
 
 
 def _name(condition: Condition) -> str:
