@@ -155,7 +155,8 @@ class Friction(ContactLaw):
             forces = points.forces(multiplier)
             size, limit = points.sizes(forces), points.slip_limits(multiplier)
             sticks = touching & (size < (1.0 - AT_LIMIT) * limit)
-            share = np.divide(limit, size, out=np.zeros(len(size)), where=(size > 0.0) & touching)
+            slides = (size > 0.0) & touching & ~sticks
+            share = np.divide(limit, size, out=1.0 * sticks, where=slides)
             forces = share[points.point] * forces
         slip_compliance = np.zeros(len(points.first))
         if jumps is not None:

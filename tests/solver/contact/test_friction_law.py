@@ -164,3 +164,13 @@ def test_open_points_have_friction_of_a_given_limit_alone(given_limit: float) ->
     np.testing.assert_array_equal(consistent.active, [False, given_limit > 0.0])
     slides = law.consistent(Statuses(np.zeros(2, bool), np.array([0.0, 2.0])))
     np.testing.assert_array_equal(slides.tractions, [0.0, 2.0 if given_limit else 0.0])
+
+
+def test_a_point_of_two_contacts_that_sticks_begins_with_its_force() -> None:
+    """It begins below its limit, not at it; a step without change of loads ends with one set."""
+    law = law_of(2, np.array([0.5]), np.zeros(1))
+    points = replace(law.points, shared=np.array([0]), other_rows=np.array([2]))
+    law = replace(law, points=points, shared_compliance=np.array([0.1]))
+    begin = law.initial(np.array([True, False, True]), np.array([10.0, 2.0, 3.0]), ahead=True)
+    assert begin.tractions is not None
+    np.testing.assert_array_equal(begin.tractions, [0.0, 2.0, 0.0])
