@@ -116,12 +116,16 @@ def solve(
     return with_least_motion(problem, solution)
 
 
-def _rests(problem: DualProblem) -> bool:
-    """Whether nothing loads the bodies and all rows hold without displacements (collective)."""
-    loads, rows = problem.load_case, problem.inequality
-    moving = (*loads.forces, *loads.lifting, *loads.displacements_before)
+def _rests(problem: DualProblem, start: Guess | None) -> bool:
+    """Whether nothing loads the bodies and all rows hold without displacements (collective).
+
+    Slips before count only at points that the answer before, the initial guess, gave a slip limit.
+    """
+    loads, rows, points = problem.load_case, problem.inequality, problem.friction
     unmet = np.where(rows, np.minimum(problem.c, 0.0), problem.c)
-    moved = unmet.any() or any(values.any() for values in moving)
+    if start is not None:
+        unmet[points.rows] *= (points.slip_limits(start.multiplier) > 0.0)[points.point]
+    moved = unmet.any() or any(values.any() for values in (*loads.forces, *loads.lifting))
     return not problem.comm.allreduce(int(moved))
 
 
@@ -135,7 +139,7 @@ def _at_rest(task: Task[DualProblem]) -> Solution:
 def _solved(task: Task[DualProblem], method: Method, start: Guess | None) -> Solution:
     """The answer of a method (collective)."""
     problem = task.problem
-    if _rests(problem):
+    if _rests(problem, start):
         return _at_rest(task)
     if not problem.factored:
         from solver.primal.by_active_sets import solve_by_multigrid

@@ -646,3 +646,21 @@ def test_a_history_without_a_first_answer_is_reported(
     assert "step 1 of 1, factor 0.0625, halved (increment 1 of 1)" in screen
     for text in (log, screen):
         assert "ends in its first increment: there is no checkpoint to resume from" in text
+
+
+@pytest.mark.parametrize("friction", [{}, {"friction": {"coulomb": 0.3}}])
+def test_unloaded_bodies_that_touch_nothing_are_at_rest_at_once(friction: Config) -> None:
+    """Slips count while friction may hold them: with friction from the second such step on."""
+    wall = {"on": "block.x+", "obstacle": scenes.plane(SQUARE, (1.001, 0, 0), (-1, 0, 0))}
+    conditions = [
+        {"on": "block.y-", "displacement": [0, 0]},
+        {"name": "press", "on": "block.y+", "traction": [0, -20]},
+    ]
+    made = scenes.config(SQUARE, [scenes.block(SQUARE, 6)], conditions, [{**wall, **friction}])
+    found = solved({**made, "steps": [{"press": factor} for factor in (1, 0, 0)]}).summary
+    pressed, *unloaded = found["steps"]
+    assert pressed["contacts"][0]["force"][0] < -0.1
+    methods = [record["solver"]["method"] for record in unloaded]
+    assert methods[bool(friction) :] == ["direct"] * (2 - bool(friction))
+    assert all(record["solution"]["max_displacement"] < 1e-12 for record in unloaded)
+    assert not [w for w in found["certificate"]["warnings"] if "certified" in w]
