@@ -10,7 +10,7 @@ edge of a load, they are satisfied in the least-squares sense.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,12 +19,11 @@ from scipy import sparse
 from contact_app.accuracy.estimate.patch_fits import WEAK, Copies
 from contact_app.accuracy.estimate.patches import Cells
 from contact_app.accuracy.estimate.touching import Touching
-from contact_app.model.boundaries import boundary_facets
+from contact_app.model.geometry import Geometry
 from contact_app.model.model import Model
-from contact_app.scene.bodies import Body
 from contact_app.scene.conditions import BodyContact, Contact, RigidTie, Tie
 from meshes import Subdomain
-from meshes.arrays import Array, Ints, Mask
+from meshes.arrays import Array, Ints
 from meshes.pseudo_inverses import pseudo_inverses
 
 FAINT = 1e-3
@@ -55,30 +54,24 @@ class Surface:
     """
 
     def __init__(self, model: Model, cells: Sequence[Cells]) -> None:
-        self._cells = cells
-        self._subdomains = list(zip(model.partition.subdomains, model.place, strict=True))
-        nodes = [np.unique(c.element.reference.facets).astype(np.int64) for c in cells]
-        self._nodes = nodes
-        self._copies = copies = Copies(model, nodes)
+        self._nodes = [np.unique(c.element.reference.facets).astype(np.int64) for c in cells]
+        self._copies = copies = Copies(model, self._nodes)
+        of_bodies: dict[int, list[_Part]] = {}
+        for k, (subdomain, (cls, column)) in enumerate(
+            zip(model.partition.subdomains, model.place.tolist(), strict=True)
+        ):
+            if len(subdomain.exterior):
+                facets = subdomain.reference.facets[subdomain.exterior]
+                part = _Part(k, subdomain, cls, column, facets)
+                of_bodies.setdefault(subdomain.body, []).append(part)
+        self._bodies = [_BodySurface(body, parts, cells) for body, parts in of_bodies.items()]
+        places = [body.copies(copies, self._nodes) for body in self._bodies]
         outside = np.zeros((copies.count, 1))
-        for subdomain, (cls, column) in self._subdomains:
-            copies.of_class(outside, cls)[self._facet_nodes(subdomain, cls), column] = 1.0
+        for place in places:
+            outside[place] = 1.0
         self._exterior = np.flatnonzero(copies.scatter(copies.gather(outside))[:, 0])
         self._met = copies.some(self._exterior)
-        places = [np.zeros(0, np.int64)]
-        for subdomain, (cls, column) in self._subdomains:
-            at = self._facet_nodes(subdomain, cls) * copies.shapes[cls][1]
-            places.append(copies.starts[cls] + at + column)
-        place = np.searchsorted(self._exterior, np.concatenate(places))
-        self._sums = sparse.csr_matrix(
-            (np.ones(len(place)), (place, np.arange(len(place)))),
-            shape=(len(self._exterior), len(place)),
-        )
-
-    def _facet_nodes(self, subdomain: Subdomain, cls: int) -> Ints:
-        """Positions of the exterior facets' nodes in the list of surface nodes, facet by facet."""
-        facets = subdomain.reference.facets[subdomain.exterior]
-        return np.searchsorted(self._nodes[cls], facets.ravel())
+        self._places = [np.searchsorted(self._exterior, place) for place in places]
 
     def changes(self, model: Model, touching: Touching) -> Array:
         """P and q at copies of the nodes on the bodies' surfaces, (copies, s² + s) (collective).
@@ -89,12 +82,10 @@ class Surface:
             With the loads.
         """
         s = model.scene.dimension * (model.scene.dimension + 1) // 2
-        equations = [np.zeros((0, s * s + s))]
-        for subdomain, (cls, column) in self._subdomains:
-            if len(subdomain.exterior):
-                touch = OnSubdomain.of(touching, cls, column)
-                equations.append(_equations(model, subdomain, self._cells[cls].normals, touch))
-        sums = self._met.gather(self._sums @ np.concatenate(equations))
+        sums = np.zeros((len(self._exterior), s * s + s))
+        for body, places in zip(self._bodies, self._places, strict=True):
+            _add_equations(sums, places, body.normals, _known_tractions(model, body, touching))
+        sums = self._met.gather(sums)
         prescribed = np.flatnonzero(np.abs(sums[:, : s * s]).max(axis=1) > ROUNDING)
         P, q = sums[prescribed, : s * s], sums[prescribed, s * s :]
         # nodes on one face or edge of a box have the same P
@@ -116,41 +107,86 @@ class Surface:
             values[nodes[row], member] = before - removed[..., 0] + change[:, s * s :]
 
 
-@dataclass(frozen=True, eq=False)
-class OnSubdomain:
-    """Contact at the nodes of one subdomain."""
+class _Part(NamedTuple):
+    """The surface facets of one subdomain, a member of a class."""
 
-    pushed: Mask  # (nodes,)
-    friction: tuple[tuple[int, Mask, Array], ...]
-    """Number, sticking nodes (nodes,) and forces (nodes, dimension) of contacts with friction."""
-
-    @classmethod
-    def of(cls, touching: Touching, number: int, column: int) -> "OnSubdomain":
-        """Contact of one member of a class."""
-        friction = tuple(
-            (rows.contact, rows.sticks[number][:, column], rows.forces[number][:, column])
-            for rows in touching.friction
-        )
-        return cls(touching.pushed[number][:, column], friction)
+    number: int
+    subdomain: Subdomain
+    cls: int
+    column: int
+    facets: NDArray[np.int32]  # (facets, nodes)
 
 
-def _equations(model: Model, subdomain: Subdomain, normals: Array, touch: OnSubdomain) -> Array:
-    """Normal equations of the known tractions at the nodes of surface facets, (n, s² + s).
+class _BodySurface:
+    """The facets on the surface of a body in the subdomains of this rank."""
 
-    Each row holds CᵀC and Cᵀt of C σ = t.
+    def __init__(self, body: int, parts: list[_Part], cells: Sequence[Cells]) -> None:
+        self.body, self.parts = body, parts
+        self.normals = np.concatenate([cells[p.cls].normals[p.subdomain.exterior] for p in parts])
+
+    def copies(self, copies: Copies, nodes: Sequence[Ints]) -> Ints:
+        """The copies of the nodes of facets, (facets, nodes).
+
+        Parameters
+        ----------
+        nodes
+            The surface nodes of each class.
+        """
+        result = []
+        for part in self.parts:
+            node, (_, members) = (
+                np.searchsorted(nodes[part.cls], part.facets),
+                copies.shapes[part.cls],
+            )
+            result.append(copies.starts[part.cls] + node * members + part.column)
+        return np.concatenate(result)
+
+    def at_nodes(self, by_class: Sequence[NDArray]) -> NDArray:
+        """Values (nodes, members, …) of each class at the nodes of facets, (facets, nodes, …)."""
+        return np.concatenate([by_class[part.cls][part.facets, part.column] for part in self.parts])
+
+    def points(self) -> Array:
+        """The nodes of facets, (facets, nodes, 3)."""
+        return np.concatenate([part.subdomain.points()[part.facets] for part in self.parts])
+
+    def rows_on(self, geometry: Geometry, boundary: str) -> Ints:
+        """The facets on a boundary."""
+        by_subdomain, rows, before = geometry.facets_of(self.body, boundary), [], 0
+        for part in self.parts:
+            if len(on := by_subdomain[part.number]):
+                rows.append(before + np.flatnonzero(np.isin(part.subdomain.exterior, on)))
+            before += len(part.facets)
+        return np.concatenate([np.zeros(0, np.int64), *rows])
+
+
+def _add_equations(
+    sums: Array, places: Ints, normals: Array, tractions: tuple[Array, Array]
+) -> None:
+    """Add the normal equations CᵀC and Cᵀt of C σ = t at the nodes of facets, (n, s² + s).
 
     Parameters
     ----------
-    normals : (facets, nodes, dimension)
-        Normals of the reference's facets.
+    places : (facets, nodes)
+        Of the nodes among the n.
+    tractions
+        As `_known_tractions` gives them.
     """
-    prescribed, load = _known_tractions(model, subdomain, normals, touch)
-    parts = [a[subdomain.exterior] for a in (prescribed, normals, load)]
-    count, d = parts[1].shape[1:]
-    uniform = all(bool((a == a[:, :1]).all()) for a in parts)
-    if uniform:  # one equation for all nodes of a facet
-        parts = [a[:, :1] for a in parts]
-    prescribed, normal, load = parts
+    parts = tractions[0], normals, tractions[1]
+    # one equation for all nodes of a facet where it is the same
+    uniform = np.all([(a == a[:, :1]).all(axis=tuple(range(1, a.ndim))) for a in parts], axis=0)
+    for rows, nodes in ((uniform, slice(1)), (~uniform, slice(None))):
+        equations = _normal_equations(*(a[rows, nodes] for a in parts))
+        at, size = places[rows], equations.shape[:2]
+        number = np.broadcast_to(np.arange(size[0] * size[1]).reshape(size), at.shape)
+        to_nodes = sparse.csr_matrix(
+            (np.ones(at.size), (at.ravel(), number.ravel())), shape=(len(sums), size[0] * size[1])
+        )
+        sums += to_nodes @ equations.reshape(-1, sums.shape[1])
+
+
+def _normal_equations(prescribed: Array, normal: Array, load: Array) -> Array:
+    """CᵀC and Cᵀt of K t = K load, t = σ n, (facets, nodes, s² + s)."""
+    d = normal.shape[-1]
     s = d * (d + 1) // 2
     C = np.zeros((*normal.shape, s))
     for i in range(d):
@@ -160,14 +196,12 @@ def _equations(model: Model, subdomain: Subdomain, normals: Array, touch: OnSubd
     C = prescribed @ C
     t = prescribed @ load[..., None]
     transposed = np.swapaxes(C, -1, -2)
-    squares = (transposed @ C).reshape(-1, s * s)
-    right = (transposed @ t).reshape(-1, s)
-    equations = np.concatenate([squares, right], axis=1)
-    return np.repeat(equations, count, axis=0) if uniform else equations
+    squares = (transposed @ C).reshape(*normal.shape[:2], s * s)
+    return np.concatenate([squares, (transposed @ t)[..., 0]], axis=-1)
 
 
 def _known_tractions(
-    model: Model, subdomain: Subdomain, normal: Array, touch: OnSubdomain
+    model: Model, surface: _BodySurface, touching: Touching
 ) -> tuple[Array, Array]:
     """Linear maps K for the known part of the traction t at the nodes of facets: K t = K load.
 
@@ -179,48 +213,43 @@ def _known_tractions(
     -------
     (facets, nodes, dimension, dimension) and (facets, nodes, dimension)
     """
-    scene, d, number = model.scene, normal.shape[-1], subdomain.body
-
-    def rows_on(boundary: str) -> NDArray[np.int32]:
-        return boundary_facets(subdomain, scene.bodies[number], boundary)
-
-    load = _given_tractions(model, subdomain, normal)
+    scene, normal, number = model.scene, surface.normals, surface.body
+    d = normal.shape[-1]
+    load = _given_tractions(model, surface)
     directions = np.broadcast_to(np.eye(d), (*normal.shape, d)).copy()
-    pushed = touch.pushed[subdomain.reference.facets].any(axis=1)
-    for touching in scene.touching:
-        for boundary in _sides(touching, number):
-            rows = rows_on(boundary)
+    pushed = surface.at_nodes(touching.pushed).any(axis=1)
+    for contact in scene.touching:
+        for boundary in _sides(contact, number):
+            rows = surface.rows_on(model.geometry, boundary)
             n = normal[rows[pushed[rows]]]
             directions[rows[pushed[rows]]] = np.eye(d) - n[..., :, None] * n[..., None, :]
-    _meet_friction(scene.bodies, scene.touching, subdomain, normal, touch, (directions, load))
+    _meet_friction(model.geometry, surface, touching, (directions, load))
     for body, boundary in tied_sides(scene.all_ties):
         if body == number:
-            directions[rows_on(boundary)] = 0.0
+            directions[surface.rows_on(model.geometry, boundary)] = 0.0
     for condition in scene.displacements:
         if condition.body == number:
-            rows = rows_on(condition.boundary)
+            rows = surface.rows_on(model.geometry, condition.boundary)
             free = np.array([value is None for value in condition.values], float)
             directions[rows] = free[:, None] * directions[rows]
     return directions, load
 
 
-def _given_tractions(model: Model, subdomain: Subdomain, normal: Array) -> Array:
+def _given_tractions(model: Model, surface: _BodySurface) -> Array:
     """The loads at the nodes of facets, (facets, nodes, dimension)."""
-    scene, d, number = model.scene, normal.shape[-1], subdomain.body
+    scene, normal, number = model.scene, surface.normals, surface.body
     load = np.zeros(normal.shape)
     for traction in scene.tractions:
         if traction.body == number:
-            load[boundary_facets(subdomain, scene.bodies[number], traction.boundary)] += (
-                traction.vector
-            )
+            load[surface.rows_on(model.geometry, traction.boundary)] += traction.vector
     for pressure in scene.pressures:
         if pressure.body == number:
-            rows = boundary_facets(subdomain, scene.bodies[number], pressure.boundary)
+            rows = surface.rows_on(model.geometry, pressure.boundary)
             load[rows] -= pressure.value * normal[rows]
     for linear in model.linear:
         if linear.body == number:
-            rows = boundary_facets(subdomain, scene.bodies[number], linear.boundary)
-            load[rows] += linear.at(subdomain.points()[subdomain.reference.facets[rows]], d)
+            rows = surface.rows_on(model.geometry, linear.boundary)
+            load[rows] += linear.at(surface.points()[rows], normal.shape[-1])
     return load
 
 
@@ -233,31 +262,26 @@ def _sides(touching: Contact | BodyContact, body: int) -> list[str]:
 
 
 def _meet_friction(
-    bodies: Sequence[Body],
-    touching: Sequence[Contact | BodyContact],
-    subdomain: Subdomain,
-    normal: Array,
-    touch: OnSubdomain,
-    prescribed: tuple[Array, Array],
+    geometry: Geometry, surface: _BodySurface, touching: Touching, prescribed: tuple[Array, Array]
 ) -> None:
     """Update the maps and values of known tractions in place where friction acts.
 
     The friction on a facet with a sticking node is unknown. Nodes without a friction force, as at
     the edge of the contact, get the direction of their facet.
     """
-    directions, load = prescribed
-    facets, stuck = subdomain.reference.facets, []
-    for number, sticks, forces in touch.friction:
-        contact = touching[number]
-        for boundary in _sides(contact, subdomain.body):
-            rows = boundary_facets(subdomain, bodies[subdomain.body], boundary)
-            held = sticks[facets[rows]].any(axis=1)
+    (directions, load), normal, stuck = prescribed, surface.normals, []
+    for friction in touching.friction:
+        contact = geometry.touching[friction.contact]
+        for boundary in _sides(contact, surface.body):
+            rows = surface.rows_on(geometry, boundary)
+            forces = surface.at_nodes(friction.forces)[rows]
+            held = surface.at_nodes(friction.sticks)[rows].any(axis=1)
             stuck.append(rows[held])
-            slides = rows[~held & forces[facets[rows]].any(axis=(1, 2))]
-            along = _directions(forces[facets[slides]], normal[slides])
-            load[slides] += contact.law.limit * along
+            slides = ~held & forces.any(axis=(1, 2))
+            along, rows = _directions(forces[slides], normal[rows[slides]]), rows[slides]
+            load[rows] += contact.law.limit * along
             pressed = contact.law.coefficient * along
-            directions[slides] += pressed[..., :, None] * normal[slides][..., None, :]
+            directions[rows] += pressed[..., :, None] * normal[rows][..., None, :]
     for rows in stuck:
         n = normal[rows]
         directions[rows] = n[..., :, None] * (n[..., None, :] @ directions[rows])
