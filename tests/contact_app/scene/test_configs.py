@@ -70,12 +70,9 @@ def test_runs_and_is_certified(
         "halving the increments of this step",
         "Tresca friction acts on",
         "with a coefficient of friction of 1 the answer need not be unique",
-        "grows without limit",
         "differ from these only in their numbers",
     )  # of half the cells, of a mesh that is shipped small, of few increments, of floors that rub
     assert [w for w in warnings if not any(words in w for words in coarse)] == []
-    edges = {"flat_punch", "hub_on_shaft", "pin_in_lug", "stack"}
-    assert any("grows without limit" in w for w in warnings) == (name in edges)
     tied = "tied" in summary["decomposition"]
     assert tied or all(case["solution"]["active_contacts"] > 0 for case in cases.values())
     assert all((ran(name) / case / "solution.xdmf").exists() for case in cases)
