@@ -49,6 +49,7 @@ def test_read_back_equals_the_written_values(slab: int, tmp_path: Path) -> None:
         zip(found.cells, parts.values(), strict=True)
     ):
         np.testing.assert_array_equal(block.data, cells + first[number])
+        assert block.data.dtype == np.int32
         here = found.points[first[number] : first[number + 1]]
         np.testing.assert_array_equal(here[:, : points.shape[1]], points)
     np.testing.assert_array_equal(found.point_data["gap"], gap)
