@@ -54,18 +54,18 @@ def compute_factor(pc: PETSc.PC, matrix: PETSc.Mat, no_factor: str = NO_FACTOR) 
     raise ArithmeticError(f"{no_factor} (MUMPS ends with {fault})")
 
 
-def factored(matrix: PETSc.Mat, no_factor: str = NO_FACTOR) -> PETSc.PC:
-    """A factor by CHOLMOD, by MUMPS on several ranks (collective).
+def factored(matrix: PETSc.Mat, no_factor: str = NO_FACTOR, *, symmetric: bool = True) -> PETSc.PC:
+    """A factor by CHOLMOD; by MUMPS on several ranks, or if not symmetric (collective).
 
     Raises
     ------
     ArithmeticError
-        The matrix has no Cholesky factor.
+        The matrix has no such factor.
     """
     pc = PETSc.PC().create(matrix.comm)
-    matrix.setOption(PETSc.Mat.Option.SPD, True)
-    pc.setType("cholesky")
-    pc.setFactorSolverType("cholmod" if matrix.comm.size == 1 else "mumps")
+    matrix.setOption(PETSc.Mat.Option.SPD, symmetric)
+    pc.setType("cholesky" if symmetric else "lu")
+    pc.setFactorSolverType("cholmod" if symmetric and matrix.comm.size == 1 else "mumps")
     compute_factor(pc, matrix, no_factor)
     return pc
 

@@ -392,12 +392,12 @@ class PrimalSet:
 
         Parameters
         ----------
-        offset : (rows,)
-            C u of a displacement without such friction.
+        offset : (rows,); C u of a displacement without such friction.
         """
         it, A = self._iterate, CoupledStiffness(self._stiffness, coupling)
         rhs = it.qp.b - A.forces(multiply(self._system.C, self._start) - offset)
-        steps, shares = gmres(self._system.comm, A.product, self._preconditioner, rhs, limits)
+        M = self._preconditioner.coupled(coupling, self._springs)
+        steps, shares = gmres(self._system.comm, A.product, M, rhs, limits)
         assert it.image is not None
         it.x += shares @ np.array(steps)
         it.image = it.image + shares @ np.array(A.images)

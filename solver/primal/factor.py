@@ -128,9 +128,13 @@ class Factor:
         projector: Projector,
         options: FactorOptions | None = None,
         springs: Array | None = None,
+        coupling: BlockRows | None = None,
     ) -> None:
-        """Springs have a stiffness (rows,) on rows that are not active; zero on others."""
-        options = options or FactorOptions()
+        """Springs have a stiffness (rows,) on rows that are not active; zero on others.
+
+        With a coupling (`Coupling.matrix`) the matrix is unsymmetric.
+        """
+        self.options = options = options or FactorOptions()
         self.comm = system.comm
         stiff = row_stiffness(system)
         weights = options.faint * stiff
@@ -139,8 +143,8 @@ class Factor:
         weights[projector.rows] = options.penalty * stiff[projector.rows]
         near = options.near + spread_means(system)
         rows = BlockRows.of_rows(system.C, system.K.getBlockSize())
-        matrix = with_springs(system.K, rows, weights, near * system.diagonal)
-        self._pc = factored(matrix)
+        matrix = with_springs(system.K, rows, weights, near * system.diagonal, coupling)
+        self._pc = factored(matrix, symmetric=coupling is None)
         self._residual, self._correction = matrix.createVecs()
 
     def apply(self, residual: Array, out: Array) -> None:
@@ -203,9 +207,13 @@ def diagonal_below(P: PETSc.Mat, springs: Array) -> Array:
     return multiply_transposed(squared(chosen_rows(P, some)), springs[some])
 
 
-def with_springs(A: PETSc.Mat, Q: BlockRows, weights: Array, near: Array) -> PETSc.Mat:
-    """A + Qᵀ diag(weights) Q + diag(near), in single entries (collective)."""
+def with_springs(
+    A: PETSc.Mat, Q: BlockRows, weights: Array, near: Array, coupling: BlockRows | None = None
+) -> PETSc.Mat:
+    """A + Qᵀ diag(weights) Q + diag(near) + coupling, in single entries (collective)."""
     springs = spring_matrix(Q, weights).plus_diagonal(near)
+    if coupling is not None:
+        springs = springs.plus(coupling)
     return rows_in_blocks(A).plus(springs).to_petsc()
 
 

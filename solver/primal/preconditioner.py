@@ -7,6 +7,7 @@ from solver.primal.factor import Factor
 from solver.primal.factor_on_sets import FactorOnSets
 from solver.primal.projector import Projector
 from solver.primal.rigid_space import RigidSpace
+from solver.primal.springs import Coupling, Springs
 from solver.vectors import Mask, Vector
 
 
@@ -36,6 +37,15 @@ class Preconditioner:
         self._is_projected = isinstance(cycle, CycleOnSets) and cycle.projects_by(projector)
         self.square = 0.0
 
+    def coupled(self, coupling: Coupling, springs: Springs) -> "Preconditioner | CoupledFactor":
+        """That of a set with a coupling: a V-cycle leaves the coupling out (collective)."""
+        if not isinstance(self._cycle, Factor):
+            return self
+        system, options = self._projector.system, self._cycle.options
+        matrix = coupling.matrix(system)
+        factor = Factor(system, self._projector, options, springs.stiffness, matrix)
+        return CoupledFactor(factor, self._projector)
+
     def apply(self, r: Vector, free_mask: Mask, out: Vector) -> None:
         """Put the correction into out."""
         z, force = np.empty_like(r), r
@@ -54,3 +64,15 @@ class Preconditioner:
             z = self._rigid.hold_means(z)
         out[:] = self._rigid.correct(r, z)
         self.square = float(self._projector.system.comm.allreduce(float(r @ out)))
+
+
+class CoupledFactor:
+    """Π M⁻¹ with an LU factor that contains a coupling and the rigid motions."""
+
+    def __init__(self, factor: Factor, projector: Projector) -> None:
+        self._factor, self._projector = factor, projector
+
+    def apply(self, r: Vector, free_mask: Mask, out: Vector) -> None:
+        """Put the correction into out."""
+        self._factor.apply(r, out)
+        out[:] = self._projector.apply(out)

@@ -15,6 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from solver.backend import Statuses
+from solver.primal.block_rows import BlockRows
 from solver.primal.blocks import in_blocks
 from solver.primal.factor import row_stiffness
 from solver.primal.merged import MergedSystem
@@ -132,6 +133,11 @@ class Coupling:
         result = np.zeros(len(jumps))
         result[self.rows] = self.factors * jumps[self.sources]
         return result
+
+    def matrix(self, system: MergedSystem) -> BlockRows:
+        """The forces of displacements on the unknowns (collective)."""
+        C = BlockRows.of_rows(system.C, system.K.getBlockSize())
+        return C.some(self.rows).scaled(self.factors).transposed_times(C.some(self.sources))
 
 
 class CoupledStiffness:

@@ -94,17 +94,19 @@ def hooked(x: np.ndarray) -> np.ndarray:
 
 
 @pytest.mark.ratchet
-@pytest.mark.parametrize("coefficient", [0.3, 0.8, 1.0])
+@pytest.mark.parametrize(
+    ("coefficient", "cells"), [(0.3, (60, 6)), (0.8, (60, 6)), (1.0, (60, 6)), (1.0, (120, 8))]
+)
 def test_a_hook_that_slides_on_a_peg_is_solved_by_multigrid(
-    tmp_path: Path, coefficient: float
+    tmp_path: Path, coefficient: float, cells: tuple[int, int]
 ) -> None:
     """Its few contact points wander about the peg with each set.
 
-    With given limits, changed after each problem, the Lagrangian takes 160, 180 and 584 operator
-    applications.
+    With given limits, changed after each problem, the Lagrangian takes 160, 180, 584 and more
+    operator applications. The fine hook takes 956 with steps that have to lower the last residual.
     """
     sides = {"bore": "sqrt(x**2 + y**2) < 8.06 and y > -1e-6", "end": "y < -19.999"}
-    body = meshfiles.part(tmp_path / "hook.vtu", "triangle", (60, 6), hooked, sides)
+    body = meshfiles.part(tmp_path / "hook.vtu", "triangle", cells, hooked, sides)
     peg = {"sphere": {"center": [0, 0], "radius": 8}}
     made = {
         "dimension": 2,
@@ -118,6 +120,6 @@ def test_a_hook_that_slides_on_a_peg_is_solved_by_multigrid(
     summary = solve(made, None, tolerance=1e-6, method="primal").summary
     assert summary["certificate"]["passed"]
     assert summary["solver"]["method"] == "primal"
-    assert summary["solver"]["hessian_multiplications"] <= 220
+    assert summary["solver"]["hessian_multiplications"] <= 60
     width = 16.0 - 8.05
     assert summary["contacts"][0]["force"][1] == pytest.approx(20 * width, rel=1e-3)
