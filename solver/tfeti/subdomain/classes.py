@@ -53,7 +53,7 @@ class FactoredClass(SubdomainClass):
         if self.block is None:
             return None
         try:
-            return self.block.schur_complement(self.kernel[self.interface])
+            return self.block.schur_complement
         except np.linalg.LinAlgError:  # a body so slender that its block has no correct digits
             return None
 

@@ -13,6 +13,7 @@ too, K_ρ splits into one block per character, and so do its factor and its inve
 """
 
 from collections.abc import Sequence
+from functools import cached_property
 from typing import Protocol
 
 import numpy as np
@@ -51,13 +52,9 @@ class Block(Protocol):
     def apply(self, loads: Array, out: Array) -> None:
         """Apply the block to vectors, one row per member: (s, m) to (s, m)."""
 
-    def schur_complement(self, kernel: Array) -> "Block":
+    @property
+    def schur_complement(self) -> "Block":
         """The Schur complement of the stiffness on the same unknowns, (m, m).
-
-        Parameters
-        ----------
-        kernel : (m, k)
-            Rigid motions there, independent.
 
         Raises
         ------
@@ -121,6 +118,7 @@ class GeneralisedInverse:
 
     def __init__(self, stiffness: sparse.csr_matrix, kernel: Array, fixing: Ints) -> None:
         self._factor = CholeskyFactor(_regularised(stiffness, kernel, fixing), NO_FACTOR)
+        self._kernel = kernel
 
     def solve(self, loads: Array) -> Array:
         """K⁺ times each column: (n, columns) to (n, columns), both in Fortran order."""
@@ -128,7 +126,7 @@ class GeneralisedInverse:
 
     def restricted(self, unknowns: Ints) -> "DenseBlock":
         """K⁺ between some unknowns."""
-        return DenseBlock(self._factor.restricted(unknowns))
+        return DenseBlock(self._factor.restricted(unknowns), self._kernel[unknowns])
 
 
 class SymmetricInverse:
@@ -141,7 +139,7 @@ class SymmetricInverse:
     def __init__(
         self, stiffness: sparse.csr_matrix, kernel: Array, fixing: Ints, symmetry: Symmetry
     ) -> None:
-        self.symmetry = symmetry
+        self.symmetry, self._kernel = symmetry, kernel
         regular = _regularised(stiffness, kernel, symmetry.closure(fixing))
         self._split = symmetry.split(np.arange(stiffness.shape[0]))
         bases = self._split.bases(stiffness.shape[0])
@@ -172,22 +170,25 @@ class SymmetricInverse:
         inside[unknowns] = True
         chosen = [np.flatnonzero(inside[first]) for first, _ in self._split.orbits]
         blocks = [f.restricted(some) for f, some in zip(self.factors, chosen, strict=True)]
-        return SymmetricBlock(blocks, self.symmetry.split(unknowns))
+        split = self.symmetry.split(unknowns)
+        return SymmetricBlock(blocks, split, self._kernel[split.unknowns])
 
 
 class DenseBlock:
-    """A dense part of K⁺ as one matrix (protocol `Block`)."""
+    """A dense part of K⁺ as one matrix, and the kernel there, (m, k) (protocol `Block`)."""
 
-    def __init__(self, matrix: Array) -> None:
-        self.matrix = matrix
+    def __init__(self, matrix: Array, kernel: Array) -> None:
+        self.matrix, self._kernel = matrix, kernel
 
     def apply(self, loads: Array, out: Array) -> None:
         """Apply the block to vectors, one row per member: (s, m) to (s, m)."""
         out[:] = loads.astype(self.matrix.dtype, copy=False) @ self.matrix
 
-    def schur_complement(self, kernel: Array) -> "DenseBlock":
+    @cached_property
+    def schur_complement(self) -> "DenseBlock":
         """The Schur complement of the stiffness on the same unknowns, (m, m)."""
-        return DenseBlock(_relaxed(self.matrix, _range(kernel, np.linalg.norm(kernel))))
+        motions = _range(self._kernel, np.linalg.norm(self._kernel))
+        return DenseBlock(_relaxed(self.matrix, motions), self._kernel)
 
 
 class SymmetricBlock:
@@ -199,6 +200,8 @@ class SymmetricBlock:
         (V_χᵀ K V_χ)⁻¹ between coordinates of the interface.
     split
         The coordinates; loads and displacements are in the order of its unknowns.
+    kernel : (m, k)
+        The rigid motions there.
     """
 
     MEMBERS_AT_ONCE = 256
@@ -207,8 +210,8 @@ class SymmetricBlock:
     Few enough for small temporary arrays, many enough for a fast product.
     """
 
-    def __init__(self, blocks: Sequence[Array], split: Split) -> None:
-        self.blocks, self.split = blocks, split
+    def __init__(self, blocks: Sequence[Array], split: Split, kernel: Array) -> None:
+        self.blocks, self.split, self._kernel = blocks, split, kernel
         self._precision = np.result_type(np.float32, *blocks)
 
     def apply(self, loads: Array, out: Array) -> None:
@@ -222,9 +225,10 @@ class SymmetricBlock:
                 np.matmul(coordinates[:, place], block, out=solved[:, place])
             self.split.backward(solved, out[members])
 
-    def schur_complement(self, kernel: Array) -> "SymmetricBlock":
+    @cached_property
+    def schur_complement(self) -> "SymmetricBlock":
         """The Schur complement of the stiffness on the same unknowns, (m, m)."""
-        coordinates = self.split.forward(np.ascontiguousarray(kernel.T))
+        coordinates = self.split.forward(np.ascontiguousarray(self._kernel.T))
         complements = []
         for block, place, (_, orbit) in zip(
             self.blocks, self.split.places, self.split.orbits, strict=True
@@ -232,7 +236,7 @@ class SymmetricBlock:
             # the bases are orthogonal, their squares the sizes of the orbits
             motions = _range(coordinates[:, place].T, np.linalg.norm(coordinates))
             complements.append(_relaxed(block, motions, 1.0 / orbit))
-        return SymmetricBlock(complements, self.split)
+        return SymmetricBlock(complements, self.split, self._kernel)
 
 
 def _factor_of(matrix: sparse.csr_matrix) -> DenseFactor | CholeskyFactor:

@@ -122,6 +122,7 @@ class ScaledBlock:
         self._block.apply(loads, out)
         out *= self._factor
 
-    def schur_complement(self, kernel: Array) -> "ScaledBlock":
+    @property
+    def schur_complement(self) -> "ScaledBlock":
         """The Schur complement of the stiffness on the same unknowns, (m, m)."""
-        return ScaledBlock(self._block.schur_complement(kernel), 1.0 / self._factor)
+        return ScaledBlock(self._block.schur_complement, 1.0 / self._factor)
