@@ -46,6 +46,7 @@ from solver.primal.line_search import minimum_along
 from solver.primal.products import multiply, multiply_transposed
 from solver.primal.projector import Projector
 from solver.primal.state import PrimalState
+from solver.primal.step import Position
 from solver.qp.mprgp import MPRGP
 from solver.qp.result import Counts, Monitor, Reason
 from solver.vectors import Array, Mask
@@ -100,15 +101,11 @@ class AugmentedOptions:
 
 
 @dataclass(frozen=True, eq=False)
-class LagrangianIterate:
-    """A displacement, its residual and the contact forces of its Lagrangian; local parts."""
+class LagrangianIterate(Position):
+    """A displacement and the contact forces of its Lagrangian."""
 
-    u: Array
-    left: Array
-    """u and f - K u. Shape (unknowns,)."""
-    jumps: Array
-    forces: Array
-    """C u - c; λ. Shape (rows,)."""
+    forces: Array  # (rows,)
+    """λ."""
 
 
 class AugmentedLagrangian:

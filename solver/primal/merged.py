@@ -51,7 +51,8 @@ class MergedSystem:
     rigid: Array  # (unknowns, motions)
     """The rigid motions of all bodies, each about its middle."""
     body: Ints  # (unknowns,)
-    transfer: PETSc.Mat
+    places: Ints  # (interface,)
+    """Place of each interface unknown among the unknowns of this rank's distinct nodes."""
     scatter: PETSc.Scatter
     angles: Array  # (rows,)
     """Angle by which the frame of a tangential row is turned in its plane; zero for other rows."""
@@ -119,7 +120,7 @@ class MergedSystem:
     def under(self, problem: DecomposedProblem) -> "MergedSystem":
         """The system under the loads, held values and gaps of an equal problem (collective)."""
         loaded = replace(self, problem=problem, c=problem.c[self.rows])
-        _, values = _held(problem, self.nodes, self.scatter, self.transfer, self.size)
+        _, values = _held(problem, self.nodes, self.scatter, self.places, self.size)
         return replace(loaded, load=_load(loaded, values))
 
     def turned(self, turn: Turn) -> "MergedSystem":
@@ -180,10 +181,9 @@ def merge(problem: DecomposedProblem) -> MergedSystem:
     size = nodes.count * d
     numbers = nodes.unknowns(nodes.numbers, d)
     scatter = _scatter(comm, numbers, size)
-    columns = _merged_columns(problem, nodes)
-    transfer = _transfer(comm, columns, size)
+    places = _interface_places(problem, nodes)
     K = _stiffness(problem, nodes)
-    held, values = _held(problem, nodes, scatter, transfer, size)
+    held, values = _held(problem, nodes, scatter, places, size)
     body = np.repeat(nodes.at_owners(nodes.body[nodes.first_here]), d)
     rigid = _rigid(problem, nodes)
     stiffless = problem.bodies.rigid[body] & ~held
@@ -194,23 +194,18 @@ def merge(problem: DecomposedProblem) -> MergedSystem:
     kinds = problem.kinds
     bound = RowKind.GLUING, RowKind.DIRICHLET
     rows = np.flatnonzero(~np.isin(kinds, bound))
-    C = _renamed(comm, problem.B.local[rows], columns, size)
+    C = _renamed(comm, problem.B.local[rows], numbers[places], size)
     system = MergedSystem(
         problem, nodes, K, C, problem.c[rows], rows, np.zeros(size), held, stiffless, rigid, body,
-        transfer, scatter, np.zeros(len(rows)), support,
+        places, scatter, np.zeros(len(rows)), support,
     )  # fmt: skip
     return replace(system, load=_load(system, values))
 
 
 def _load(system: MergedSystem, values: Array) -> Array:
     """f - K u_held, and K u_held on held unknowns, for their displacements (collective)."""
-    problem, nodes, held = system.problem, system.nodes, system.held
-    parts = [
-        _summed(forces, at, nodes, problem.dimension)
-        for forces, at in zip(problem.forces, nodes.copies, strict=True)
-    ]
-    total = np.zeros(len(nodes.numbers) * problem.dimension)
-    load = _to_owners(system.comm, system.scatter, np.sum([total, *parts], axis=0), system.size)
+    problem, held = system.problem, system.held
+    load = system.summed(problem.forces)
     lifted = multiply_transposed(system.support, values[held])
     free = load - np.where(system.stiffless, 0.0, lifted)
     return np.where(held, system.diagonal * values, free)
@@ -322,20 +317,13 @@ def _on_diagonal(blocks: Sequence[sparse.csr_matrix]) -> sparse.csr_matrix:
     return sparse.csr_matrix((values, places, begins), shape=(first[-1], first[-1]))
 
 
-def _merged_columns(problem: DecomposedProblem, nodes: MergedNodes) -> Ints:
-    """The merged unknown that each interface unknown of this rank is, (interface,)."""
-    d = problem.dimension
-    column = np.empty(problem.B.columns, np.int64)
-    for cls, at, part in zip(problem.classes, nodes.copies, problem.slices, strict=True):
-        column[part] = nodes.unknowns(nodes.numbers[at], d)[:, cls.interface].ravel()
-    return column
-
-
-def _transfer(comm: MPI.Intracomm, columns: Ints, size: int) -> PETSc.Mat:
-    """Picks interface unknowns out of the merged ones, (interface, unknowns)."""
-    count, total = len(columns), comm.allreduce(size)
-    local = sparse.csr_matrix((np.ones(count), columns, np.arange(count + 1)), shape=(count, total))
-    return petsc_rows(comm, local, size)
+def _interface_places(problem: DecomposedProblem, nodes: MergedNodes) -> Ints:
+    """Places of the interface unknowns among the unknowns of distinct nodes, (interface,)."""
+    places = [
+        nodes.unknowns(at, problem.dimension)[:, cls.interface].ravel()
+        for cls, at in zip(problem.classes, nodes.copies, strict=True)
+    ]
+    return np.concatenate([np.zeros(0, np.int64), *places])
 
 
 def _renamed(comm: MPI.Intracomm, rows: sparse.csr_matrix, columns: Ints, size: int) -> PETSc.Mat:
@@ -355,7 +343,7 @@ def _held(
     problem: DecomposedProblem,
     nodes: MergedNodes,
     scatter: PETSc.Scatter,
-    transfer: PETSc.Mat,
+    places: Ints,
     size: int,
 ) -> tuple[Mask, Array]:
     """Mask of the owned held unknowns, and their displacements, (size,) each (collective)."""
@@ -369,12 +357,9 @@ def _held(
     counts, values = (_to_owners(comm, scatter, v, size) for v in (times, sums))
     fixed = problem.kinds == RowKind.DIRICHLET
     for total, of_rows in ((counts, np.ones(problem.size)), (values, problem.c)):
-        interface = np.empty(problem.B.columns)
-        problem.B.apply_transpose(np.where(fixed, of_rows, 0.0), interface)
-        extra = np.empty(size)
-        with lent(comm, interface, extra) as (x, y):
-            transfer.multTranspose(x, y)
-        total += extra
+        interface = problem.constraint_forces(np.where(fixed, of_rows, 0.0))
+        here = np.bincount(places, interface, len(nodes.numbers) * d).astype(np.float64)
+        total += _to_owners(comm, scatter, here, size)
     held = counts > 0.5
     return held, np.divide(values, counts, out=np.zeros(size), where=held)
 

@@ -7,7 +7,14 @@ import numpy as np
 from solver.contact.bodies import Bodies, body_lengths, largest, reference_sizes
 from solver.contact.certificate import NUMBERS, ROUNDED_LIMIT, Certificate, Measures
 from solver.problem.decomposed import DecomposedProblem
-from solver.problem.sizes import MeasuredAnswer, energy_scales, force_references, summed_forces
+from solver.problem.duality_gap import group_gaps
+from solver.problem.sizes import (
+    BodyForces,
+    MeasuredAnswer,
+    energy_scales,
+    force_references,
+    summed_forces,
+)
 from solver.vectors import Array, Mask
 
 STRAINING = 200.0
@@ -49,8 +56,9 @@ def certify(
     lengths = body_lengths(bodies, deformed, problem.free_lengths)
     state, (rounded, disturbed) = answer.equilibrium(), answer.round_off()
     force = np.where(problem.conditional, multiplier * problem.spread, 0.0)
-    forces = answer.forces_on_bodies(force, state.reactions, rounded)
-    gaps = answer.gaps()
+    loads, held, touching = summed_forces(problem, multiplier, force)
+    forces = BodyForces(loads, held + state.reactions, touching, rounded)
+    gaps = group_gaps(problem, multiplier, answer.interface)
     bounds = gaps if unsolved is None else _with_unsolved(bodies, gaps, unsolved)
     work = float(comm.allreduce(multiplier @ residual - _friction_work(answer)))
     idle = comm.allreduce(bodies.sum_rows(np.abs(force * slack), contact))

@@ -91,7 +91,11 @@ class DecomposedProblem:
             gaps = c[self.inequality] / shared.contact.spread
             shared = replace(shared, contact=replace(shared.contact, gaps=gaps))
         loads = replace(loads_on(self.classes, forces, lifting, c), thermal=tuple(thermal))
-        return replace(self, load_case=loads, shared=shared)
+        return self._under(loads, shared)
+
+    def _under(self, load_case: Loads, shared: SharedRows) -> Self:
+        """The problem of another load case."""
+        return replace(self, load_case=load_case, shared=shared)
 
     @property
     def B(self) -> ConstraintMatrix:

@@ -13,7 +13,6 @@ from solver.contact.bodies import MOTIONLESS, largest
 from solver.contact.certificate import ROUNDED_LIMIT
 from solver.contact.row_kinds import RowKind
 from solver.problem.decomposed import DecomposedProblem
-from solver.problem.duality_gap import group_gaps
 from solver.problem.free_motions import FreeMotions
 from solver.vectors import Array, Mask
 
@@ -203,15 +202,6 @@ class MeasuredAnswer:
             errors = np.abs(u[held] - lifting[held]).max(axis=0, initial=0.0)
             np.maximum.at(result, body, errors)
         return largest(problem.comm, result)
-
-    def forces_on_bodies(self, force: Array, reactions: Array, rounded: Array) -> BodyForces:
-        """The forces on the bodies (collective)."""
-        loads, held, contact = summed_forces(self.problem, self.multiplier, force)
-        return BodyForces(loads, held + reactions, contact, rounded)
-
-    def gaps(self) -> Array:
-        """The duality gap of each group of bodies, (groups,)."""
-        return group_gaps(self.problem, self.multiplier, self.interface)
 
 
 def summed_forces(problem: DecomposedProblem, multiplier: Array, force: Array) -> Array:

@@ -115,6 +115,7 @@ class ActiveSetProblem:
         if recycled is not None and not recycled.empty:
             self.reduced = beginning_at(self.reduced, *recycled.best(self.reduced.rhs))
         assert self.reduced.coarse is not None
+        self._coarse = self.reduced.coarse
         if not problem.held_without_contact:
             self._check_coarse_problem()
         scaled, rhs = self._compliant_terms()
@@ -127,9 +128,7 @@ class ActiveSetProblem:
         base = DualPreconditioner(self.reduced, math.inf, coupled_rows)
         inner: Preconditioner = base if rows is None else ScaledPreconditioner(base, rows[1])
         if recycled is None and directions.count:
-            near = ChangedDirections(
-                directions, problem, statuses, frame, scaled, self.reduced.coarse
-            )
+            near = ChangedDirections(directions, problem, statuses, frame, scaled, self._coarse)
             inner = BalancedPreconditioner(inner, near)
         preconditioner = DeflatedPreconditioner(inner, recycled, operator)
         self._iterate = it = Iterate(BoxQP(operator, rhs), preconditioner=preconditioner)
@@ -156,10 +155,9 @@ class ActiveSetProblem:
         rhs = self.reduced.rhs
         if self._compliance is None or self._scale is None:
             return None, rhs
-        assert self.reduced.coarse is not None
         scaled = self._scale**2 * self._compliance
         compliant = scaled * self.reduced.offset
-        self.reduced.coarse.project_transpose(compliant, compliant)
+        self._coarse.project_transpose(compliant, compliant)
         return scaled, rhs - compliant
 
     @property
@@ -169,10 +167,8 @@ class ActiveSetProblem:
 
     def _check_coarse_problem(self) -> None:
         """Check that the rows of the set hold every body, which a factor of G Gᵀ may not show."""
-        coarse = self.reduced.coarse
-        assert coarse is not None
         probe = np.where(self.problem.conditional & ~self.active, 0.0, self.problem.d)
-        if not coarse.is_regular(probe):
+        if not self._coarse.is_regular(probe):
             raise ArithmeticError("the coarse problem of an active set is singular")
 
     @property
@@ -206,9 +202,8 @@ class ActiveSetProblem:
     @cached_property
     def _outside(self) -> float:
         """Norm of the right-hand side outside the range of P (collective)."""
-        assert self.reduced.coarse is not None
         outside = np.empty(self.problem.size)
-        self.reduced.coarse.apply_transpose(self._iterate.qp.b, outside)
+        self._coarse.apply_transpose(self._iterate.qp.b, outside)
         return self._iterate.reduction.norm(outside)
 
     @property
@@ -245,7 +240,6 @@ class ActiveSetProblem:
         Takes no operator application: the displacements of the directions are stored.
         """
         problem, it = self.problem, self._iterate
-        assert self.reduced.coarse is not None
         assert problem.coarse is not None
         scale = 1.0 if self._scale is None else self._scale
         of_set = scale * (self.reduced.offset + it.x)
@@ -255,7 +249,7 @@ class ActiveSetProblem:
         jumps = problem.residual(u)  # d - F λ
         strained = problem.strain_energy(multiplier, jumps)
         left = jumps if self._compliance is None else scale * (jumps - self._compliance * of_set)
-        alpha = -self.reduced.coarse.coefficients(left)
+        alpha = -self._coarse.coefficients(left)
         kernel_part = np.empty(problem.size)
         problem.coarse.extend(alpha, kernel_part)
         jumps += kernel_part

@@ -8,14 +8,15 @@ F is projected, which leaves
     min ½ xᵀ P F P x - xᵀ P (d - F λ̃)  subject to  x_I ≥ -λ̃_I and Q x = 0.
 """
 
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Self
 
 import numpy as np
 
+from solver.problem.constraints.shared_rows import SharedRows
 from solver.problem.decomposed import DecomposedProblem
+from solver.problem.parts import Loads
 from solver.tfeti.coarse.coarse_problem import CoarseProblem
 from solver.tfeti.dual_operator import DualOperator, FreeSolution, solve_free
 from solver.tfeti.projected import ProjectedOperator
@@ -49,16 +50,10 @@ class DualProblem(DecomposedProblem):
     reused: Reused = Reused()
     """Results that other problems of the same system have computed already."""
 
-    def with_loads(
-        self,
-        forces: Sequence[Array],
-        lifting: Sequence[Array] | None = None,
-        c: Array | None = None,
-        thermal: Sequence[Array | None] = (),
-    ) -> Self:
+    def _under(self, load_case: Loads, shared: SharedRows) -> Self:
         """The problem of another load case; constraints and factors are shared."""
         reused = Reused(operator=self.F if self.factored else None)
-        return replace(super().with_loads(forces, lifting, c, thermal), reused=reused)
+        return replace(self, load_case=load_case, shared=shared, reused=reused)
 
     def without_factors(self) -> "DualProblem":
         """The problem without factors, for the evaluation of its answer alone."""
