@@ -14,6 +14,7 @@ from typing import Protocol, TypeVar
 
 import numpy as np
 from mpi4py import MPI
+from scipy import sparse
 
 from solver.qp.iterate import Watch
 from solver.qp.mprgp import MPRGP
@@ -39,6 +40,14 @@ class Turn:
         result[self.first] = self.cosine * one + self.sine * other
         result[self.second] = self.cosine * other - self.sine * one
         return result
+
+    def matrix(self, rows: int) -> sparse.csr_matrix:
+        """The matrix (rows, rows) by which rows of another matrix are turned."""
+        diagonal, pairs = np.ones(rows), (self.first, self.second)
+        diagonal[self.first] = diagonal[self.second] = self.cosine
+        places = np.concatenate(pairs), np.concatenate(pairs[::-1])
+        across = sparse.csr_matrix((np.concatenate([self.sine, -self.sine]), places), (rows, rows))
+        return sparse.csr_matrix(sparse.diags(diagonal) + across)
 
     def back(self, x: Array) -> Array:
         """Components (rows,) in the original frames, from components in the turned frames."""

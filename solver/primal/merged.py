@@ -127,18 +127,14 @@ class MergedSystem:
         """The problem in turned tangential frames."""
         place = np.full(self.problem.size, -1, np.int64)
         place[self.rows] = np.arange(len(self.rows))
-        first, second = place[turn.first], place[turn.second]
-        other = np.arange(len(self.rows))
-        other[first], other[second] = second, first
-        cosine, sine = np.ones(len(self.rows)), np.zeros(len(self.rows))
-        cosine[first], cosine[second] = turn.cosine, turn.cosine
-        sine[first], sine[second] = turn.sine, -turn.sine
-        local = local_rows(self.C)
-        local = sparse.csr_matrix(sparse.diags(cosine) @ local + sparse.diags(sine) @ local[other])
+        own = replace(turn, first=place[turn.first], second=place[turn.second])
+        local = sparse.csr_matrix(own.matrix(len(self.rows)) @ local_rows(self.C))
         local.sort_indices()
+        angles = np.zeros(len(self.rows))
+        angles[own.first] = np.arctan2(turn.sine, turn.cosine)
+        angles[own.second] = -angles[own.first]
         C = petsc_rows(self.comm, local, self.size)
-        c = cosine * self.c + sine * self.c[other]
-        return replace(self, C=C, c=c, angles=np.arctan2(sine, cosine))
+        return replace(self, C=C, c=own.turned(self.c), angles=angles)
 
     def on_all_rows(self, values: Array) -> Array:
         """Values of contact and tied rows (rows,) among those of all rows, (dual,)."""

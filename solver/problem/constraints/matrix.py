@@ -86,19 +86,7 @@ class TurnedConstraintMatrix(ConstraintMatrix):
     @cached_property
     def local(self) -> sparse.csr_matrix:  # type: ignore[override]
         """This rank's rows, computed at the first call."""
-        turn, diagonal = self._turn, np.ones(self.rows)
-        diagonal[turn.first] = diagonal[turn.second] = turn.cosine
-        off_diagonal = sparse.csr_matrix(
-            (
-                np.concatenate([turn.sine, -turn.sine]),
-                (
-                    np.concatenate([turn.first, turn.second]),
-                    np.concatenate([turn.second, turn.first]),
-                ),
-            ),
-            shape=(self.rows, self.rows),
-        )
-        result = ((sparse.diags(diagonal) + off_diagonal) @ self._B.local).tocsr()
+        result = (self._turn.matrix(self.rows) @ self._B.local).tocsr()
         result.sort_indices()
         return result
 
