@@ -20,7 +20,6 @@ from solver.primal.factor import Factor, FactorOptions, row_stiffness
 from solver.primal.factor_on_sets import FactorOnSets
 from solver.primal.first_set import FirstSet, corrected_set, find_first_set
 from solver.primal.gmres import GMRESLimits, gmres
-from solver.primal.held_energy import HeldEnergy
 from solver.primal.lanczos import Lanczos
 from solver.primal.matrices import Matrices, free_matrices
 from solver.primal.merged import MergedSystem, bodies_alone
@@ -88,7 +87,6 @@ class Multigrid:
         self._factor: FactorOnSets | None = None
         self._first_set: FirstSet | None = None
         self.motions = self.matrices.floating
-        self._held = HeldEnergy(self.system)
         self.smallest_eigenvalue = self.iterations.unknown
         step = self.factors.least_step + self.factors.step * self.system.K.getSize()[0]
         self.patience = max(self.factors.slow, self.matrices.seconds / step)
@@ -224,10 +222,6 @@ class Multigrid:
     def forget(self) -> None:
         """Begin at rest: displacements of sets that hardly hold a body are rounding errors."""
         self.begin_at(self.system.at_rest)
-
-    def strained(self, u: Array, left: Array) -> float:
-        """a(u, u) of a displacement with the residual r = f - K u (collective)."""
-        return self._held.strained(u, left)
 
 
 class PrimalSet:
@@ -483,7 +477,7 @@ class PrimalSet:
             active=self.statuses.holding,
             jumps=distances if turn is None else turn.back(distances),
             sizes=problem.spread * problem.bodies.of_rows(lengths),
-            strained=backend.strained(u, left),
+            strained=backend.system.strained(u, left),
             lengths=lengths,
             u=u,
             error_square=square,

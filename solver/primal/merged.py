@@ -103,6 +103,29 @@ class MergedSystem:
         return np.where(self.held, self.load / self.diagonal, 0.0)
 
     @cached_property
+    def _of_held(self) -> tuple[Array, float]:
+        """K_fh u_h (unknowns,), and u_hᵀ K_hh u_h on this rank, of held displacements (collective).
+
+        Both are zero where these are.
+        """
+        if not self.comm.allreduce(int(self.at_rest.any())):
+            return np.zeros(self.size), 0.0
+        moves = self.on_subdomains(self.at_rest)
+        forces = [c.stiffness @ u for c, u in zip(self.problem.classes, moves, strict=True)]
+        work = sum(float(np.vdot(u, f)) for u, f in zip(moves, forces, strict=True))
+        return np.where(self.held, 0.0, self.summed(forces)), work
+
+    def strained(self, u: Array, left: Array) -> float:
+        """a(u, u) = u_f (f - r) + 2 u_f K_fh u_h + u_h K_hh u_h (collective).
+
+        f is the load without K_fh u_h, and r = f - K u is given.
+        """
+        coupling, work = self._of_held
+        work += float(np.sum(np.where(self.held, 0.0, u * (self.load - left))))
+        work += 2.0 * float(u @ coupling)
+        return max(float(self.comm.allreduce(work)), 0.0)
+
+    @cached_property
     def means(self) -> Mask:
         """Rows that hold a rigid motion in the mean over many nodes, (rows,)."""
         return self.problem.means[self.rows]
