@@ -150,14 +150,14 @@ class MergedSystem:
         """The problem in turned tangential frames."""
         place = np.full(self.problem.size, -1, np.int64)
         place[self.rows] = np.arange(len(self.rows))
-        own = replace(turn, first=place[turn.first], second=place[turn.second])
-        local = sparse.csr_matrix(own.matrix(len(self.rows)) @ local_rows(self.C))
+        of_rows = replace(turn, first=place[turn.first], second=place[turn.second])
+        local = sparse.csr_matrix(of_rows.matrix(len(self.rows)) @ local_rows(self.C))
         local.sort_indices()
         angles = np.zeros(len(self.rows))
-        angles[own.first] = np.arctan2(turn.sine, turn.cosine)
-        angles[own.second] = -angles[own.first]
+        angles[of_rows.first] = np.arctan2(turn.sine, turn.cosine)
+        angles[of_rows.second] = -angles[of_rows.first]
         C = petsc_rows(self.comm, local, self.size)
-        return replace(self, C=C, c=own.turned(self.c), angles=angles)
+        return replace(self, C=C, c=of_rows.turned(self.c), angles=angles)
 
     def on_all_rows(self, values: Array) -> Array:
         """Values of contact and tied rows (rows,) among those of all rows, (dual,)."""
