@@ -81,13 +81,13 @@ def test_a_heated_body_is_certified_once(monkeypatch: pytest.MonkeyPatch) -> Non
     made = {**scenes.rollers_and_floor("tetrahedron", 6), "solver": {"method": "primal"}}
     made["bodies"][0]["material"]["expansion"] = 0.1
     made["conditions"].append({"in": "block", "temperature": "100 - 20*z"})
-    answers, certify = [], by_active_sets.certify
+    answers, certified = [], by_active_sets.certified
 
     def watched(*arguments: Any) -> Any:
-        answers.append(certify(*arguments))
+        answers.append(certified(*arguments))
         return answers[-1]
 
-    monkeypatch.setattr(by_active_sets, "certify", watched)
+    monkeypatch.setattr(by_active_sets, "certified", watched)
     problem = build_model(scenes.build(made), MPI.COMM_SELF).problem
     task = Task(problem, StoppingRule(1e-9), MPRGP(rtol=1e-10, max_iterations=2000))
     assert solve_by_multigrid(task, None, None, MULTIGRID_ALWAYS).converged
