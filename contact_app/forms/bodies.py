@@ -76,12 +76,14 @@ class Bodies:
         return float(np.linalg.norm(moved, axis=1).max())
 
     def name(self, body: int) -> str:
-        """A phrase for messages."""
+        """A phrase for messages: the middle of a body, and its size if others have this middle."""
         if self.count == 1:
             return "the body"
-        middle = np.where(np.abs(self.centres[body]) < 1e-9 * self.lengths[body], 0.0,
-                          self.centres[body])  # fmt: skip
-        return f"the body about ({', '.join(f'{v:.3g}' for v in middle)})"
+        middle, length = self.centres[body], self.lengths[body]
+        about = ", ".join(f"{v:.3g}" for v in np.where(np.abs(middle) < 1e-9 * length, 0.0, middle))
+        alike = (np.abs(self.centres - middle) < 1e-3 * length).all(axis=1)
+        size = " × ".join(f"{v:.3g}" for v in 2.0 * self.halves[body] if v)
+        return f"the body about ({about})" + f" of size {size}" * bool(alike.sum() > 1)
 
 
 def bodies_of(subdomains: Subdomains, exchange: NodeExchange) -> Bodies:

@@ -196,7 +196,7 @@ def _of_contact(answer: FormAnswer, number: int, contact: Contact) -> Iterator[s
     touching = [model.bodies_at(side) for side in sides.surfaces]
     every = sorted(set().union(*touching))
     moved = float(solution.measures.deformations[every].max())
-    names = " and ".join(dict.fromkeys(model.bodies.name(b) for b in every))
+    names = " and ".join(model.bodies.name(b) for b in every)
     rows = model.problem, model.exchange, answer.displacement, solution, number
     yield from _round_shapes(answer, number, contact, (names, moved))
     if contact.against is None:

@@ -7,6 +7,7 @@ from functools import partial
 import numpy as np
 from mpi4py import MPI
 
+from contact_app.model.averaged_rows import has_averaged_rows
 from contact_app.model.boundaries import boundary_nodes
 from contact_app.model.equilibrium import group_numbers
 from contact_app.model.loaded_area import loaded_facets
@@ -352,7 +353,9 @@ def _candidates(outline: Outline, contact: int, body: Body, on_boundary: int = 0
         return "no candidate nodes: other conditions determine all nodes of the boundary"
     count = comm.allreduce(int((outline.contact.sources == contact).sum()))
     others = max(on_boundary - comm.allreduce(int((sources == contact).sum())), 0)
-    decided = f" and {others:,} that are held or belong to other contacts" if others else ""
+    decided = ""
+    if others and not has_averaged_rows(body):  # these have rows for vertices alone
+        decided = f" and {others:,} that are held or belong to other contacts"
     size = float(np.linalg.norm(np.subtract(body.mesh.upper, body.mesh.lower)))
     overlap = ": an overlap, which presses as an interference fit" * (smallest < -ROUNDED * size)
     return f"{count:,} candidate nodes{decided}, smallest gap {smallest:.4g}{overlap}"

@@ -78,6 +78,22 @@ def test_a_body_that_moves_farther_than_it_is_large_causes_a_warning() -> None:
         assert any(moves in text for text in problem.certificate.warnings) == told
 
 
+def test_bodies_about_one_point_are_named_by_their_sizes() -> None:
+    """Nothing holds a square in the hole of a frame."""
+    frame = np.stack(np.meshgrid(range(4), range(4), indexing="ij"), -1).reshape(-1, 2)
+    square = [[1.1, 1.1], [1.9, 1.1], [1.1, 1.9], [1.9, 1.9]]
+    cells = [[k, k + 4, k + 1, k + 5] for k in (0, 1, 2, 4, 6, 8, 9, 10)] + [[16, 17, 18, 19]]
+    points = np.concatenate([frame, square])
+    mesh = dolfinx_compat.create_mesh(np.array(cells), points, "quadrilateral")
+    V = problems.vector_space(mesh, 1)
+    a, L = problems.elastic(V, 1.0)
+    held = [problems.held(V, problems.bottom)]
+    problem = ContactProblem(a, L, held, [])
+    problem.solve()
+    name = "the body about (1.5, 1.5, 0) of size 0.8 × 0.8 can move freely"
+    assert any(name in text for text in problem.certificate.warnings)
+
+
 @pytest.mark.parametrize(
     ("cell", "cells", "degree", "told"),
     [

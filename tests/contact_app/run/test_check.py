@@ -1,5 +1,6 @@
 """`check`: its report, its refusals, and its estimates compared with runs."""
 
+import re
 from pathlib import Path
 from typing import Any
 
@@ -88,6 +89,13 @@ def test_omissions_are_reported_with_reasons(name: str, subdomains: Any, expecte
         turned = scenes.plane("hexahedron", (1.001, 0, 0.5), (-1, 0, 1e-3))
         made["contacts"].append({"on": "block.x+", "obstacle": turned})
     assert expected in lines_of(made, subdomains)
+
+
+def test_middles_of_edges_count_as_no_candidates() -> None:
+    """A degree-2 tetrahedron has a contact row for each vertex, and none for middles."""
+    made = scenes.wall("tetrahedron", 2)
+    made["bodies"][0]["degree"] = 2
+    assert re.search(r"\(\d+ candidate nodes, smallest gap", lines_of(made))
 
 
 def test_plane_scenes() -> None:
