@@ -63,6 +63,18 @@ def test_a_slender_beam_lifts_off() -> None:
     assert level.pressed(level.minimise(np.zeros(n), 60)).sum() > 30
 
 
+def test_a_light_body_comes_to_its_contact() -> None:
+    """A loose chain under its weight, which even the fainter springs hold above a bent floor."""
+    n = 20
+    slopes = sparse.diags([-1.0, 1.0], [0, 1], (n - 1, n))
+    A, load = sparse.csr_matrix(10.0 * (slopes.T @ slopes)), np.full(n, 1.0 / n)
+    every, floor = np.ones(n, bool), 0.1 + 0.001 * (np.arange(n) - 12) ** 2
+    rows = Rows(MPI.COMM_SELF, floor, every, ~every, np.full(n, 1e8), NO_FRICTION)
+    level = DenseLevel(rows, A, sparse.identity(n, format="csr"), load, FirstSetOptions())
+    x = level.without_faint_springs(level.minimise(np.zeros(n), 60))
+    np.testing.assert_allclose(level.multiplier(x).sum(), load.sum(), rtol=1e-2)
+
+
 def test_a_cycle_has_the_springs_of_rows_on_all_levels() -> None:
     """Twenty bars, held by nothing but the rows between them, take nine conjugate gradients."""
     bars, nodes, each = 20, 40, 4
