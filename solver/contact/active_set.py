@@ -20,7 +20,7 @@ from mpi4py import MPI
 
 from solver.backend import Backend, S, Statuses
 from solver.contact.active_set_options import ActiveSetOptions, Failure, Turnover
-from solver.contact.active_set_update import ActiveSetUpdate, EarlyReleases, SetRules, changed_rows
+from solver.contact.active_set_update import ActiveSetUpdate, SetRules, changed_rows
 from solver.contact.law import ContactLaw
 from solver.contact.loop_state import LoopState
 from solver.contact.monitoring import on_active_set
@@ -115,7 +115,6 @@ def _initial_active_set(method: ActiveSetMethod[S], start: Start) -> LoopState[S
         start.multiplier,
         Outcome(None, None, statuses, method.work_before),
         method.work_before,
-        EarlyReleases.none(start.active),
     )
 
 
@@ -206,7 +205,7 @@ def _with_changes(
         loop,
         rules=loop.rules.on_level(solved.hierarchy),
         history=loop.history.after(turnover, solved.hierarchy.finest, solved.state.strained),
-        early=loop.early.after(solved.following.active, solved.released),
+        released=loop.released or bool(solved.released.any()),
     )
 
 
@@ -215,7 +214,9 @@ def _failure_at_end(method: ActiveSetMethod[S], start: Start, loop: LoopState[S]
     if loop.outcome.reason not in (None, Reason.SLIDES):
         return None
     comm, ahead = method.backend.comm, method.options.early_release
-    released = loop.early.any(comm) or (ahead and _begins_ahead(comm, start, method.law))
+    released = comm.allreduce(int(loop.released)) or (
+        ahead and _begins_ahead(comm, start, method.law)
+    )
     return Failure.AHEAD if released else Failure.OTHER
 
 
@@ -236,12 +237,11 @@ def _update_set(
     """
     backend, options = method.backend, method.options
     assert solved.state is not None
-    rules = loop.rules.with_early_release(loop.early.are_right(backend.comm, options.returning))
     statuses, history, turnovers = solved.following, loop.history, loop.history.turnovers
     multiplier: Array | None = solved.state.multiplier
     if start.is_flat and len(turnovers) == 2 and options.all_peel(turnovers):
         statuses = _with_contact(method, statuses, backend.estimated_contact())
-    elif method.law.settles and rules.update.hierarchy.finest and options.drops(turnovers[-1]):
+    elif method.law.settles and loop.rules.update.hierarchy.finest and options.drops(turnovers[-1]):
         corrected = backend.corrected_contact(solved.state.multiplier)
         if corrected is not None:
             active = np.where(backend.contact_rows, corrected, statuses.active)
@@ -250,7 +250,7 @@ def _update_set(
         statuses = _with_contact(method, statuses, np.zeros_like(statuses.active))
         multiplier, history = None, replace(history, strained=())
     return replace(
-        loop, number=loop.number + 1, rules=rules, statuses=statuses, multiplier=multiplier,
+        loop, number=loop.number + 1, statuses=statuses, multiplier=multiplier,
         history=history,
     )  # fmt: skip
 

@@ -152,8 +152,6 @@ class ActiveSetOptions:
     """Whether a law may release points before the state of a set shows that they slide
     (`solver.contact.slip_front`), and points with a gap slide in the first set. Where the sets
     fail, the loop runs once more without."""
-    returning: float = 0.5
-    """Share of the points so released that may stick again before the rule is switched off."""
 
     def with_friction(self) -> Self:
         """The options with friction.

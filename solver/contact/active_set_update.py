@@ -105,11 +105,6 @@ class SetRules(Generic[S]):
         """The rules on a level of the constraint hierarchy."""
         return replace(self, update=replace(self.update, hierarchy=hierarchy))
 
-    def with_early_release(self, are_right: bool) -> "SetRules[S]":
-        """The rules without early release if too many of the points so released stick again."""
-        ahead = self.update.early_release and are_right
-        return replace(self, update=replace(self.update, early_release=ahead))
-
     def _on_levels(
         self, number: int, statuses: Statuses, turnovers: Sequence[Turnover]
     ) -> "tuple[SetRules[S], Statuses]":
@@ -129,7 +124,8 @@ class SetRules(Generic[S]):
         if not self.update.hierarchy.finest:  # the next level decides
             return replace(self.on_level(self.update.hierarchy.finer()), visited=visited)
         reduction = self.reduction * self.update.options.deeper
-        return replace(self.with_early_release(False), reduction=reduction, visited=visited)
+        update = replace(self.update, early_release=False)
+        return replace(self, update=update, reduction=reduction, visited=visited)
 
     def _after_many_sets(self, number: int) -> "SetRules[S]":
         """More accurate solves where many sets have not settled."""
@@ -140,33 +136,6 @@ class SetRules(Generic[S]):
             return replace(self, reduction=self.reduction * options.tighten)
         update = self.update.with_error(options.careful)
         return replace(self, update=update, reduction=self.reduction * options.careful)
-
-
-@dataclass(frozen=True, eq=False)
-class EarlyReleases:
-    """Tangential rows of points released before a state showed that they slide."""
-
-    released: Mask  # (rows,)
-    returned: Mask  # (rows,)
-    """The released rows that became active again."""
-
-    @classmethod
-    def none(cls, rows: Mask) -> "EarlyReleases":
-        """No releases; the argument has one entry for each row."""
-        return cls(np.zeros_like(rows), np.zeros_like(rows))
-
-    def after(self, active: Mask, released: Mask) -> "EarlyReleases":
-        """The releases before the next set, given its active rows and new releases."""
-        return EarlyReleases(self.released | released, self.returned | (self.released & active))
-
-    def any(self, comm: MPI.Intracomm) -> bool:
-        """Whether any row was released early (collective)."""
-        return bool(comm.allreduce(int(self.released.any())))
-
-    def are_right(self, comm: MPI.Intracomm, most: float) -> bool:
-        """Whether at most this share of the rows returned (collective)."""
-        returned, released = comm.allreduce(np.array([self.returned.sum(), self.released.sum()]))
-        return float(returned) <= most * float(released)
 
 
 def changed_rows(comm: MPI.Intracomm, statuses: Statuses, following: Statuses) -> int:

@@ -12,7 +12,7 @@ from mpi4py import MPI
 
 from solver.backend import S, Statuses
 from solver.contact.active_set_options import SetHistory
-from solver.contact.active_set_update import EarlyReleases, SetRules
+from solver.contact.active_set_update import SetRules
 from solver.contact.solve_on_set import Outcome
 from solver.qp.result import Counts
 from solver.vectors import Array, Mask
@@ -75,8 +75,8 @@ class LoopState(Generic[S]):
     """Outcome of the last set."""
     counts: Counts
     """Work of all sets, that of earlier loops included."""
-    early: EarlyReleases
-    """Points that were released before a state showed that they slide."""
+    released: bool = False
+    """Whether points of this rank were released before a state showed that they slide."""
     number: int = 0
     """Number of the set, from 0."""
     unheld: int = 0
