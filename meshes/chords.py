@@ -61,12 +61,14 @@ def chords(
     facets = topology.facets
     size = _sizes(points, cells, cell, topology)
     bend = _twists(points[facets])
-    local = local_facets(cells, cell, topology)
+    local = topology.facet_numbers
     curved = np.zeros((len(facets), len(FACETS[cell][0])), bool)
     if middles is not None:
         bulge, curved = _bulges(points, middles, cell, topology, local)
         bend = bend + (4.0 / 3.0 if cell == "tetrahedron" else 2.0) * bulge
-    bend[bend <= STRAIGHT * np.ptp(points[facets], axis=1).max(axis=1)] = 0.0
+    bent = np.flatnonzero(bend)
+    extent = np.ptp(points[facets[bent]], axis=1).max(axis=1)
+    bend[bent[bend[bent] <= STRAIGHT * extent]] = 0.0
     n = np.ceil(np.sqrt(bend / (FINE * size))).clip(1, MOST[points.shape[1]]).astype(np.int64)
     n = _joined(n, facets, curved)
     if (n == 1).all():
@@ -77,12 +79,6 @@ def chords(
     nodes = points[cells] if middles is None else np.concatenate([points[cells], middles], axis=1)
     places, simplices, facet = _divided(nodes, cell, topology, local, n)
     return Chords(places, simplices, facet, bend / n**2, size)
-
-
-def local_facets(cells: Ints, cell: str, topology: Topology) -> Ints:
-    """Local number, within its cell, of each facet on the surface, (facets,)."""
-    facets = cells[topology.facet_cells][:, np.array(FACETS[cell])]
-    return np.asarray(np.argmax((facets == topology.facets[:, None]).all(axis=2), axis=1))
 
 
 def reference_vertices(cell: str) -> Array:

@@ -16,9 +16,8 @@ projection, is decided by one determinant for all triangles that have the edge, 
 no gap between two triangles (Haines, Point in polygon strategies, Graphics Gems IV, 1994).
 
 **Candidates** are pairs of bounding boxes that meet, or points in bounding boxes. Boxes are sorted
-by size in powers of two, and each size is searched with its own radius (a k-d tree, maximum norm)
-or in strips of its own width, so that large and small facets of a graded mesh do not all meet one
-another.
+by size in powers of two, and each size is searched with its own radius (a k-d tree) or in strips
+of its own width, so that large and small facets of a graded mesh do not all meet one another.
 """
 
 from collections.abc import Iterator
@@ -187,7 +186,7 @@ def _near_each_other(boxes: Boxes, rows: Ints) -> Iterator[Pairs]:
         centres = 0.5 * (boxes.lower[rows] + boxes.upper[rows])
         tree = cKDTree(centres, balanced_tree=False, compact_nodes=False)
         reach = _reach((boxes, rows, centres), (boxes, rows, centres))
-        pairs = rows[tree.query_pairs(reach, p=np.inf, output_type="ndarray")]
+        pairs = rows[tree.query_pairs(reach, output_type="ndarray")]
         yield _met(boxes, boxes, pairs[:, 0], pairs[:, 1])
         return
     for i, j in _near(boxes, rows, rows):
@@ -197,8 +196,8 @@ def _near_each_other(boxes: Boxes, rows: Ints) -> Iterator[Pairs]:
 
 def _reach(*some: tuple[Boxes, Ints, Array]) -> float:
     """Largest distance of the centres of two boxes that meet; some rows of boxes with centres."""
-    sizes = [0.5 * float((box.upper - box.lower)[k].max()) for box, k, _ in some]
-    return sum(sizes) * (1.0 + 1e-9) + 1e-15 * max(float(np.abs(c).max()) for *_, c in some)
+    sizes = [float(np.linalg.norm(box.upper[k] - box.lower[k], axis=1).max()) for box, k, _ in some]
+    return 0.5 * sum(sizes) * (1.0 + 1e-9) + 1e-15 * max(float(np.abs(c).max()) for *_, c in some)
 
 
 def _met(a: Boxes, b: Boxes, i: Ints, j: Ints) -> Pairs:
@@ -219,10 +218,10 @@ def _near(boxes: Boxes, rows: Ints, others: Ints) -> Iterator[Pairs]:
     reach = _reach((boxes, rows, centres[0]), (boxes, others, centres[1]))
     tree = cKDTree(centres[1], balanced_tree=False, compact_nodes=False)
     some = centres[0][:: len(rows) // SOME + 1]
-    mean = tree.query_ball_point(some, reach, p=np.inf, return_length=True).mean()
+    mean = tree.query_ball_point(some, reach, return_length=True).mean()
     for chosen in np.array_split(np.arange(len(rows)), int(mean * len(rows)) // PAIRS + 1):
         part = cKDTree(centres[0][chosen], balanced_tree=False, compact_nodes=False)
-        table = part.sparse_distance_matrix(tree, reach, p=np.inf, output_type="ndarray")
+        table = part.sparse_distance_matrix(tree, reach, output_type="ndarray")
         yield _met(boxes, boxes, rows[chosen[table["i"]]], others[table["j"]])
 
 
@@ -278,9 +277,10 @@ def triangle_crossings(surface: ClosedSurface, comm: MPI.Intracomm) -> tuple[Int
     doubtful = ~is_plain[triangles].all(axis=1) | (surface.deviation > 0.0)
     crossing_pairs = [np.zeros((0, 2), np.int64)]
     boxes, room = Boxes.of(places, triangles), surface.touch[:, None]
+    columns = np.ascontiguousarray(triangles.T)
     for i, j in meeting_each_other(Boxes(boxes.lower - room, boxes.upper + room), comm):
-        shares, is_done, others = *np.zeros((2, len(i)), bool), triangles[j].T
-        for node in triangles[i].T:
+        shares, is_done, others = *np.zeros((2, len(i)), bool), columns.take(j, axis=1)
+        for node in columns.take(i, axis=1):
             is_same = (others[0] == node) | (others[1] == node) | (others[2] == node)
             shares |= is_same
             is_done |= is_same & is_plain[node]
@@ -325,27 +325,28 @@ def _are_separate(
     """Mask (pairs,) of triangles with some distance between them.
 
     One begins where the other has ended: along the normal of one, along the line between their
-    centres, or in the plane of one beyond one of its edges.
+    centres, or in the plane of one across one of its edges.
     """
     touch = np.maximum(surface.touch[i], surface.touch[j])
     least = touch + surface.deviation[i] + surface.deviation[j]
     separate = np.zeros(len(i), bool)
-    for direction, (s, t) in product(range(6), ((i, j), (j, i))):
+    for direction, (s, t) in product(range(5), ((i, j), (j, i))):
         rows = np.flatnonzero(~separate)
         s, t = s[rows], t[rows]
-        if direction < 2:
-            along = normal[s] * (1.0 - 2.0 * direction)
-        elif direction == 2:
+        if direction == 0:
+            along = normal[s]
+        elif direction == 1:
             along = corners[0][t] - corners[0][s]
             along += corners[1][t] - corners[1][s] + corners[2][t] - corners[2][s]
         else:
-            along = np.cross(corners[direction - 5][s] - corners[direction - 3][s], normal[s])
-        along /= np.maximum(np.linalg.norm(along, axis=1), np.finfo(float).tiny)[:, None]
+            along = np.cross(corners[direction - 4][s] - corners[direction - 2][s], normal[s])
+        a, b = ([np.einsum("ni,ni->n", x.take(k, axis=0), along) for x in corners] for k in (s, t))
         begin, end = (
-            reduced.reduce([np.einsum("ni,ni->n", corner[k], along) for corner in corners])
-            for k, reduced in ((t, np.minimum), (s, np.maximum))
+            np.stack([part.reduce(a), part.reduce(b)]) for part in (np.minimum, np.maximum)
         )
-        separate[rows] = begin - end > least[rows]
+        separate[rows] = (begin - end[::-1]).max(axis=0) > least[rows] * np.linalg.norm(
+            along, axis=1
+        )
     return separate
 
 

@@ -42,7 +42,7 @@ import numpy as np
 from mpi4py import MPI
 
 from meshes.arrays import Array, Ints, Mask
-from meshes.chords import chords, local_facets, reference_vertices
+from meshes.chords import chords, reference_vertices
 from meshes.connected import connected
 from meshes.crossing import (
     Boxes,
@@ -200,7 +200,7 @@ def _just_inside(body: CheckedBody, tested: Ints) -> tuple[Array, Ints]:
     """Points just inside the middles of facets, and one beside each node; with their cells."""
     facets, owner = body.topology.facets[tested], body.topology.facet_cells[tested]
     corners = facets.shape[1]
-    local = local_facets(body.cells, body.cell, body.topology)[tested]
+    local = body.topology.facet_numbers[tested]
     vertices = reference_vertices(body.cell)
     inside = TOUCH * vertices.mean(axis=0)
     first = np.unique(facets, return_index=True)[1]  # the first facet that has a node

@@ -85,6 +85,8 @@ class Topology:
     """Nodes of the facets on the surface, vertices first."""
     facet_cells: Ints  # (facets,)
     """Cell of each facet."""
+    facet_numbers: Ints  # (facets,)
+    """Local number of each facet in its cell."""
     pairs: Ints  # (pairs, 2)
     """Cells that share a facet."""
     pair_facets: NDArray[np.int8]  # (pairs, 2)
@@ -113,6 +115,7 @@ class Topology:
         return cls(
             facets=on_surface,
             facet_cells=owner[single].astype(np.int64),
+            facet_numbers=single % len(table),
             pairs=owner[twice].astype(np.int64),
             pair_facets=(twice % len(table)).astype(np.int8),
             crowded=int((count > 2).sum()),
