@@ -88,14 +88,14 @@ def reference_vertices(cell: str) -> Array:
 
 def _sizes(points: Array, cells: Ints, cell: str, topology: Topology) -> Array:
     """Sizes (facets,) as in `Chords.size`."""
-    x = points[topology.facets]
+    x, behind = points[topology.facets], points[cells[topology.facet_cells]]
     corners = x.shape[1]
     sides = np.linalg.norm(np.roll(x, -1, axis=1) - x, axis=2)
     size, area, normal = _normals(x)
     if corners > 2:
         size = 2.0 * area / sides.max(axis=1) / (2.0 if corners == 4 else 1.0)
-    centre = points[cells[topology.facet_cells]].mean(axis=1)
-    away = np.abs(np.einsum("fi,fi->f", centre - x.mean(axis=1), normal))
+    centre, middle = (np.einsum("fki->fi", y) / y.shape[1] for y in (behind, x))
+    away = np.abs(np.einsum("fi,fi->f", centre - middle, normal))
     layers = 2.0 if cell in CENTRED else points.shape[1] + 1.0
     return np.minimum(size, layers * away)
 
