@@ -1,9 +1,9 @@
 """Active sets that begin anew with other rules where they do not settle.
 
-With friction sets may not settle because each has other contact; multigrid then goes on without
-sets. In Total FETI, and where contact peels off row by row, the loop begins from the contact
-without friction. Where points were released before a state showed that they slide, the loop begins
-again without such releases.
+With friction sets may not settle because each has other contact, or because points were released
+before a state showed that they slide; multigrid then goes on without sets. In Total FETI, and where
+contact peels off row by row, the loop begins from the contact without friction; where points were
+released, or the first set was guessed, it begins again without such releases.
 """
 
 from dataclasses import replace
@@ -24,17 +24,17 @@ def solve_with_retries(method: ActiveSetMethod[S], start: Start) -> Outcome[S]:
     The last outcome, with the work of all runs; its reason is None where the sets do not settle.
     """
     outcome, failure = active_set_loop(method, start)
-    if failure is Failure.UNSETTLED and not method.options.insists:
-        return replace(outcome, reason=None)
-    if failure in (Failure.UNSETTLED, Failure.PEELS):
+    insists = method.options.insists
+    if failure is Failure.PEELS or (insists and failure is Failure.UNSETTLED):
         outcome, statuses = _contact_without_friction(method.after(outcome), start)
-        if statuses is None and not method.options.insists:
+        if statuses is None and not insists:
             return replace(outcome, reason=None)
-        settling = 0 if method.options.insists else method.options.settling
+        settling = 0 if insists else method.options.settling
         patient = method.with_options(settling=settling, may_peel=True).after(outcome)
         outcome, failure = active_set_loop(patient, replace(start, statuses=statuses))
-        if failure is Failure.UNSETTLED:
-            return replace(outcome, reason=None)
+    unsettled = outcome.reason is None and failure in (Failure.UNSETTLED, Failure.AHEAD)
+    if unsettled and not insists:
+        return outcome
     guessed = start.statuses is not None and outcome.reason in (None, Reason.SLIDES)
     if failure is Failure.AHEAD or guessed:  # sets may settle if no point is released too early
         method.backend.forget()

@@ -17,9 +17,9 @@ their own pressing forces have no energy, but a residual
 Where the steps make no progress, for instance where bodies are not yet in their places, the
 augmented Lagrangian with given limits goes on, whose steps always lower a function.
 
-A hook on a peg with μ = 0.3, 0.8 and 1 (`test_augmented_friction.py`) takes 44, 34 and 44 operator
-applications, and 160, 180 and 584 with given limits alone; a collet with μ = 0.3 and 1 62 and 70
-instead of 282 and 628. Half a bearing of three rollers, where the steps make no progress, takes 62
+A hook on a peg with μ = 0.3, 0.8 and 1 (`test_augmented_friction.py`) takes 28, 28 and 44 operator
+applications, and 160, 180 and 584 with given limits alone; a collet with μ = 0.3 and 1 56 and 64
+instead of 282 and 628. Half a bearing of three rollers, where the steps make no progress, takes 56
 instead of 50.
 """
 

@@ -13,6 +13,7 @@ from tests import meshfiles, scenes
 from tests.bearings import half_bearing
 from tests.comparison import solve
 from tests.contact_app.run.test_friction import on_a_slope
+from tests.stability.friction_scenes import friction_scene
 
 TRESCA, COULOMB = {"tresca": 20.0}, {"coulomb": 0.4}
 
@@ -79,7 +80,7 @@ def test_rollers_with_friction_are_solved_by_multigrid(tmp_path: Path) -> None:
     summary = solve(made, None, tolerance=1e-6, method="primal").summary
     assert summary["certificate"]["passed"]
     assert summary["solver"]["method"] == "primal"
-    assert summary["solver"]["hessian_multiplications"] <= 120
+    assert summary["solver"]["hessian_multiplications"] <= 60
     other = solve(made, None, tolerance=1e-6, method="smalbe").summary
     assert summary["solution"]["energy"] == pytest.approx(other["solution"]["energy"], rel=1e-5)
 
@@ -123,3 +124,13 @@ def test_a_hook_that_slides_on_a_peg_is_solved_by_multigrid(
     assert summary["solver"]["hessian_multiplications"] <= 60
     width = 16.0 - 8.05
     assert summary["contacts"][0]["force"][1] == pytest.approx(20 * width, rel=1e-3)
+
+
+@pytest.mark.ratchet
+def test_sets_that_fail_after_early_releases_give_way_to_newton() -> None:
+    """A second run of the loop without such releases does not settle, either: 260 applications."""
+    made = friction_scene(620069)[0]
+    made["solver"]["method"] = "primal"
+    summary = solve(made, None).summary
+    assert summary["certificate"]["passed"]
+    assert summary["solver"]["hessian_multiplications"] <= 200
