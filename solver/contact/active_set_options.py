@@ -150,8 +150,8 @@ class ActiveSetOptions:
     rows each."""
     early_release: bool = True
     """Whether a law may release points before the state of a set shows that they slide
-    (`solver.contact.slip_front`), and points with a gap slide in the first set. Where the sets
-    fail, the loop runs once more without."""
+    (`solver.contact.slip_front`), and points with a gap slide in the first set. Where such
+    sets fail, Total FETI runs the loop once more without."""
 
     def with_friction(self) -> Self:
         """The options with friction.
