@@ -134,10 +134,8 @@ class _BodySurface:
         """
         result = []
         for part in self.parts:
-            node, (_, members) = (
-                np.searchsorted(nodes[part.cls], part.facets),
-                copies.shapes[part.cls],
-            )
+            _, members = copies.shapes[part.cls]
+            node = np.searchsorted(nodes[part.cls], part.facets)
             result.append(copies.starts[part.cls] + node * members + part.column)
         return np.concatenate(result)
 
